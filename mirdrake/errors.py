@@ -1,0 +1,67 @@
+"""The exception tree.
+
+::
+
+    MirdrakeError            base of all; the command line prints it as one line and exits 2
+    ├── ConfigError          a file or an override is wrong: carries file, line and dotted path
+    ├── ModelError           a vehicle folder cannot become a plant (xacro, URDF, meshes, inertia)
+    ├── WorldError           a world cannot be laid out (unclosed track, start outside the world)
+    ├── DiagramError         ports do not fit: unknown name, size, type or unit, open inputs
+    ├── RunError             a run cannot start or be written (read-only folder, unstable state)
+    └── MissingDependencyError   an optional package or system library is not installed
+
+Every message is one line: what was given, where, what is allowed, what to do.
+"""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class MirdrakeError(Exception):
+    """Base of every error that mirdrake raises on purpose."""
+
+
+class ConfigError(MirdrakeError):
+    """A file or an override is wrong.
+
+    Several faults of one file are reported together, one per line.
+    """
+
+
+class ModelError(MirdrakeError):
+    """A vehicle folder cannot become a plant."""
+
+
+class WorldError(MirdrakeError):
+    """A world cannot be laid out."""
+
+
+class DiagramError(MirdrakeError):
+    """Systems cannot be wired as asked."""
+
+
+class RunError(MirdrakeError):
+    """A run cannot start, go on or be written."""
+
+
+class MissingDependencyError(MirdrakeError):
+    """An optional package or a system library is missing; the message names what to install."""
+
+
+def did_you_mean(given: object, allowed: Iterable[str]) -> str:
+    """The tail of an error message that names the nearest allowed word and all allowed words.
+
+    Args:
+        given: what the user wrote.
+        allowed: the names that would have been right.
+
+    Returns:
+        for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``; the list is cut after 12 names.
+    """
+    names = sorted({str(name) for name in allowed})
+    if not names:
+        return "nothing is available here"
+    near = get_close_matches(str(given), names, n=1, cutoff=0.6)
+    shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return f"{hint}(allowed: {shown})"

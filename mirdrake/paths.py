@@ -1,0 +1,79 @@
+"""Where models, worlds and diagrams are found.
+
+A name is looked up, first match wins, as
+
+1. a path as it stands (absolute, or relative to the working directory),
+2. ``<folder>/{models,worlds,diagrams}/<name>`` in each folder of the environment variable ``MIRDRAKE_PATH``,
+3. the same below the working directory,
+4. the data shipped with mirdrake.
+"""
+
+import os
+from pathlib import Path
+
+from mirdrake.errors import ConfigError, did_you_mean
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_root() -> Path:
+    """Folder that holds models/, worlds/ and diagrams/: share/ when installed, else the checkout."""
+    share = _PACKAGE / "share"
+    return share if share.is_dir() else _PACKAGE.parent
+
+
+def search_folders(kind: str) -> list[Path]:
+    """The existing folders in which names of one kind are looked up, first one first.
+
+    Args:
+        kind: "models", "worlds" or "diagrams".
+    """
+    roots = [Path(entry) for entry in os.environ.get("MIRDRAKE_PATH", "").split(os.pathsep) if entry]
+    roots += [Path.cwd(), data_root()]
+    folders: list[Path] = []
+    for root in roots:
+        folder = (root / kind).resolve()
+        if folder.is_dir() and folder not in folders:
+            folders.append(folder)
+    return folders
+
+
+def names(kind: str) -> dict[str, Path]:
+    """All names of one kind with their files (for models: their folders), sorted by name.
+
+    Args:
+        kind: "models", "worlds" or "diagrams".
+    """
+    found: dict[str, Path] = {}
+    for folder in search_folders(kind):
+        if kind == "models":
+            entries = {path.parent.name: path.parent for path in folder.glob("*/vehicle.yaml")}
+        else:
+            entries = {path.stem: path for path in folder.glob("*.yaml")}
+        for name, path in entries.items():
+            found.setdefault(name, path)
+    return dict(sorted(found.items()))
+
+
+def find(kind: str, name: str, *, where: str = "") -> Path:
+    """The file (for models: the folder) that a name stands for.
+
+    Args:
+        kind: "models", "worlds" or "diagrams".
+        name: a bare name or a path.
+        where: prefix of the error message, for example ``"drive.yaml:3: world"``.
+
+    Raises:
+        ConfigError: nothing has that name.
+    """
+    as_path = Path(name).expanduser()
+    if kind == "models" and (as_path / "vehicle.yaml").is_file():
+        return as_path.resolve()
+    if kind != "models" and as_path.suffix in {".yaml", ".yml"} and as_path.is_file():
+        return as_path.resolve()
+    known = names(kind)
+    if name in known:
+        return known[name]
+    prefix = f"{where}: " if where else ""
+    one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram"}[kind]
+    raise ConfigError(f"{prefix}unknown {one} '{name}'; {did_you_mean(name, known)}")
