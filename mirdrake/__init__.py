@@ -1,0 +1,76 @@
+"""mirdrake: model, simulate, identify and tune car-like vehicles with Drake.
+
+::
+
+    import mirdrake as mir
+
+    spec = mir.load_diagram("bolt_test_track")
+    run = mir.simulate(spec, duration=30)
+
+Everything public is here, listed in ``__all__``. ``import mirdrake`` itself loads nothing: a name brings in its module,
+and with it Drake, when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mirdrake.controllers import AckermannSteering, DiscretePid, PathTracker
+    from mirdrake.diagram import load_diagram, make_diagram
+    from mirdrake.errors import MirdrakeError
+    from mirdrake.logs import Run, load_run
+    from mirdrake.plant import add_vehicle, add_world, make_plant
+    from mirdrake.report import write_report
+    from mirdrake.simulation import simulate
+    from mirdrake.vehicles import load_vehicle
+    from mirdrake.worlds import load_world
+
+__all__ = [  # the order of code points, capitals first; every name also stands in the imports above and in _HOME below
+    "AckermannSteering",
+    "DiscretePid",
+    "MirdrakeError",
+    "PathTracker",
+    "Run",
+    "add_vehicle",
+    "add_world",
+    "load_diagram",
+    "load_run",
+    "load_vehicle",
+    "load_world",
+    "make_diagram",
+    "make_plant",
+    "simulate",
+    "write_report",
+]
+
+_HOME = {
+    "AckermannSteering": "controllers",
+    "DiscretePid": "controllers",
+    "MirdrakeError": "errors",
+    "PathTracker": "controllers",
+    "Run": "logs",
+    "add_vehicle": "plant",
+    "add_world": "plant",
+    "load_diagram": "diagram",
+    "load_run": "logs",
+    "load_vehicle": "vehicles",
+    "load_world": "worlds",
+    "make_diagram": "diagram",
+    "make_plant": "plant",
+    "simulate": "simulation",
+    "write_report": "report",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, from its module, at its first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'mirdrake' has no attribute '{name}'")
+    value = getattr(import_module(f"mirdrake.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, also those not loaded yet."""
+    return sorted({*globals(), *__all__})

@@ -28,8 +28,9 @@ def search_folders(kind: str) -> list[Path]:
     Args:
         kind: "models", "worlds" or "diagrams".
     """
-    roots = [Path(entry) for entry in os.environ.get("MIRDRAKE_PATH", "").split(os.pathsep) if entry]
-    roots += [Path.cwd(), data_root()]
+    entries = os.environ.get("MIRDRAKE_PATH", "").split(os.pathsep)
+    roots = [Path(os.path.expanduser(entry)) for entry in entries if entry]
+    roots += [Path(os.curdir), data_root()]
     folders: list[Path] = []
     for root in roots:
         folder = (root / kind).resolve()
@@ -66,14 +67,24 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
     Raises:
         ConfigError: nothing has that name.
     """
-    as_path = Path(name).expanduser()
-    if kind == "models" and (as_path / "vehicle.yaml").is_file():
-        return as_path.resolve()
-    if kind != "models" and as_path.suffix in {".yaml", ".yml"} and as_path.is_file():
+    one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram"}[kind]
+    prefix = f"{where}: " if where else ""
+    as_path = Path(os.path.expanduser(name))  # leaves "~nobody" alone, where Path.expanduser raises
+    is_yaml = as_path.suffix in {".yaml", ".yml"}
+    if _is_file(as_path / "vehicle.yaml") if kind == "models" else is_yaml and _is_file(as_path):
         return as_path.resolve()
     known = names(kind)
     if name in known:
         return known[name]
-    prefix = f"{where}: " if where else ""
-    one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram"}[kind]
+    if os.sep in name or is_yaml:
+        wanted = "a folder with a vehicle.yaml" if kind == "models" else "a .yaml file"
+        raise ConfigError(f"{prefix}no {one} at '{name}': {wanted} is expected there")
     raise ConfigError(f"{prefix}unknown {one} '{name}'; {did_you_mean(name, known)}")
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; no for a name that no file can have."""
+    try:
+        return path.is_file()
+    except OSError:  # too long, or in a folder we may not enter
+        return False

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import BasicVector, InputPort, LeafSystem, OutputPort
 
+from mirdrake.errors import DiagramError
+
 
 class Signal(NamedTuple):
     """One scalar: name, SI unit ("" for a pure number) and meaning."""
@@ -23,8 +25,16 @@ Signals = tuple[Signal, ...]
 
 
 def signals(*entries: tuple[str, str] | tuple[str, str, str]) -> Signals:
-    """A named vector from (name, unit[, meaning]) tuples."""
-    return tuple(Signal(*entry) for entry in entries)
+    """A named vector from (name, unit[, meaning]) tuples.
+
+    Raises:
+        DiagramError: two elements have one name.
+    """
+    vector = tuple(Signal(*entry) for entry in entries)
+    repeated = {signal.name for signal in vector if sum(other.name == signal.name for other in vector) > 1}
+    if repeated:
+        raise DiagramError(f"two signals of one vector are called '{min(repeated)}'; each needs its own name")
+    return vector
 
 
 def declare_vector_input(system: LeafSystem, name: str, contents: Sequence[Signal]) -> InputPort:

@@ -10,42 +10,33 @@ Numbers may carry a unit (``90 deg``, ``8 m/s``, ``36 km/h``, ``20 ms``): annota
 
 import math
 import re
-from collections.abc import Hashable, Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Hashable, Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, cast
+from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
 
-from mirdrake.errors import ConfigError
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.yaml_tree import Key as Key  # with `as`: also public here
+from mirdrake.yaml_tree import Source as Source
+from mirdrake.yaml_tree import dotted, in_file
+from mirdrake.yaml_tree import parse_tree as parse_tree
 
 SchemaT = TypeVar("SchemaT", bound="Schema")
-Key = tuple[Hashable, ...]
-
-
-class Source(NamedTuple):
-    """Where a model came from: a file name, the line of every key path in it, and its own place in the file."""
-
-    name: str
-    lines: Mapping[Key, int]
-    prefix: Key = ()
-
-    def where(self, *path: Hashable) -> str:
-        """``file:line: dotted.path`` of a key, or of its nearest parent that stands in the file."""
-        key = _in_file(path, self.lines)
-        line = self.lines.get(key)
-        dotted = ".".join(str(step) for step in (*self.prefix, *path))
-        place = f"{self.name}:{line}" if line else self.name
-        return f"{place}: {dotted}" if dotted else place
 
 
 class Schema(BaseModel):
-    """Base of every file format: unknown keys, NaN and infinity are refused."""
+    """Base of every file format: unknown keys, NaN and infinity are refused; so is, in a file, `true` for a number.
+
+    Two models are equal when their fields are, wherever they were read from.
+    """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, validate_default=False)
 
     _source: Source | None = PrivateAttr(default=None)
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.__dict__ == other.__dict__
 
 
 def where(spec: Schema, *path: Hashable) -> str:
@@ -57,7 +48,7 @@ def where(spec: Schema, *path: Hashable) -> str:
 # --- numbers with units ------------------------------------------------------------------------------------------
 
 _UNITS: dict[str, dict[str, float]] = {
-    "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
     "m/s": {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704},
     "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
@@ -69,7 +60,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "Hz": {"Hz": 1.0, "kHz": 1e3},
     "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665},
 }
-_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+_NUMBER = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
 
 
 def to_si(value: Any, unit: str) -> Any:
@@ -80,7 +71,7 @@ def to_si(value: Any, unit: str) -> Any:
     """
     if not isinstance(value, str):
         return value
-    match = _NUMBER.match(value)
+    match = _NUMBER.fullmatch(value.strip())
     if match is None:
         return value
     number, given = float(match.group(1)), match.group(2)
@@ -89,7 +80,7 @@ def to_si(value: Any, unit: str) -> Any:
     scale = _UNITS[unit].get(given)
     if scale is None:
         allowed = ", ".join(_UNITS[unit])
-        raise ValueError(f"unit '{given}' does not fit; allowed: {allowed}")
+        raise ValueError(f"unit {_shown_value(given)} does not fit; allowed: {allowed}")
     return number * scale
 
 
@@ -118,60 +109,6 @@ Acceleration = Annotated[float, _quantity("m/s^2")]
 # --- reading -----------------------------------------------------------------------------------------------------
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML 1.2 scalars: no on/off/yes/no, no base-60 numbers, and 1e-3 is a number."""
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [
-        (tag, pattern) for tag, pattern in resolvers if tag not in {f"tag:yaml.org,2002:{t}" for t in ("bool", "float", "int", "timestamp")}
-    ]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))  # type: ignore[no-untyped-call]
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))  # type: ignore[no-untyped-call]
-_Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
-    "tag:yaml.org,2002:float",
-    re.compile(r"^(?:[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"),
-    list("-+0123456789."),
-)
-
-
-def _construct_int(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
-    return int(loader.construct_scalar(node))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _construct_int)
-
-
-def parse_tree(text: str, name: str) -> tuple[Any, Source]:
-    """A YAML text as plain Python data, with the line of every key.
-
-    Raises:
-        ConfigError: not YAML, or a key is repeated.
-    """
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ConfigError(f"{name}:{line}: not valid YAML: {error.problem}") from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{name}:1: not valid YAML: {str(error).splitlines()[0]}") from None
-    lines: dict[Key, int] = {}
-    if node is None:
-        return {}, Source(name, lines)
-    _collect_lines(node, (), lines, name, depth=0)
-    loader = _Loader("")
-    try:
-        data = loader.construct_document(node)  # type: ignore[no-untyped-call]
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ConfigError(f"{name}:{line}: not valid YAML: {error.problem}") from None
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{name}:1: not valid YAML: {error}") from None
-    return data, Source(name, lines)
-
-
 def parse_yaml(text: str, schema: type[SchemaT], *, name: str = "<text>", overrides: Iterable[str] = ()) -> SchemaT:
     """A YAML text as a checked model.
 
@@ -179,21 +116,27 @@ def parse_yaml(text: str, schema: type[SchemaT], *, name: str = "<text>", overri
         text: the YAML text; empty means all defaults.
         schema: the pydantic model of the format.
         name: what error messages call the text, normally the file name.
-        overrides: ``"dotted.path=value"`` texts, applied over the file in their order; the value is YAML.
+        overrides: ``"dotted.path=value"`` texts, applied over the file in their order; the value is YAML, a number in
+            the path is the index of a list item, as in ``connect.0=[a.y, b.u]``.
 
     Raises:
         ConfigError: one line per fault, each ``name:line: dotted.path: what is wrong``.
     """
     data, source = parse_tree(text, name)
-    if data is None:
-        data = {}
-    for override in overrides:
-        data = _apply_override(data, override)
+    data = {} if data is None else data
+    if isinstance(data, dict):  # anything else is refused below
+        for override in overrides:
+            data, source = _apply_override(data, override, source)
     return validate(data, schema, source)
 
 
 def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     """Plain data as a checked model that remembers its source.
+
+    Args:
+        data: what :func:`parse_tree` gives, or a part of it.
+        schema: the pydantic model of the format.
+        source: where the data stand; its prefix is the place of `data` in the file.
 
     Raises:
         ConfigError: one line per fault.
@@ -203,7 +146,10 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     except ValidationError as error:
         faults = dict.fromkeys(_fault(entry, schema, source) for entry in error.errors())
         raise ConfigError("\n".join(faults)) from None
-    _attach(spec, source, ())
+    truths = list(_truth_for_number(spec, data, ()))
+    if truths:
+        raise ConfigError("\n".join(f"{source.where(*path)}: {word} is not a number" for path, word in truths))
+    _attach(spec, source, source.prefix)
     return spec
 
 
@@ -218,10 +164,12 @@ def load_yaml(path: Path, schema: type[SchemaT], *, overrides: Iterable[str] = (
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(f"{name}: no such file") from None
+    except IsADirectoryError:
+        raise ConfigError(f"{name}: is a folder; a YAML file is expected") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{name}: not UTF-8 text (byte {error.start})") from None
-    except OSError as error:
-        raise ConfigError(f"{name}: cannot be read: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise ConfigError(f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     return parse_yaml(text, schema, name=name, overrides=overrides)
 
 
@@ -229,83 +177,68 @@ def shown(path: Path) -> str:
     """A path as people like to read it: relative to the working directory when it lies below it."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
-    except ValueError:
+    except (OSError, RuntimeError, ValueError):  # no working directory, a loop of links, somewhere else
         return str(path)
 
 
 # --- the inner parts ---------------------------------------------------------------------------------------------
 
 
-def _collect_lines(node: yaml.Node, path: Key, lines: dict[Key, int], name: str, depth: int) -> None:
-    """Fill `lines` with the line of every key and list item; a repeated key is an error."""
-    if depth > 60:
-        raise ConfigError(f"{name}:{node.start_mark.line + 1}: nested deeper than 60 levels")
-    lines.setdefault(path, node.start_mark.line + 1)
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            here = (*path, str(key.value))
-            if here in lines:
-                dotted = ".".join(map(str, here))
-                raise ConfigError(f"{name}:{key.start_mark.line + 1}: {dotted}: repeated key; keep one of them")
-            lines[here] = key.start_mark.line + 1
-            _collect_lines(value, here, lines, name, depth + 1)
-    elif isinstance(node, yaml.SequenceNode):
-        for index, value in enumerate(node.value):
-            _collect_lines(value, (*path, index), lines, name, depth + 1)
+def _shown_value(value: Any) -> str:
+    """A value as a user would write it in YAML, cut when long."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, dict | list | Schema):
+        return "a list" if isinstance(value, list) else "a mapping"
+    text = repr(value[:80] if isinstance(value, str) else value)
+    return text if len(text) <= 60 else f"{text[:56]} …{text[-1]}"
 
 
-def _in_file(location: Iterable[Hashable], lines: Mapping[Key, int]) -> Key:
-    """The part of an error location that stands in the file (union tags do not)."""
-    key: Key = ()
-    for step in location:
-        key = (*key, step) if (*key, step) in lines else key
-    return key
+_NOT_NUMBERS = {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}
 
 
 def _fault(entry: Any, schema: type[Schema], source: Source) -> str:
     """One pydantic error as ``file:line: dotted.path: what is wrong``."""
     location = tuple(entry["loc"])
-    parent = _in_file(location, source.lines)
-    message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    kind = entry["type"]
-    path: Key = parent
+    path = in_file(location, source)
+    kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
+    message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.removeprefix("Input should be ")
     if kind == "extra_forbidden":
-        allowed = _allowed_keys(schema, location[:-1])
-        near = get_close_matches(str(location[-1]), allowed, n=1, cutoff=0.6)
-        message = "unknown field"
-        if near:
-            message += f"; did you mean '{near[0]}'?"
-        elif allowed:
-            message += f"; allowed: {', '.join(sorted(allowed))}"
+        if path[-1:] != (str(location[-1]),):
+            path = (*path, location[-1])
+        message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(schema, location[:-1]))}"
     elif kind == "missing":
-        path = (*parent, location[-1])
+        path = (*path, location[-1])
         message = "is missing"
     elif kind == "union_tag_invalid":
-        context = entry["ctx"]
-        given, tags = context["tag"], [tag.strip().strip("'") for tag in context["expected_tags"].split(",")]
-        near = get_close_matches(given, tags, n=1, cutoff=0.6)
-        message = f"unknown kind '{given}'; " + (f"did you mean '{near[0]}'? " if near else "") + f"(allowed: {', '.join(tags)})"
-        path = (*parent, "kind") if (*parent, "kind") in source.lines else parent
+        tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
+        path = (*path, "kind")
+        message = f"unknown kind {_shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
     elif kind == "union_tag_not_found":
-        message = "needs a 'kind'"
-    elif kind in {"value_error", "assertion_error"}:
-        pass
+        message = (
+            "needs a 'kind'" if isinstance(given, dict) else f"{_shown_value(given)} is not a mapping with a 'kind'"
+        )
     elif kind == "literal_error":
-        message = f"'{entry['input']}' is not allowed; allowed: {entry['ctx']['expected']}"
-    else:
-        given = entry["input"]
-        text = repr(given) if not isinstance(given, dict | list) else type(given).__name__
-        message = f"{text} is not allowed; it should be {message[0].lower() + message[1:]}"
-    dotted = ".".join(str(step) for step in path)
-    line = source.lines.get(_in_file(path, source.lines))
-    place = f"{source.name}:{line}" if line else source.name
-    return f"{place}: {dotted}: {message}" if dotted else f"{place}: {message}"
+        message = f"{_shown_value(given)} is not allowed; allowed: {context['expected']}"
+    elif kind in {"model_type", "model_attributes_type", "dict_type", "list_type", "tuple_type"}:
+        message = f"{_shown_value(given)} is not a {'list' if kind[0] in 'lt' else 'mapping (key: value)'}"
+    elif kind in _NOT_NUMBERS:
+        message = f"{_shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
+    elif kind in {"too_long", "too_short"}:
+        allowed = context.get("max_length", context.get("min_length"))
+        message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"
+    elif kind == "finite_number":
+        message = f"{given} is not a finite number"
+    elif kind not in {"value_error", "assertion_error"}:
+        message = f"{_shown_value(given)} is not allowed; it should be {message[:1].lower() + message[1:]}"
+    return f"{source.where(*path)}: {' '.join(message.split())}"
 
 
 def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
     """The keys a mapping at this location may have, read from the JSON schema."""
     root = schema.model_json_schema()
-    nodes = [cast(dict[str, Any], root)]
+    nodes = [root]
 
     def resolve(node: dict[str, Any]) -> list[dict[str, Any]]:
         if "$ref" in node:
@@ -337,32 +270,66 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
     return sorted({key for candidate in nodes for leaf in resolve(candidate) for key in leaf.get("properties", {})})
 
 
-def _apply_override(data: Any, override: str) -> Any:
-    """Plain data with one ``dotted.path=value`` set; containers on the way are copied, not changed."""
+def _apply_override(data: dict[str, Any], override: str, source: Source) -> tuple[dict[str, Any], Source]:
+    """Data and source with one ``dotted.path=value`` set; containers on the way are copied, not changed.
+
+    Raises:
+        ConfigError: not of that form, not YAML, or a list index that does not exist.
+    """
+    printable = override if override.isprintable() else repr(override)
+    told = f"--set {printable}" if len(printable) <= 80 else f"--set {printable[:79]}…"
     path, separator, text = override.partition("=")
-    if not separator or not path.strip():
-        raise ConfigError(f"--set {override}: expected KEY.PATH=VALUE, for example control.ego.speed=8")
-    value, _ = parse_tree(text, f"--set {override}")
-    if text.strip() == "":
-        value = None
-    keys = path.strip().split(".")
-    result: Any = dict(data) if isinstance(data, dict) else {}
-    node = result
-    for key in keys[:-1]:
-        child = node.get(key)
-        if isinstance(child, list):
-            raise ConfigError(f"--set {override}: '{key}' is a list; set it whole")
-        node[key] = dict(child) if isinstance(child, dict) else {}
-        node = node[key]
-    node[keys[-1]] = value
-    return result
+    keys = [key.strip() for key in path.split(".")]
+    if not separator or not all(keys):
+        raise ConfigError(f"{told}: expected KEY.PATH=VALUE, for example control.ego.speed=8")
+    value, inner = parse_tree(text, told)
+    result = dict(data)
+    node: Any = result
+    full: Key = ()
+    replaced = len(keys)  # from this depth on, what stands there comes from the override
+    for depth, key in enumerate(keys, start=1):
+        step: Any = key
+        if isinstance(node, list):
+            if not (key.isdecimal() and int(key) < len(node)):
+                raise ConfigError(f"{told}: {dotted(full)} is a list of {len(node)}; '{key}' is not an index of it")
+            step = int(key)
+        full = (*full, step)
+        if depth == len(keys):
+            node[step] = value if inner.lines else None
+            break
+        child = node[step] if isinstance(node, list) else node.get(step)
+        if not isinstance(child, dict | list):
+            replaced = min(replaced, depth)
+        node[step] = list(child) if isinstance(child, list) else dict(child) if isinstance(child, dict) else {}
+        node = node[step]
+    gone = full[:replaced]
+    lines = {key: line for key, line in source.lines.items() if key[:replaced] != gone}
+    overrides = {key: text for key, text in source.overrides.items() if key[:replaced] != gone}
+    overrides |= {full[:length]: told for length in range(replaced, len(full))}
+    overrides |= {(*full, *key): told for key in ((), *inner.lines)}
+    return result, source._replace(lines=lines, overrides=overrides)
+
+
+def _truth_for_number(value: Any, data: Any, path: Key) -> Iterator[tuple[Key, str]]:
+    """Places where the data say true or false and the model holds a number: pydantic reads true as 1.0."""
+    if isinstance(data, bool) and isinstance(value, int | float) and not isinstance(value, bool):
+        yield path, str(data).lower()
+    elif isinstance(data, dict) and isinstance(value, Schema):
+        for name, field in type(value).model_fields.items():
+            key = field.alias or name
+            yield from _truth_for_number(getattr(value, name), data.get(key), (*path, key))
+    elif isinstance(data, dict) and isinstance(value, dict):
+        for key, item in value.items():
+            yield from _truth_for_number(item, data.get(key), (*path, key))
+    elif isinstance(data, list) and isinstance(value, list | tuple):
+        for index, (item, given) in enumerate(zip(value, data, strict=False)):
+            yield from _truth_for_number(item, given, (*path, index))
 
 
 def _attach(value: Any, source: Source, path: Key) -> None:
-    """Give every nested model the part of the source below its own key."""
+    """Tell every nested model its own place in the source."""
     if isinstance(value, Schema):
-        inside = {key[len(path) :]: line for key, line in source.lines.items() if key[: len(path)] == path}
-        value._source = Source(source.name, inside, path)
+        value._source = source._replace(prefix=path)
         for name, field in type(value).model_fields.items():
             _attach(getattr(value, name), source, (*path, field.alias or name))
     elif isinstance(value, dict):

@@ -1,0 +1,68 @@
+# Every command of the project. `make drive` and `make test` need nothing but Python and a network at their first call;
+# later calls find .venv ready and start at once.
+
+# The first of these that runs, is new enough and can make virtual environments; `make test PYTHON=python3.12` chooses.
+CANDIDATES := python3.12 python3.11 python3 python3.13 python3.14 python
+SUITABLE := import sys, ensurepip, venv; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(firstword $(foreach name,$(CANDIDATES),$(shell $(name) -c '$(SUITABLE)' 2>/dev/null && echo $(name))))
+
+VENV := .venv
+RUN := $(VENV)/bin
+WORKERS ?= 2
+INSTALL = $(RUN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+# One thread per process: the tests already use every core, and linear algebra here is small.
+PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
+ARGS ?=
+
+.PHONY: help drive test test-all check bench clean
+
+help:
+	@echo "make drive     drive the MIR Bolt around its test track (ARGS='--set duration=20' for options)"
+	@echo "make test      the fast tests"
+	@echo "make test-all  all tests"
+	@echo "make check     formatting, lint, types and the fast tests"
+	@echo "make bench     benchmarks against other simulators (ARGS=... for options)"
+	@echo "make clean     remove .venv, builds and caches; runs/ stays"
+	@echo "PYTHON=python3.12 chooses the Python of .venv, WORKERS=4 the number of test processes"
+
+drive: $(VENV)/ready
+	$(RUN)/mirdrake run bolt_test_track $(ARGS)
+
+test: $(VENV)/ready-dev
+	$(PYTEST) $(ARGS)
+
+test-all: $(VENV)/ready-dev
+	$(PYTEST) -m "slow or not slow" $(ARGS)
+
+check: $(VENV)/ready-dev
+	$(RUN)/ruff format --check .
+	$(RUN)/ruff check .
+	$(RUN)/mypy
+	$(PYTEST) $(ARGS)
+
+bench: $(VENV)/ready-bench
+	OPENBLAS_NUM_THREADS=1 $(RUN)/python benchmarks/run.py $(ARGS)
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(RUN)/pip:
+	@test -n "$(strip $(PYTHON))" || { \
+	  echo "error: no Python 3.11 or newer with venv and pip found; install one (Debian: apt install python3 python3-venv)" \
+	       "or name it: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@$(PYTHON) -c '$(SUITABLE)' 2>/dev/null || { \
+	  echo "error: $(PYTHON) is not Python 3.11 or newer with venv and pip; choose another: make PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/ready: pyproject.toml constraints.txt | $(RUN)/pip
+	$(INSTALL) .
+	@touch $@
+
+$(VENV)/ready-dev: pyproject.toml constraints.txt | $(RUN)/pip
+	$(INSTALL) '.[dev]'
+	@touch $@ $(VENV)/ready
+
+$(VENV)/ready-bench: pyproject.toml constraints.txt | $(RUN)/pip
+	$(INSTALL) '.[bench]'
+	@touch $@ $(VENV)/ready

@@ -1,0 +1,218 @@
+"""Blocks that a diagram file may add by kind, and a user's own classes.
+
+A new block of ours is one schema with a ``make`` method here and one entry in :data:`BLOCKS`.
+"""
+
+import importlib
+import inspect
+import sys
+from collections.abc import Mapping
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+from pydrake.systems.framework import System
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    DiscreteTimeDelay,
+    FirstOrderLowPassFilter,
+    Gain,
+    Saturation,
+    Sine,
+    ZeroOrderHold,
+)
+
+from mirdrake.controllers import DiscretePid, PidGains, PidLimits
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.yaml_io import Duration, Schema, Source, validate
+
+
+class ConstantBlock(Schema):
+    """A constant vector. Output y."""
+
+    value: list[float] = Field([0.0], min_length=1, description="the elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return ConstantVectorSource(self.value)
+
+
+class SineBlock(Schema):
+    """amplitude · sin(2π frequency t + phase). Output y0."""
+
+    amplitude: float = Field(1.0, description="[-]")
+    frequency: float = Field(gt=0.0, description="[Hz]")
+    phase: float = Field(0.0, description="[rad]")
+
+    def make(self) -> System:
+        """The system."""
+        return Sine(amplitude=self.amplitude, frequency=2.0 * np.pi * self.frequency, phase=self.phase, size=1)
+
+
+class GainBlock(Schema):
+    """y = gain · u."""
+
+    gain: float = Field(description="[-]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return Gain(self.gain, self.size)
+
+
+class AdderBlock(Schema):
+    """sum = u0 + u1 + …"""
+
+    inputs: int = Field(2, ge=2, description="input ports [-]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return Adder(self.inputs, self.size)
+
+
+class SaturationBlock(Schema):
+    """y = u within limits."""
+
+    minimum: float = Field(description="[-]")
+    maximum: float = Field(description="[-]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        if not self.minimum <= self.maximum:
+            raise ConfigError(f"saturation: minimum {self.minimum} is above maximum {self.maximum}")
+        return Saturation(min_value=[self.minimum] * self.size, max_value=[self.maximum] * self.size)
+
+
+class LowPassBlock(Schema):
+    """First-order low-pass, time constant in seconds; continuous, so it costs an integrator."""
+
+    time_constant: Duration = Field(gt=0.0, description="[s]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return FirstOrderLowPassFilter(time_constant=self.time_constant, size=self.size)
+
+
+class DelayBlock(Schema):
+    """The input, `delay` seconds late, sampled every `period`."""
+
+    delay: Duration = Field(gt=0.0, description="[s]")
+    period: Duration = Field(0.02, gt=0.0, description="[s]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        steps = max(1, round(self.delay / self.period))
+        return DiscreteTimeDelay(self.period, steps, self.size)
+
+
+class HoldBlock(Schema):
+    """The input, sampled every `period` and held."""
+
+    period: Duration = Field(gt=0.0, description="[s]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return ZeroOrderHold(self.period, self.size)
+
+
+class PidBlock(Schema):
+    """A discrete PID controller; ports as in :class:`mirdrake.DiscretePid`."""
+
+    kp: float = Field(description="[-]")
+    ki: float = Field(0.0, description="[-]")
+    kd: float = Field(0.0, description="[-]")
+    filter_time: Duration = Field(0.0, ge=0.0, description="[s]")
+    period: Duration = Field(0.02, gt=0.0, description="[s]")
+    minimum: float | None = Field(None, description="[-]")
+    maximum: float | None = Field(None, description="[-]")
+    rate: float | None = Field(None, gt=0.0, description="largest change per second [-]")
+
+    def make(self) -> System:
+        """The system."""
+        limits = PidLimits(
+            minimum=-inf if self.minimum is None else self.minimum,
+            maximum=inf if self.maximum is None else self.maximum,
+            rate=inf if self.rate is None else self.rate,
+        )
+        gains = PidGains(self.kp, self.ki, self.kd, filter_time=self.filter_time)
+        return DiscretePid(gains, period=self.period, limits=limits)
+
+
+BLOCKS: dict[str, type[Schema]] = {
+    "adder": AdderBlock,
+    "constant": ConstantBlock,
+    "delay": DelayBlock,
+    "gain": GainBlock,
+    "hold": HoldBlock,
+    "low_pass": LowPassBlock,
+    "pid": PidBlock,
+    "saturation": SaturationBlock,
+    "sine": SineBlock,
+}
+
+
+def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, folder: Path | None = None) -> System:
+    """A system by kind.
+
+    Args:
+        kind: a name in :data:`BLOCKS`, or ``module:Class`` of the user's.
+        parameters: its parameters.
+        source: where they were written, for error messages.
+        folder: where a user's module may lie, besides the import path and the working directory.
+
+    Raises:
+        ConfigError: unknown kind, module, class or parameter, or the class refuses its parameters.
+    """
+    where = source.where("kind")
+    if ":" in kind:
+        return _make_own(kind, parameters, where=where, folder=folder)
+    if kind not in BLOCKS:
+        words = did_you_mean(kind, BLOCKS)
+        raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")
+    spec = validate(dict(parameters), BLOCKS[kind], source)
+    system: System = spec.make()  # type: ignore[attr-defined]
+    return system
+
+
+def _make_own(kind: str, parameters: Mapping[str, Any], *, where: str, folder: Path | None) -> System:
+    """A system from ``module:Class``."""
+    module_name, _, class_name = kind.partition(":")
+    extra = [str(path) for path in (folder, Path.cwd()) if path is not None and str(path) not in sys.path]
+    sys.path[:0] = extra
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ConfigError(f"{where}: module '{module_name}' cannot be imported: {error}") from None
+    except Exception as error:
+        raise ConfigError(f"{where}: module '{module_name}' fails on import: {type(error).__name__}: {error}") from None
+    finally:
+        for path in extra:
+            sys.path.remove(path)
+    maker = getattr(module, class_name, None)
+    if not isinstance(maker, type) or not issubclass(maker, System):
+        classes = [name for name, value in vars(module).items() if isinstance(value, type) and issubclass(value, System)]
+        raise ConfigError(f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}")
+    try:
+        signature = inspect.signature(maker)
+        allowed = [name for name, p in signature.parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+        any_keyword = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
+        for name in parameters:
+            if name not in allowed and not any_keyword:
+                raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, allowed)}")
+    except ValueError:
+        pass  # a class of C++ has no signature to look into
+    try:
+        return maker(**parameters)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+    except Exception as error:
+        text = str(error).splitlines()[0] if str(error) else ""
+        raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None

@@ -1,0 +1,300 @@
+"""Ackermann geometry: bicycle steering angle to wheel angles and wheel speeds, and back.
+
+A front-steered car whose wheels all roll without side slip turns about one point on the line of the rear axle. With the
+origin at the rear axle centre, x forward, y left, that point is (0, R), R = L / tan(delta), for the bicycle angle delta
+of an ideal wheel at the front axle centre (L, 0). Written with t = tan(delta), nothing divides by zero at delta = 0
+(R. Rajamani, Vehicle Dynamics and Control, 2nd ed., section 2.2; signs: positive to the left)::
+
+    kingpin of the left wheel at (L, Tk/2)     tan(left)  = t / (1 - t Tk/(2 L))
+    kingpin of the right wheel at (L, -Tk/2)   tan(right) = t / (1 + t Tk/(2 L))
+
+so that cot(outer) - cot(inner) = Tk/L. The normal of a steered wheel runs through its kingpin and the turning centre.
+The wheel centre lies on that normal, the scrub radius c = (Tf - Tk)/2 further out than the kingpin, so its distance from
+the turning centre is that of the kingpin, less c for the inner and plus c for the outer wheel. Speed of each wheel
+centre over that of the rear axle centre::
+
+    front left   sqrt((1 - t Tk/(2 L))^2 + t^2) - c t/L         rear left   1 - t Tr/(2 L)
+    front right  sqrt((1 + t Tk/(2 L))^2 + t^2) + c t/L         rear right  1 + t Tr/(2 L)
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.vectors import STEERING_ANGLES
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.signals import declare_state_output, declare_vector_input, declare_vector_output, signals
+
+Linkage = Literal["ackermann", "unior", "unior_printed"]
+LINKAGES = ("ackermann", "unior", "unior_printed")
+
+
+class SteeringGeometry(Protocol):
+    """What this module needs to know of a vehicle; lengths [m], angles [rad]."""
+
+    @property
+    def wheelbase(self) -> float: ...  # noqa: D102
+    @property
+    def front_track(self) -> float: ...  # noqa: D102
+    @property
+    def rear_track(self) -> float: ...  # noqa: D102
+    @property
+    def kingpin_track(self) -> float: ...  # noqa: D102
+    @property
+    def steering_limit(self) -> float: ...  # noqa: D102
+    @property
+    def steering_rate(self) -> float | None: ...  # noqa: D102
+
+
+@dataclass(frozen=True, slots=True)
+class AxleGeometry:
+    """Steering geometry given by hand.
+
+    Attributes:
+        wheelbase: distance of the axles [m].
+        front_track: distance of the front wheel centres, straight ahead [m].
+        rear_track: distance of the rear wheel centres [m].
+        kingpin_track: distance of the steering axes [m].
+        steering_limit: largest angle of the inner wheel [rad].
+        steering_rate: largest rate of the bicycle angle [rad/s], None: no limit.
+    """
+
+    wheelbase: float
+    front_track: float
+    rear_track: float
+    kingpin_track: float
+    steering_limit: float
+    steering_rate: float | None = None
+
+
+class Ackermann:
+    """The steering law of one vehicle on plain floats; equations in the head of the module.
+
+    Args:
+        geometry: lengths and limits of the vehicle.
+
+    Attributes:
+        wheelbase: distance of the axles L [m].
+        limit: bicycle angle at which the inner wheel is at its limit [rad].
+        rate: largest rate of the bicycle angle [rad/s]; inf: no limit.
+
+    Raises:
+        ConfigError: a length is not positive, or the limit is not an angle between 0 and pi/2.
+    """
+
+    __slots__ = ("_kingpin", "_rear", "_scrub", "limit", "rate", "wheelbase")
+
+    def __init__(self, geometry: SteeringGeometry):
+        owner = "steering geometry"
+        self.wheelbase = check_number(owner, "wheelbase", geometry.wheelbase, unit="m", above=0.0)
+        front_track = check_number(owner, "front_track", geometry.front_track, unit="m", at_least=0.0)
+        rear_track = check_number(owner, "rear_track", geometry.rear_track, unit="m", at_least=0.0)
+        kingpin_track = check_number(owner, "kingpin_track", geometry.kingpin_track, unit="m", at_least=0.0)
+        inner = check_number(owner, "steering_limit", geometry.steering_limit, unit="rad", above=0.0)
+        if inner >= math.pi / 2.0:
+            raise ConfigError(f"{owner}: steering_limit must be below pi/2 rad, got {inner:g} rad; is it in degrees?")
+        rate = geometry.steering_rate
+        self.rate = (
+            math.inf
+            if rate is None
+            else check_number(owner, "steering_rate", rate, unit="rad/s", above=0.0, infinite=True)
+        )
+        self._kingpin = 0.5 * kingpin_track / self.wheelbase
+        self._rear = 0.5 * rear_track / self.wheelbase
+        self._scrub = 0.5 * (front_track - kingpin_track) / self.wheelbase
+        # vehicles.md 2.1: z_max = atan(L / (L / tan(inner) + T/2))
+        tangent = math.tan(inner)
+        self.limit = math.atan(tangent / (1.0 + tangent * self._kingpin))
+
+    def clip(self, steering: float) -> float:
+        """The bicycle angle [rad], limited so that the inner wheel stays within its limit."""
+        return min(max(steering, -self.limit), self.limit)
+
+    def approach(self, steering: float, wanted: float, *, period: float) -> float:
+        """The bicycle angle one period after `steering` on the way to `wanted` [rad], within limit and rate.
+
+        Args:
+            steering: present angle [rad].
+            wanted: angle to go to [rad].
+            period: time that passes [s].
+        """
+        step = self.rate * period
+        return self.clip(min(max(wanted, steering - step), steering + step))
+
+    def wheel_angles(self, steering: float) -> tuple[float, float]:
+        """Left and right wheel angle [rad] for a bicycle angle in (-pi/2, pi/2); not clipped."""
+        tangent = math.tan(steering)
+        shift = tangent * self._kingpin
+        return math.atan2(tangent, 1.0 - shift), math.atan2(tangent, 1.0 + shift)
+
+    def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
+        """Speed of the four wheel centres along their wheels over that of the rear axle centre [1].
+
+        Divided by the wheel radius and times the speed they are the spin rates of free rolling at constant steering
+        angle. While the angle changes, the front wheels also roll about their kingpins: scrub radius times rate, not
+            included here.
+
+        Args:
+            steering: bicycle angle [rad].
+
+        Returns:
+            front left, front right, rear left, rear right.
+        """
+        tangent = math.tan(steering)
+        shift, scrub, rear = tangent * self._kingpin, tangent * self._scrub, tangent * self._rear
+        left, right = 1.0 - shift, 1.0 + shift
+        square = tangent * tangent
+        return (
+            math.sqrt(left * left + square) - scrub,
+            math.sqrt(right * right + square) + scrub,
+            1.0 - rear,
+            1.0 + rear,
+        )
+
+    def curvature(self, steering: float) -> float:
+        """Curvature of the path of the rear axle centre [1/m] for a bicycle angle [rad]."""
+        return math.tan(steering) / self.wheelbase
+
+    def steering(self, curvature: float) -> float:
+        """Bicycle angle [rad] for a curvature of the path of the rear axle centre [1/m]."""
+        return math.atan(self.wheelbase * curvature)
+
+    def bicycle_angle(self, left: float, right: float) -> float:
+        """Bicycle angle [rad] of two wheel angles, the inverse of :meth:`wheel_angles`.
+
+        Each wheel alone fixes a turning centre. When the two do not agree, the mean of the two curvatures counts.
+
+        Args:
+            left: angle of the left wheel [rad].
+            right: angle of the right wheel [rad].
+        """
+        tan_left, tan_right = math.tan(left), math.tan(right)
+        from_left = tan_left / (1.0 + tan_left * self._kingpin)
+        from_right = tan_right / (1.0 - tan_right * self._kingpin)
+        return math.atan(0.5 * (from_left + from_right))
+
+    # --- the linkage of the Avrora Unior ---------------------------------------------------------------------------
+
+    def unior_wheel_angles(self, wanted: float, *, factor: float = 0.5, printed: bool = False) -> tuple[float, float]:
+        """Left and right wheel angle [rad] after the steering equation published for the Avrora Unior.
+
+        One wheel is set directly, the other follows ("Avrora Unior Car-like Robot in Gazebo Environment")::
+
+            wanted > 0:  left  = factor wanted,  right = arccot(cot(left)  - T/L)
+            wanted < 0:  right = factor wanted,  left  = arccot(cot(right) + T/L)
+
+        Reading notes (vehicles.md section 6): the printed 2B/l1 must be kingpin track over wheelbase T/L. The printed
+        signs give Ackermann steering only when a positive angle turns right, so that the wheel set directly is the
+        outer one. With positive to the left, as everywhere here, the printed equation turns the outer wheel more than
+        the inner (anti-Ackermann).
+
+        Args:
+            wanted: steering input of the robot [rad], positive to the left.
+            factor: angle of the directly set wheel over the input, c in the paper.
+            printed: False: the outer wheel is set directly, cot(outer) - cot(inner) = T/L. True: literally as printed.
+        """
+        direct = factor * wanted
+        tangent = math.tan(direct)
+        ratio = 2.0 * self._kingpin
+        # cot(other) = cot(direct) -+ T/L; in both cases the other wheel turns more.
+        other = math.copysign(math.atan2(abs(tangent), 1.0 - abs(tangent) * ratio), tangent)
+        left_is_direct = (wanted > 0.0) == printed
+        return (direct, other) if left_is_direct else (other, direct)
+
+    def unior_input(self, steering: float, *, factor: float = 0.5) -> float:
+        """Input [rad] of :meth:`unior_wheel_angles` (outer wheel direct) that turns like a bicycle angle.
+
+        Args:
+            steering: bicycle angle [rad].
+            factor: angle of the directly set wheel over the input.
+        """
+        tangent = math.tan(steering)
+        return math.atan2(tangent, 1.0 + abs(tangent) * self._kingpin) / factor
+
+
+class AckermannSteering(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Bicycle steering angle to the angles of the two front wheels.
+
+    Input ports:
+        steering (1) [rad]: bicycle angle; input of the robot for the unior linkages.
+
+    Output ports:
+        wheel_angles (2) [rad]: left, right.
+        steering_angle (1) [rad]: the bicycle angle (or input) after the limits; only with a `period`.
+
+    Without `period` the system has no state: the angle is limited, not its rate, and the output is computed whenever
+    it is asked for. With `period` the angle is also limited in rate, starting from the angle in the Context (0), and
+    both outputs are states, held between the updates.
+
+    Args:
+        geometry: lengths and limits of the vehicle.
+        period: time between updates [s], or None.
+        linkage: "ackermann", or one of the readings of :meth:`Ackermann.unior_wheel_angles`: "unior" (outer wheel
+            direct), "unior_printed".
+        factor: input factor of the unior linkages.
+
+    Raises:
+        ConfigError: lengths, limits or period make no sense, or the linkage is unknown.
+    """
+
+    def __init__(
+        self,
+        geometry: SteeringGeometry,
+        *,
+        period: float | None = None,
+        linkage: Linkage = "ackermann",
+        factor: float = 0.5,
+    ):
+        super().__init__()
+        if linkage not in LINKAGES:
+            raise ConfigError(f"AckermannSteering: unknown linkage '{linkage}'; {did_you_mean(linkage, LINKAGES)}")
+        self.law = Ackermann(geometry)
+        self.linkage: Linkage = linkage
+        self.factor = check_number("AckermannSteering", "factor", factor, above=0.0)
+        self.period = period
+        self.steering = declare_vector_input(self, "steering", signals(("steering", "rad")))
+        if period is None:
+            self.wheel_angles = declare_vector_output(self, "wheel_angles", STEERING_ANGLES, self._calc)
+            return
+        check_number("AckermannSteering", "period", period, unit="s", above=0.0)
+        self._angle = self.DeclareDiscreteState(1)
+        self._wheels = self.DeclareDiscreteState(2)
+        self.wheel_angles = declare_state_output(self, "wheel_angles", STEERING_ANGLES, self._wheels)
+        self.steering_angle = declare_state_output(
+            self, "steering_angle", signals(("steering_angle", "rad")), self._angle
+        )
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def set_steering(self, context: Context, steering: float) -> None:
+        """Write the bicycle angle [rad] from which a system with a period starts into its Context."""
+        context.SetDiscreteState(self._angle, [self._clip(steering)])
+        context.SetDiscreteState(self._wheels, list(self._angles(self._clip(steering))))
+
+    def _clip(self, steering: float) -> float:
+        if self.linkage == "ackermann":
+            return self.law.clip(steering)
+        limit = self.law.unior_input(self.law.limit, factor=self.factor)
+        return min(max(steering, -limit), limit)
+
+    def _angles(self, steering: float) -> tuple[float, float]:
+        if self.linkage == "ackermann":
+            return self.law.wheel_angles(steering)
+        return self.law.unior_wheel_angles(steering, factor=self.factor, printed=self.linkage == "unior_printed")
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._angles(self._clip(self.steering.Eval(context).item())))
+
+    def _initialize(self, context: Context, values: DiscreteValues) -> None:
+        angle = context.get_discrete_state(self._angle).value().item()
+        values.set_value(self._wheels, self._angles(angle))
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        angle = context.get_discrete_state(self._angle).value().item()
+        step = self.law.rate * (self.period or 0.0) / (1.0 if self.linkage == "ackermann" else self.factor)
+        angle = self._clip(min(max(self.steering.Eval(context).item(), angle - step), angle + step))
+        values.set_value(self._angle, [angle])
+        values.set_value(self._wheels, self._angles(angle))

@@ -1,0 +1,155 @@
+"""Velocity command interface: limits, refusal of nonsense, and the dead-man.
+
+A command is a message (speed, steering, stamp); the stamp says when it was made, so a message that no longer comes can
+be told from one that repeats. When the last good message is older than 0.2 s, the speed set-point becomes zero,
+explicitly, and the steering angle is held; it recovers with the next message (0.2 s and the held angle as in the MIR
+Bolt and the CAT Vehicle, vehicles.md 2.2, whose scripts forgot to send the zero).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.vectors import COMMAND, SETPOINT, Setpoint
+from mirdrake.signals import declare_state_output, declare_vector_input, signals
+
+TOLERANCE = 1e-9
+"""Two times closer than this are the same time [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandLimits:
+    """Limits of a velocity command.
+
+    Attributes:
+        minimum_speed: lowest speed, negative when reversing is allowed [m/s].
+        maximum_speed: highest speed [m/s].
+        steering: largest bicycle angle to either side [rad].
+        timeout: age of the last message above which the speed becomes zero [s].
+
+    Raises:
+        ConfigError: not numbers, or out of order.
+    """
+
+    minimum_speed: float = -math.inf
+    maximum_speed: float = math.inf
+    steering: float = math.inf
+    timeout: float = 0.2
+
+    def __post_init__(self) -> None:
+        owner = "CommandLimits"
+        check_number(owner, "minimum_speed", self.minimum_speed, unit="m/s", infinite=True, at_most=0.0)
+        check_number(owner, "maximum_speed", self.maximum_speed, unit="m/s", infinite=True, at_least=0.0)
+        check_number(owner, "steering", self.steering, unit="rad", infinite=True, at_least=0.0)
+        check_number(owner, "timeout", self.timeout, unit="s", infinite=True, above=0.0)
+
+
+class CommandState(NamedTuple):
+    """The last good message.
+
+    Attributes:
+        speed: as received [m/s].
+        steering: as received [rad].
+        stamp: when it was made [s]; -inf: there was none yet.
+    """
+
+    speed: float = 0.0
+    steering: float = 0.0
+    stamp: float = -math.inf
+
+
+class CommandResult(NamedTuple):
+    """What becomes of a message.
+
+    Attributes:
+        setpoint: speed and steering within the limits.
+        alive: False when the dead-man holds the speed at zero.
+    """
+
+    setpoint: Setpoint
+    alive: bool
+
+
+NO_COMMAND_LIMITS = CommandLimits()
+
+
+def command_step(
+    state: CommandState,
+    speed: float,
+    steering: float,
+    *,
+    stamp: float,
+    time: float,
+    limits: CommandLimits = NO_COMMAND_LIMITS,
+) -> tuple[CommandState, CommandResult]:
+    """Take in a message, or the same message again, or nonsense.
+
+    A message counts when its three numbers are finite and its stamp is neither older than the last one's nor in the
+    future. Anything else is no message, and the last good one ages on.
+
+    Args:
+        state: what the last step returned; ``CommandState()`` at first.
+        speed: wanted speed [m/s].
+        steering: wanted bicycle angle [rad].
+        stamp: when the message was made [s].
+        time: now [s].
+        limits: limits and timeout.
+
+    Returns:
+        The state for the next step, and the set-point.
+    """
+    if math.isfinite(speed + steering) and state.stamp <= stamp <= time + TOLERANCE:
+        state = CommandState(speed, steering, stamp)
+    alive = time - state.stamp <= limits.timeout + TOLERANCE
+    held = min(max(state.steering, -limits.steering), limits.steering)
+    wanted = min(max(state.speed, limits.minimum_speed), limits.maximum_speed) if alive else 0.0
+    return state, CommandResult(Setpoint(wanted, held), alive)
+
+
+class VelocityCommand(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """The door through which every driver, human or not, commands a vehicle.
+
+    Input ports:
+        command (3) [m/s, rad, s]: speed, steering, stamp; see :data:`~mirdrake.controllers.vectors.COMMAND`.
+
+    Output ports:
+        setpoint (2) [m/s, rad]: speed, steering, within the limits; speed 0 and the last steering once the last message
+            is older than the timeout.
+        alive (1) [1]: 1 while messages come, 0 while the dead-man holds.
+
+    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right after
+        t.
+
+    State: discrete, group 0 the set-point, group 1 alive, group 2 the last good message.
+
+    Args:
+        period: time between updates [s].
+        limits: limits of speed and steering, and the timeout.
+
+    Raises:
+        ConfigError: the period is not positive.
+    """
+
+    def __init__(self, *, period: float, limits: CommandLimits = NO_COMMAND_LIMITS):
+        super().__init__()
+        self.period = check_number("VelocityCommand", "period", period, unit="s", above=0.0)
+        self.limits = limits
+        self.command = declare_vector_input(self, "command", COMMAND)
+        self._setpoint = self.DeclareDiscreteState(2)
+        self._alive = self.DeclareDiscreteState(1)
+        self._message = self.DeclareDiscreteState(list(CommandState()))
+        self.setpoint = declare_state_output(self, "setpoint", SETPOINT, self._setpoint)
+        self.alive = declare_state_output(self, "alive", signals(("alive", "")), self._alive)
+        self.DeclareInitializationDiscreteUpdateEvent(self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        speed, steering, stamp = self.command.Eval(context).tolist()
+        state = CommandState(*context.get_discrete_state(self._message).value().tolist())
+        state, result = command_step(state, speed, steering, stamp=stamp, time=context.get_time(), limits=self.limits)
+        values.set_value(self._setpoint, result.setpoint)
+        values.set_value(self._alive, [float(result.alive)])
+        values.set_value(self._message, state)

@@ -1,0 +1,141 @@
+"""Speed loop of a vehicle: wheel-speed set-points, trimmed until the vehicle has the wanted speed.
+
+The feed-forward is free rolling, speed over wheel radius times the Ackermann ratio of each wheel; a PI controller adds
+a speed trim, which takes up slip and tyre deflection.
+"""
+
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
+from mirdrake.controllers.vectors import SETPOINT, WHEEL_SPEEDS
+from mirdrake.signals import declare_state_output, declare_vector_input, signals
+
+WheelRates = tuple[float, float, float, float]
+
+CRUISE_GAINS = PidGains(kp=0.5, ki=0.5)
+"""Trim per speed error: kp [1], ki [1/s]. Half the error at once, the rest in about three seconds."""
+
+CRUISE_LIMITS = PidLimits(minimum=-1.0, maximum=1.0)
+"""The trim is limited to 1 m/s."""
+
+
+def wheel_speed_setpoints(speed: float, ratios: WheelRates, *, wheel_radius: float) -> WheelRates:
+    """Spin rates of free rolling [rad/s].
+
+    Args:
+        speed: speed of the rear axle centre [m/s].
+        ratios: speeds of the wheel centres over that speed, from :meth:`Ackermann.wheel_speed_ratios`.
+        wheel_radius: rolling radius [m].
+    """
+    spin = speed / wheel_radius
+    front_left, front_right, rear_left, rear_right = ratios
+    return spin * front_left, spin * front_right, spin * rear_left, spin * rear_right
+
+
+def cruise_step(
+    state: PidState,
+    reference: float,
+    measurement: float,
+    *,
+    period: float,
+    gains: PidGains = CRUISE_GAINS,
+    limits: PidLimits = CRUISE_LIMITS,
+) -> tuple[PidState, float]:
+    """One step of the speed loop.
+
+    When the wanted speed is exactly zero there is no trim and the integral is emptied, so that the wheels stop and
+    stay stopped.
+
+    Args:
+        state: what the last step returned; ``PidState()`` at first.
+        reference: wanted speed [m/s].
+        measurement: speed of the rear axle centre [m/s].
+        period: time since the last step [s].
+        gains: gains from speed error to speed trim.
+        limits: limits of the trim [m/s].
+
+    Returns:
+        The state for the next step, and the trimmed speed [m/s] for :func:`wheel_speed_setpoints`.
+    """
+    if reference == 0.0:
+        return PidState(), 0.0
+    state, trim = pid_step(state, reference, measurement, gains=gains, period=period, limits=limits)
+    return state, reference + trim
+
+
+class SpeedControl(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Speed and steering set-point to wheel-speed set-points.
+
+    Input ports:
+        setpoint (2) [m/s, rad]: speed and bicycle steering angle.
+        speed (1) [m/s]: forward speed of the rear axle centre.
+
+    Output ports:
+        wheel_speeds (4) [rad/s]: front_left, front_right, rear_left, rear_right; a state output, held between the
+            updates.
+
+    Parameters of the Context: kp [1], ki [1/s] of the trim.
+
+    State: discrete, group 0 the wheel speeds, group 1 a :class:`~mirdrake.controllers.pid.PidState`.
+
+    Args:
+        geometry: lengths and limits of the vehicle.
+        wheel_radius: rolling radius [m].
+        period: time between updates [s].
+        gains: gains of the trim; only kp and ki are used.
+        limits: limits of the trim [m/s].
+
+    Raises:
+        ConfigError: a length or the period is not positive.
+    """
+
+    def __init__(
+        self,
+        geometry: SteeringGeometry,
+        *,
+        wheel_radius: float,
+        period: float,
+        gains: PidGains = CRUISE_GAINS,
+        limits: PidLimits = CRUISE_LIMITS,
+    ):
+        super().__init__()
+        self.law = Ackermann(geometry)
+        self.wheel_radius = check_number("SpeedControl", "wheel_radius", wheel_radius, unit="m", above=0.0)
+        self.period = check_number("SpeedControl", "period", period, unit="s", above=0.0)
+        self.limits = limits
+        self.setpoint = declare_vector_input(self, "setpoint", SETPOINT)
+        self.speed = declare_vector_input(self, "speed", signals(("speed", "m/s")))
+        self._gains = self.DeclareNumericParameter(BasicVector([gains.kp, gains.ki]))
+        self._wheels = self.DeclareDiscreteState(4)
+        self._memory = self.DeclareDiscreteState(list(PidState()))
+        self.wheel_speeds = declare_state_output(self, "wheel_speeds", WHEEL_SPEEDS, self._wheels)
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
+
+    def set_gains(self, context: Context, gains: PidGains) -> None:
+        """Write kp and ki into a Context of this system; the trim does not jump."""
+        context.get_mutable_numeric_parameter(self._gains).SetFromVector([gains.kp, gains.ki])
+
+    def get_gains(self, context: Context) -> PidGains:
+        """The gains in a Context of this system."""
+        return PidGains(*context.get_numeric_parameter(self._gains).value().tolist())
+
+    def _step(self, context: Context) -> tuple[PidState, WheelRates]:
+        speed, steering = self.setpoint.Eval(context).tolist()
+        state = PidState(*context.get_discrete_state(self._memory).value().tolist())
+        measured = self.speed.Eval(context).item()
+        gains = self.get_gains(context)
+        state, trimmed = cruise_step(state, speed, measured, period=self.period, gains=gains, limits=self.limits)
+        ratios = self.law.wheel_speed_ratios(self.law.clip(steering))
+        return state, wheel_speed_setpoints(trimmed, ratios, wheel_radius=self.wheel_radius)
+
+    def _initialize(self, context: Context, values: DiscreteValues) -> None:
+        """Show the set-points of the first inputs; the first update, at the same time, counts as the first step."""
+        values.set_value(self._wheels, self._step(context)[1])
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        state, wheels = self._step(context)
+        values.set_value(self._wheels, wheels)
+        values.set_value(self._memory, state)

@@ -1,0 +1,431 @@
+"""Path tracking: steering and speed that keep the rear axle centre on a track.
+
+Kinematics in the frame of the centre line (arc length s, offset e to the left, course error theta, curvature kappa)::
+
+    e' = z,   z = (1 - kappa e) tan(theta),   z' = u,
+    tan(delta)/L = cos(theta)/(1 - kappa e) (kappa + cos(theta)^2/(1 - kappa e) (u + kappa z tan(theta)))
+
+where ' is d/ds (C. Samson, Control of chained systems, IEEE Trans. Automatic Control 40(1), 1995; the term with kappa'
+is left out: kappa is constant but for jumps). Choosing u as below makes the offset from the drivable line e_r(s) (see
+:mod:`.drivable_line`) obey a linear equation with distance, not time, as the independent variable, exactly and at any
+speed::
+
+    u = (kappa_r - kappa) - (2 zeta/d) (z - e_r') - (e - e_r)/d^2
+
+kappa_r is the curvature of the drivable line, which leads each corner as the steering rate demands. So the feed-forward
+needs no feedback to follow the line, and on constant curvature the error of the kinematic bicycle goes to zero.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.drivable_line import (
+    CentreLine,
+    DrivableLine,
+    DrivingLimits,
+    Track,
+    make_centre_line,
+    make_drivable_line,
+)
+from mirdrake.controllers.vectors import COMMAND, PATH_ERROR, STATE, Command
+from mirdrake.errors import RunError
+from mirdrake.signals import declare_state_output, declare_vector_input
+
+_SPEED_GRID = 0.25  # lines are planned for multiples of this speed [m/s]
+_APPROACH = 0.5  # share of d times that curvature that the slope of the approach may have
+_STEEPEST = 0.7  # tangent of the steepest angle at which the line is approached
+_STEEPEST_COURSE = 1.2  # course errors beyond this count as this [rad]
+_NEAREST = 0.2  # smallest 1 - kappa e that counts: 80 % of the way to the centre of the curve
+_TURN_MARGIN = 1.3  # how much more than the lateral limit a correction may take before the car slows down
+_BRAKE_MARGIN = 1.25  # how much faster than planned the speed command may fall
+
+
+@dataclass(frozen=True, slots=True)
+class PathGains:
+    """Settings of the tracker that may change while it runs: the numeric parameters of :class:`PathTracker`.
+
+    Attributes:
+        speed: set-point [m/s].
+        convergence_distance: smallest distance d over which an offset is taken back [m].
+        convergence_time: the same as a time: d is at least speed times this [s].
+        damping: damping ratio zeta of the return to the line [1].
+        preview_time: delay until the steering acts, of sampling and actuators together [s]; the law works on the pose
+            that the vehicle will have by then, at its present speed and yaw rate.
+        understeer_gradient: extra steering angle per lateral acceleration [rad s^2/m] (Rajamani, section 3.3); 0:
+            neutral.
+
+    Raises:
+        ConfigError: out of range.
+    """
+
+    speed: float
+    convergence_distance: float = 1.5
+    convergence_time: float = 0.6
+    damping: float = 1.0
+    preview_time: float = 0.06
+    understeer_gradient: float = 0.0
+
+    def __post_init__(self) -> None:
+        owner = "PathGains"
+        check_number(owner, "speed", self.speed, unit="m/s", at_least=0.0)
+        check_number(owner, "convergence_distance", self.convergence_distance, unit="m", above=0.0)
+        check_number(owner, "convergence_time", self.convergence_time, unit="s", at_least=0.0)
+        check_number(owner, "damping", self.damping, above=0.0)
+        check_number(owner, "preview_time", self.preview_time, unit="s", at_least=0.0)
+        check_number(owner, "understeer_gradient", self.understeer_gradient, unit="rad s^2/m")
+
+
+class Place(NamedTuple):
+    """A point in the frame of the centre line.
+
+    Attributes:
+        s: arc length of the nearest point [m]; in [0, length) on a closed track, may lie outside an open one.
+        lateral: offset to the left [m].
+        yaw: direction of the centre line there [rad].
+        curvature: of the centre line there [1/m].
+    """
+
+    s: float
+    lateral: float
+    yaw: float
+    curvature: float
+
+
+class PathTables:
+    """Centre line as plain lists, for quick look-up.
+
+    Args:
+        centre: the sampled track.
+    """
+
+    __slots__ = ("_curvature", "_last", "_x", "_y", "_yaw", "closed", "length", "spacing")
+
+    def __init__(self, centre: CentreLine):
+        self.length, self.closed, self.spacing = centre.length, centre.closed, centre.spacing
+        self._x, self._y, self._yaw = centre.x.tolist(), centre.y.tolist(), centre.yaw.tolist()
+        self._curvature = centre.curvature.tolist()
+        self._last = len(self._curvature) - 1
+
+    def project(self, x: float, y: float, *, near: float) -> Place | None:
+        """The nearest point of the centre line, by Newton's method from a nearby one.
+
+        Args:
+            x: position [m].
+            y: position [m].
+            near: arc length to start from [m].
+
+        Returns:
+            The place, or None when the search does not settle within 20 steps.
+        """
+        s, h, length = near, self.spacing, self.length
+        for _ in range(20):
+            if self.closed:
+                s %= length
+            i = min(max(int(s / h), 0), self._last)
+            curvature, along = self._curvature[i], s - i * h
+            turn = curvature * along
+            middle = self._yaw[i] + 0.5 * turn
+            chord = along * (1.0 - turn * turn / 24.0)
+            dx, dy = x - self._x[i] - chord * math.cos(middle), y - self._y[i] - chord * math.sin(middle)
+            yaw = middle + 0.5 * turn
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            lateral = dy * cos - dx * sin
+            step = (dx * cos + dy * sin) / max(1.0 - curvature * lateral, _NEAREST)
+            if -1e-6 < step < 1e-6:
+                return Place(s, lateral, yaw, curvature)
+            s += step
+        return None
+
+
+class LineTables:
+    """Drivable line as plain lists, for quick look-up.
+
+    Args:
+        line: the planned line.
+        path: the track it belongs to.
+    """
+
+    __slots__ = ("_curvature", "_last", "_offset", "_path", "_slope", "_speed")
+
+    def __init__(self, line: DrivableLine, path: PathTables):
+        self._path = path
+        self._offset, self._slope = line.offset.tolist(), line.slope.tolist()
+        self._curvature, self._speed = line.curvature.tolist(), line.speed.tolist()
+        self._last = len(self._offset) - 2
+
+    def _find(self, s: float) -> tuple[int, float]:
+        if self._path.closed:
+            s %= self._path.length
+        position = s / self._path.spacing
+        i = min(max(int(position), 0), self._last)
+        return i, min(max(position - i, 0.0), 1.0)
+
+    def at(self, s: float) -> tuple[float, float, float]:
+        """Offset [m], its slope [1] and the curvature of the line [1/m] at arc length s [m]."""
+        i, part = self._find(s)
+        e, z, k = self._offset, self._slope, self._curvature
+        return e[i] + part * (e[i + 1] - e[i]), z[i] + part * (z[i + 1] - z[i]), k[i] + part * (k[i + 1] - k[i])
+
+    def speed(self, s: float) -> float:
+        """Planned speed [m/s] at arc length s [m]."""
+        i, part = self._find(s)
+        return float(self._speed[i] + part * (self._speed[i + 1] - self._speed[i]))
+
+
+class PathState(NamedTuple):
+    """Memory of the tracker between two steps.
+
+    Attributes:
+        progress: arc length of the last place [m].
+        laps: distance covered over the length of the track [1].
+        speed: last speed command [m/s].
+        started: 0 before the first step, then 1.
+    """
+
+    progress: float = 0.0
+    laps: float = 0.0
+    speed: float = 0.0
+    started: float = 0.0
+
+
+def steering_step(
+    place: Place, course: float, speed: float, *, line: LineTables, gains: PathGains, law: Ackermann
+) -> float:
+    """Bicycle steering angle [rad] that takes the rear axle centre to the drivable line; see the head of the module.
+
+    The steering rate bounds what feedback can do over the distance d: curvature by rate d/(L v), slope by d times that.
+    Asking for more only makes it late, and in the end oscillate, so both parts of the feedback are limited, one inside
+    the other.
+
+    Args:
+        place: where the rear axle centre is, or will be when the steering acts.
+        course: direction of its velocity (its yaw when it rolls without slip) [rad].
+        speed: forward speed [m/s].
+        line: the line to drive.
+        gains: gains.
+        law: wheelbase, limit and rate of the vehicle.
+    """
+    offset, slope, curvature = line.at(place.s)
+    distance = max(gains.convergence_distance, speed * gains.convergence_time)
+    k2 = 2.0 * gains.damping / distance
+    most = law.rate * distance / (law.wheelbase * max(speed, 0.1))
+    steepest = min(_STEEPEST, _APPROACH * most * distance)
+
+    # Far from the direction of the track there is no line to keep: turn back, up to full lock.
+    theta = min(max(_wrap(course - place.yaw), -_STEEPEST_COURSE), _STEEPEST_COURSE)
+    most += max(0.0, abs(theta) - 0.5) * 4.0 / law.wheelbase
+    cos, tan = max(math.cos(theta), 0.7), math.tan(theta)
+    lever = max(1.0 - place.curvature * place.lateral, _NEAREST)
+    z = lever * tan
+    approach = min(max((place.lateral - offset) / (distance * distance * k2), -steepest), steepest)
+    u = curvature - place.curvature - min(max(k2 * (z - slope + approach), -most), most)
+    turning = cos / lever * (place.curvature + cos * cos / lever * (u + place.curvature * z * tan))
+    return law.clip(law.steering(turning) + gains.understeer_gradient * speed * speed * turning)
+
+
+def speed_step(
+    previous: float,
+    place: Place,
+    steering: float,
+    *,
+    line: LineTables,
+    gains: PathGains,
+    law: Ackermann,
+    limits: DrivingLimits,
+    period: float,
+) -> float:
+    """Speed command [m/s]: the profile of the line, approached with the allowed acceleration.
+
+    Args:
+        previous: last speed command [m/s].
+        place: where the rear axle centre is, or will be.
+        steering: bicycle angle that is commanded [rad]; one much tighter than planned slows down as well.
+        line: the line to drive.
+        gains: gains, with the set-point.
+        law: wheelbase of the vehicle.
+        limits: accelerations.
+        period: time since the last step [s].
+    """
+    wanted = min(line.speed(place.s), gains.speed)
+    turning = abs(law.curvature(steering))
+    if turning * wanted * wanted > _TURN_MARGIN * limits.lateral:
+        wanted = math.sqrt(_TURN_MARGIN * limits.lateral / turning)
+    lowest = previous - _BRAKE_MARGIN * limits.deceleration * period
+    return max(min(wanted, previous + limits.acceleration * period), lowest, 0.0)
+
+
+def _wrap(angle: float) -> float:
+    """The same angle in [-pi, pi] [rad]."""
+    return math.remainder(angle, 2.0 * math.pi)
+
+
+class PathTracker(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """A driver that follows a track.
+
+    Input ports:
+        state (12) [m, rad, m/s, rad/s]: pose and velocity of the vehicle frame, see
+            :data:`~mirdrake.controllers.vectors.STATE`.
+
+    Output ports:
+        command (3) [m/s, rad, s]: speed, steering, stamp.
+        path_error (4) [m, rad, m, 1]: lateral, heading, progress, laps of the rear axle centre against the centre line.
+
+    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right after
+        t; initialisation
+    shows the first values, so they are right from t = 0.
+
+    Parameters of the Context: the six numbers of :class:`PathGains`. Change them with :meth:`set_gains`, also while
+        running. The line
+    is planned for the set-point rounded up to 0.25 m/s, when first needed (about 10 ms for 150 m), and remembered.
+
+    State: discrete, group 0 the command, group 1 the path error, group 2 whether it has started.
+
+    Args:
+        track: the track to follow.
+        geometry: lengths and steering limits of the vehicle.
+        gains: default gains of a new Context.
+        period: time between updates [s].
+        limits: accelerations and tolerance.
+
+    Raises:
+        ConfigError: the period is not positive, or the track turns tighter than the vehicle can.
+        RunError: (while running) the vehicle state is not finite.
+    """
+
+    def __init__(
+        self,
+        track: Track,
+        geometry: SteeringGeometry,
+        *,
+        gains: PathGains,
+        period: float = 0.02,
+        limits: DrivingLimits | None = None,
+    ):
+        super().__init__()
+        self.law = Ackermann(geometry)
+        self.track = track
+        self.limits = limits or DrivingLimits()
+        self.period = check_number("PathTracker", "period", period, unit="s", above=0.0)
+        centre = make_centre_line(track)
+        self.path = PathTables(centre)
+        self.line_for = _planner(centre, self.path, self.law, self.limits)
+        self.line_for(gains.speed)
+        self.state = declare_vector_input(self, "state", STATE)
+        self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
+        self._command = self.DeclareDiscreteState(3)
+        self._error = self.DeclareDiscreteState(4)
+        self._started = self.DeclareDiscreteState(1)
+        self.command = declare_state_output(self, "command", COMMAND, self._command)
+        self.path_error = declare_state_output(self, "path_error", PATH_ERROR, self._error)
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
+
+    def set_gains(self, context: Context, gains: PathGains) -> None:
+        """Write gains and speed set-point into a Context of this system."""
+        context.get_mutable_numeric_parameter(self._gains).SetFromVector(_to_vector(gains))
+
+    def get_gains(self, context: Context) -> PathGains:
+        """Gains and speed set-point in a Context of this system."""
+        return PathGains(*context.get_numeric_parameter(self._gains).value().tolist())
+
+    def _read(self, context: Context) -> PathState:
+        _, _, progress, laps = context.get_discrete_state(self._error).value().tolist()
+        speed, _, _ = context.get_discrete_state(self._command).value().tolist()
+        return PathState(progress, laps, speed, context.get_discrete_state(self._started).value().item())
+
+    def _find(self, x: float, y: float, state: PathState) -> Place:
+        """The place of a point: near the last one, else anywhere on the track."""
+        if not math.isfinite(x + y):
+            raise RunError(f"path tracking: the vehicle is at ({x}, {y}); the simulation has become unstable")
+        place = self.path.project(x, y, near=state.progress) if state.started else None
+        if place is None:
+            s, lateral = (float(value) for value in self.track.project(x, y))
+            place = self.path.project(x, y, near=s)
+            if place is None:  # at the centre of a curve every point is as near
+                _, _, yaw = (float(value) for value in self.track.pose(s))
+                place = Place(s, lateral, yaw, 0.0)
+        return place
+
+    def _step(self, context: Context, values: DiscreteValues) -> None:
+        x, y, _, _, _, yaw, vx, vy, _, _, _, wz = self.state.Eval(context).tolist()
+        state, gains, time = self._read(context), self.get_gains(context), context.get_time()
+        line, length = self.line_for(gains.speed), self.path.length
+        place = self._find(x, y, state)
+
+        # The course is the yaw but for side slip, which means nothing at a crawl.
+        speed = max(vx, 0.0)
+        course = yaw + min(max(math.atan2(vy, max(vx, 1.0)), -0.2), 0.2)
+
+        # Where the vehicle will be when the steering acts.
+        way, turn = speed * gains.preview_time, wz * gains.preview_time
+        middle = course + 0.5 * turn
+        ahead = self.path.project(x + way * math.cos(middle), y + way * math.sin(middle), near=place.s + way) or place
+        steering = steering_step(ahead, course + turn, speed, line=line, gains=gains, law=self.law)
+
+        # The speed command starts from the speed that the vehicle has.
+        wanted, covered = min(speed, gains.speed), 0.0
+        if state.started:
+            wanted = speed_step(
+                state.speed,
+                ahead,
+                steering,
+                line=line,
+                gains=gains,
+                law=self.law,
+                limits=self.limits,
+                period=self.period,
+            )
+            covered = place.s - state.progress
+            covered = math.remainder(covered, length) if self.path.closed else covered
+        values.set_value(self._command, Command(wanted, steering, time))
+        values.set_value(self._error, [place.lateral, _wrap(yaw - place.yaw), place.s, state.laps + covered / length])
+
+    def _initialize(self, context: Context, values: DiscreteValues) -> None:
+        """Show the first values; the first update, at the same time, is the first step that counts."""
+        if not self._read(context).started:
+            self._step(context, values)
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        self._step(context, values)
+        values.set_value(self._started, [1.0])
+
+
+def _planner(
+    centre: CentreLine, path: PathTables, law: Ackermann, limits: DrivingLimits
+) -> Callable[[float], LineTables]:
+    """A function from speed set-point to line that remembers what it has planned."""
+    known: dict[int, LineTables] = {}
+
+    def line_for(speed: float) -> LineTables:
+        key = max(1, math.ceil(speed / _SPEED_GRID - 1e-9))
+        line = known.get(key)
+        if line is None:
+            planned = make_drivable_line(
+                centre,
+                speed=key * _SPEED_GRID,
+                wheelbase=law.wheelbase,
+                steering_limit=law.limit,
+                steering_rate=law.rate,
+                limits=limits,
+            )
+            line = known[key] = LineTables(planned, path)
+        return line
+
+    return line_for
+
+
+def _to_vector(gains: PathGains) -> list[float]:
+    return [
+        gains.speed,
+        gains.convergence_distance,
+        gains.convergence_time,
+        gains.damping,
+        gains.preview_time,
+        gains.understeer_gradient,
+    ]

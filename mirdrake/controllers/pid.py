@@ -1,0 +1,303 @@
+"""Discrete PID controller with set-point weights, filtered derivative, anti-windup and bumpless gain changes.
+
+Source of the algorithm: K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., section 11.5 (implementation), and
+K. J. Åström and T. Hägglund, Advanced PID Control, chapters 3 and 13. With period h, reference r, measurement y,
+feed-forward f::
+
+    P = kp (b r - y)
+    D = kd (w - x) / (Tf + h),   w = c r - y,   x <- x + h (w - x) / (Tf + h)      backward difference of the filtered w
+    v = P + I + D + f
+    u = v, limited in value and in rate
+    I <- I + ki h (r - y) + min(1, h / Tt) (u - v)                                  forward difference, back-calculation
+
+The integral part I is stored in units of the control, so a new ki acts on future errors only. When kp, b, kd, c or Tf
+change, I takes up the difference that this makes to P + D at that instant: the control goes on from the value it would
+have had with the old gains (bumpless). Without integral action (ki = 0) such a shift would stay for ever, so there it
+is not made, and I stays as it is, as a constant bias.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.signals import declare_state_output, declare_vector_input, signals
+
+AUTOMATIC = -1.0
+"""Value of the Context parameter ``tracking_time`` that stands for None, the rule of :class:`PidGains`."""
+
+
+@dataclass(frozen=True, slots=True)
+class PidGains:
+    """Gains of a PID controller; [u], [y] are the units of control and measurement.
+
+    Attributes:
+        kp: proportional gain [u/y].
+        ki: integral gain [u/(y s)].
+        kd: derivative gain [u s/y].
+        filter_time: time constant Tf of the derivative filter [s]; 0: none.
+        proportional_weight: set-point weight b of the proportional part [1].
+        derivative_weight: set-point weight c of the derivative part [1]; 0: no derivative kick.
+        tracking_time: time constant Tt of the anti-windup [s]; 0: the integral gives way at once, inf: no anti-windup,
+            None: sqrt(kd/ki) with derivative part, kp/ki without (Åström and Murray 11.4), and 0 for a pure integrator.
+        anti_windup_time: the value in use [s], computed.
+
+    Raises:
+        ConfigError: a gain is not finite, or a time is negative or not a number.
+    """
+
+    kp: float
+    ki: float = 0.0
+    kd: float = 0.0
+    filter_time: float = 0.0
+    proportional_weight: float = 1.0
+    derivative_weight: float = 0.0
+    tracking_time: float | None = None
+    anti_windup_time: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        kp, ki, kd, filter_time, tracking = self.kp, self.ki, self.kd, self.filter_time, self.tracking_time
+        if not math.isfinite(kp + ki + kd + self.proportional_weight + self.derivative_weight):
+            for name in ("kp", "ki", "kd", "proportional_weight", "derivative_weight"):
+                check_number("PidGains", name, getattr(self, name))
+        if not 0.0 <= filter_time < math.inf:
+            check_number("PidGains", "filter_time", filter_time, unit="s", at_least=0.0)
+        if tracking is None:
+            tracking = 0.0 if ki == 0.0 else math.sqrt(abs(kd / ki)) if kd != 0.0 else abs(kp / ki)
+        elif not tracking >= 0.0:
+            check_number("PidGains", "tracking_time", tracking, unit="s", at_least=0.0, infinite=True)
+        object.__setattr__(self, "anti_windup_time", tracking)
+
+
+@dataclass(frozen=True, slots=True)
+class PidLimits:
+    """Limits of the control.
+
+    Attributes:
+        minimum: smallest control [u].
+        maximum: largest control [u].
+        rate: largest change of the control per second [u/s].
+
+    Raises:
+        ConfigError: not numbers, minimum above maximum, or a rate that is not positive.
+    """
+
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    rate: float = math.inf
+
+    def __post_init__(self) -> None:
+        check_number("PidLimits", "minimum", self.minimum, infinite=True)
+        check_number("PidLimits", "maximum", self.maximum, infinite=True, at_least=self.minimum)
+        check_number("PidLimits", "rate", self.rate, infinite=True, above=0.0)
+
+
+class PidState(NamedTuple):
+    """Memory of the controller between two steps.
+
+    Attributes:
+        control: the last control [u].
+        integral: the integral part I [u].
+        filtered: low-pass filtered c r - y [y].
+        kp: gain of the last step, as are the next four.
+        kd: see kp.
+        filter_time: see kp.
+        proportional_weight: see kp.
+        derivative_weight: see kp.
+        started: 0 before the first step, then 1.
+    """
+
+    control: float = 0.0
+    integral: float = 0.0
+    filtered: float = 0.0
+    kp: float = 0.0
+    kd: float = 0.0
+    filter_time: float = 0.0
+    proportional_weight: float = 1.0
+    derivative_weight: float = 0.0
+    started: float = 0.0
+
+
+NO_LIMITS = PidLimits()
+
+
+def pid_step(
+    state: PidState,
+    reference: float,
+    measurement: float,
+    *,
+    gains: PidGains,
+    period: float,
+    limits: PidLimits = NO_LIMITS,
+    feedforward: float = 0.0,
+) -> tuple[PidState, float]:
+    """One step of the controller; equations in the head of the module.
+
+    Args:
+        state: what the last step returned; ``PidState()`` at first, ``PidState(integral=...)`` for a warm start.
+        reference: set-point r [y].
+        measurement: measured value [y].
+        gains: gains; may differ from step to step.
+        period: time since the last step h [s], positive.
+        limits: limits of the control. The rate limit does not act on the first step.
+        feedforward: added to the control before the limits [u].
+
+    Returns:
+        The state for the next step, and the control [u].
+    """
+    last, integral, filtered, kp0, kd0, tf0, b0, c0, started = state
+    kp, kd, tf, b, c = gains.kp, gains.kd, gains.filter_time, gains.proportional_weight, gains.derivative_weight
+    ki = gains.ki
+    weighted = c * reference - measurement
+
+    # Derivative of the filtered signal; a change of c moves the signal, not the derivative.
+    if not started:
+        filtered = weighted
+    elif c != c0:
+        filtered += (c - c0) * reference
+    gap = weighted - filtered
+    proportional = kp * (b * reference - measurement)
+    derivative = kd * gap / (tf + period)
+
+    # Bumpless: the integral takes up what changed gains do to P + D.
+    if started and ki != 0.0 and (kp != kp0 or kd != kd0 or b != b0 or tf != tf0):
+        integral += kp0 * (b0 * reference - measurement) - proportional + kd0 * gap / (tf0 + period) - derivative
+
+    # Value limit first, then rate limit.
+    unlimited = proportional + integral + derivative + feedforward
+    control = unlimited
+    if control > limits.maximum:
+        control = limits.maximum
+    elif control < limits.minimum:
+        control = limits.minimum
+    if started:
+        step = limits.rate * period
+        if control > last + step:
+            control = last + step
+        elif control < last - step:
+            control = last - step
+
+    # Integral for the next step, with back-calculation from the control that was really given.
+    if ki != 0.0:
+        integral += ki * period * (reference - measurement)
+        if control != unlimited:
+            time = gains.anti_windup_time
+            integral += (control - unlimited) * (period / time if time > period else 1.0)
+    filtered += gap * period / (tf + period)
+    return PidState(control, integral, filtered, kp, kd, tf, b, c, 1.0), control
+
+
+class DiscretePid(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """A PID controller that runs every `period`.
+
+    Input ports:
+        reference (1) [signal_unit]: set-point.
+        measurement (1) [signal_unit]: measured value.
+        feedforward (1) [control_unit]: added before the limits; only with ``feedforward=True``.
+
+    Output ports:
+        control (1) [control_unit]: held between the updates; a state output, never evaluated in Python. The update at
+            time t reads the inputs at t and shows its control right after t. Initialisation shows the control of the
+            first inputs, so the port is right from t = 0; it leaves a controller that has run already as it is.
+
+    Parameters of the Context: kp, ki, kd, filter_time, proportional_weight, derivative_weight, tracking_time (see
+        :class:`PidGains`;
+    a negative tracking_time stands for None). Change them with :meth:`set_gains`, at any time and without a bump.
+
+    State: discrete, group 0 the control, group 1 the rest of :class:`PidState`.
+
+    Args:
+        gains: default gains of a new Context.
+        period: time between updates [s].
+        limits: limits of the control.
+        feedforward: whether there is a port for it.
+        signal_unit: unit of reference and measurement.
+        control_unit: unit of the control.
+
+    Raises:
+        ConfigError: the period is not positive.
+    """
+
+    def __init__(
+        self,
+        gains: PidGains,
+        *,
+        period: float,
+        limits: PidLimits = NO_LIMITS,
+        feedforward: bool = False,
+        signal_unit: str = "",
+        control_unit: str = "",
+    ):
+        super().__init__()
+        self.period = check_number("DiscretePid", "period", period, unit="s", above=0.0)
+        self.limits = limits
+        self.reference = declare_vector_input(self, "reference", signals(("reference", signal_unit)))
+        self.measurement = declare_vector_input(self, "measurement", signals(("measurement", signal_unit)))
+        self.feedforward: Any = None
+        if feedforward:
+            self.feedforward = declare_vector_input(self, "feedforward", signals(("feedforward", control_unit)))
+        self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
+        self._control = self.DeclareDiscreteState(1)
+        self._memory = self.DeclareDiscreteState(list(PidState()[1:]))
+        self.control = declare_state_output(self, "control", signals(("control", control_unit)), self._control)
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
+
+    def set_gains(self, context: Context, gains: PidGains) -> None:
+        """Write gains into a Context of this system; the running control does not jump."""
+        context.get_mutable_numeric_parameter(self._gains).SetFromVector(_to_vector(gains))
+
+    def get_gains(self, context: Context) -> PidGains:
+        """The gains in a Context of this system."""
+        kp, ki, kd, filter_time, b, c, tracking_time = context.get_numeric_parameter(self._gains).value().tolist()
+        return PidGains(kp, ki, kd, filter_time, b, c, None if tracking_time < 0.0 else tracking_time)
+
+    def set_integral(self, context: Context, integral: float) -> None:
+        """Write the integral part [control_unit] into a Context of this system, for a warm start."""
+        memory = self._read(context)._replace(integral=integral)
+        context.SetDiscreteState(self._memory, list(memory[1:]))
+
+    def get_integral(self, context: Context) -> float:
+        """The integral part [control_unit] in a Context of this system."""
+        return self._read(context).integral
+
+    def _read(self, context: Context) -> PidState:
+        (control,) = context.get_discrete_state(self._control).value().tolist()
+        return PidState(control, *context.get_discrete_state(self._memory).value().tolist())
+
+    def _step(self, context: Context, state: PidState) -> tuple[PidState, float]:
+        return pid_step(
+            state,
+            self.reference.Eval(context).item(),
+            self.measurement.Eval(context).item(),
+            gains=self.get_gains(context),
+            period=self.period,
+            limits=self.limits,
+            feedforward=0.0 if self.feedforward is None else self.feedforward.Eval(context).item(),
+        )
+
+    def _initialize(self, context: Context, values: DiscreteValues) -> None:
+        """Show the control of the first inputs; the first update, at the same time, is the first step that counts."""
+        state = self._read(context)
+        if not state.started:
+            values.set_value(self._control, [self._step(context, state)[1]])
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        state, control = self._step(context, self._read(context))
+        values.set_value(self._control, [control])
+        values.set_value(self._memory, list(state[1:]))
+
+
+def _to_vector(gains: PidGains) -> list[float]:
+    tracking_time = AUTOMATIC if gains.tracking_time is None else gains.tracking_time
+    return [
+        gains.kp,
+        gains.ki,
+        gains.kd,
+        gains.filter_time,
+        gains.proportional_weight,
+        gains.derivative_weight,
+        tracking_time,
+    ]

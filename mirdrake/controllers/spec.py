@@ -1,0 +1,177 @@
+"""Drivers as data: the ``control`` entries of a diagram file.
+
+``kind`` chooses between following a track, a constant command and a schedule of commands::
+
+    control:
+      ego: {kind: path_tracking, track: main, speed: 5 m/s}
+      other: {kind: constant, speed: 3, steering: 10 deg}
+      third: {kind: schedule, rows: [{time: 0, speed: 0}, {time: 4 s, speed: 18 km/h, steering: 0.1}]}
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal, Protocol
+
+from pydantic import Field, model_validator
+
+from mirdrake.controllers.ackermann import SteeringGeometry
+from mirdrake.controllers.drivable_line import DrivingLimits, Track
+from mirdrake.controllers.path_tracking import PathGains, PathTracker
+from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, Schedule
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.yaml_io import Acceleration, Angle, Duration, Length, Schema, Speed
+from mirdrake.yaml_io import where as place_of
+
+_STEERING_RANGE = 0.5 * math.pi
+
+
+class DrivenVehicle(Protocol):
+    """What a driver needs to know of its vehicle."""
+
+    @property
+    def geometry(self) -> SteeringGeometry:
+        """Lengths and steering limits."""
+
+
+class DrivenWorld(Protocol):
+    """What a driver needs to know of its world."""
+
+    @property
+    def tracks(self) -> Mapping[str, Track]:
+        """Tracks by name."""
+
+
+class PathTrackingSpec(Schema):
+    """Follow a track of the world."""
+
+    kind: Literal["path_tracking"] = Field(description="follow a track [-]")
+    track: str = Field("main", description="name of a track of the world [-]")
+    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    lateral_acceleration: Acceleration = Field(5.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")
+    tolerance: Length = Field(
+        0.1, gt=0.0, description="largest planned offset from the centre line [m]; the car slows down where it needs to"
+    )
+    convergence_distance: Length = Field(
+        1.5, gt=0.0, description="least distance over which an offset is taken back [m]"
+    )
+    convergence_time: Duration = Field(0.6, ge=0.0, description="least time over which an offset is taken back [s]")
+    damping: float = Field(1.0, gt=0.0, description="damping ratio of the return to the line [1]")
+    preview_time: Duration = Field(0.06, ge=0.0, le=1.0, description="delay until the steering acts [s]")
+    understeer_gradient: float = Field(
+        0.0, ge=-0.1, le=0.1, description="extra steering angle per lateral acceleration [rad s^2/m]"
+    )
+    period: Duration = Field(0.02, gt=0.0, le=0.2, description="time between updates [s]")
+
+    def gains(self) -> PathGains:
+        """The settings that may change while the tracker runs."""
+        return PathGains(
+            self.speed,
+            self.convergence_distance,
+            self.convergence_time,
+            self.damping,
+            self.preview_time,
+            self.understeer_gradient,
+        )
+
+    def limits(self) -> DrivingLimits:
+        """How hard to drive."""
+        return DrivingLimits(self.lateral_acceleration, self.acceleration, self.deceleration, self.tolerance)
+
+    def make_system(self, vehicle: DrivenVehicle, world: DrivenWorld, *, where: str = "") -> PathTracker:
+        """The driver as a system with the output ports ``command`` and ``path_error``.
+
+        Args:
+            vehicle: what is driven.
+            world: where the track is.
+            where: ``file:line: path`` of this spec, for errors, when it does not know itself.
+
+        Raises:
+            ConfigError: the world has no such track, or it is too tight for the vehicle.
+        """
+        place = place_of(self, "track") if self._source else where or "control"
+        track = world.tracks.get(self.track)
+        if track is None:
+            hint = did_you_mean(self.track, world.tracks) if world.tracks else "the world has none"
+            raise ConfigError(f"{place}: unknown track '{self.track}'; {hint}")
+        try:
+            return PathTracker(track, vehicle.geometry, gains=self.gains(), period=self.period, limits=self.limits())
+        except ConfigError as error:
+            raise ConfigError(f"{place}: {error}") from None
+
+
+class ConstantSpec(Schema):
+    """Always the same command."""
+
+    kind: Literal["constant"] = Field(description="always the same command [-]")
+    speed: Speed = Field(0.0, ge=-100.0, le=100.0, description="wanted speed, forward [m/s]")
+    steering: Angle = Field(
+        0.0,
+        gt=-_STEERING_RANGE,
+        lt=_STEERING_RANGE,
+        description="wanted bicycle steering angle, positive to the left [rad]",
+    )
+    period: Duration = Field(0.02, gt=0.0, le=0.2, description="time between messages [s]")
+
+    def make_system(
+        self,
+        vehicle: DrivenVehicle | None = None,  # noqa: ARG002
+        world: DrivenWorld | None = None,  # noqa: ARG002
+        *,
+        where: str = "",  # noqa: ARG002
+    ) -> ConstantCommand:
+        """The driver as a system with the output port ``command``; it needs to know of no vehicle and no world."""
+        return ConstantCommand(self.speed, self.steering, period=self.period)
+
+
+class ScheduleRow(Schema):
+    """Command at a time."""
+
+    time: Duration = Field(ge=0.0, description="time from the start of the simulation [s]")
+    speed: Speed = Field(0.0, ge=-100.0, le=100.0, description="wanted speed, forward [m/s]")
+    steering: Angle = Field(
+        0.0,
+        gt=-_STEERING_RANGE,
+        lt=_STEERING_RANGE,
+        description="wanted bicycle steering angle, positive to the left [rad]",
+    )
+
+
+class ScheduleSpec(Schema):
+    """Commands over time."""
+
+    kind: Literal["schedule"] = Field(description="commands over time [-]")
+    interpolation: Literal["linear", "hold"] = Field(
+        "linear", description="straight lines between the rows, or each row until the next [-]"
+    )
+    rows: list[ScheduleRow] = Field(min_length=1, description="commands, times rising [s, m/s, rad]")
+    period: Duration = Field(0.02, gt=0.0, le=0.2, description="time between messages [s]")
+
+    @model_validator(mode="after")
+    def _times_rise(self) -> "ScheduleSpec":
+        for i, (first, second) in enumerate(zip(self.rows, self.rows[1:], strict=False), start=1):
+            if second.time <= first.time:
+                raise ValueError(
+                    f"rows.{i}.time must be later than the row before ({first.time:g} s), got {second.time:g} s"
+                )
+        return self
+
+    def schedule(self) -> Schedule:
+        """The table as a law."""
+        rows = ((row.time, row.speed, row.steering) for row in self.rows)
+        return Schedule(rows, interpolation=self.interpolation)
+
+    def make_system(
+        self,
+        vehicle: DrivenVehicle | None = None,  # noqa: ARG002
+        world: DrivenWorld | None = None,  # noqa: ARG002
+        *,
+        where: str = "",  # noqa: ARG002
+    ) -> CommandSchedule:
+        """The driver as a system with the output port ``command``; it needs to know of no vehicle and no world."""
+        return CommandSchedule(self.schedule(), period=self.period)
+
+
+DriverSpec = Annotated[PathTrackingSpec | ConstantSpec | ScheduleSpec, Field(discriminator="kind")]
+"""Any driver, told apart by its ``kind``."""

@@ -1,0 +1,202 @@
+"""The control unit of a vehicle: from a command to what its joints shall do.
+
+All loops of control.yaml run in one discrete update, because in Python the update itself costs more than the laws
+in it. The laws are those of this package, each also a system of its own.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.ackermann import Ackermann
+from mirdrake.controllers.command import CommandLimits, CommandState, command_step
+from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
+from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
+from mirdrake.controllers.vectors import COMMAND, WHEELS
+from mirdrake.signals import declare_state_output, declare_vector_input, signals
+
+if TYPE_CHECKING:
+    from mirdrake.plant import VehicleInPlant
+
+_MEMORY = len(PidState())
+_STATUS = signals(
+    ("speed_setpoint", "m/s", "speed asked of the wheels, before the trim"),
+    ("steering_setpoint", "rad", "bicycle steering angle after limit and rate"),
+    ("speed_trim", "m/s", "correction of the speed loop"),
+)
+
+
+class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Dead-man, Ackermann steering, speed loop and wheel loops of one vehicle.
+
+    Input ports:
+        command (3) [m/s, rad, s]: wanted speed of the rear axle's centre, bicycle steering angle, time stamp.
+        plant_state: the plant's state, positions and velocities.
+    Output ports:
+        desired_state (2 x actuators): for the plant's desired-state port of this vehicle, [rad] then [rad/s].
+        actuation (actuators) [N m]: for the plant's actuation port of this vehicle.
+        status (3) [m/s, rad, m/s]: speed_setpoint, steering_setpoint, speed_trim.
+
+    Parameters of the Context: 0: kp, ki of the speed loop; then, for loops of kind pid, kp, ki, kd of the
+    wheel-speed loop and of the steering loop.
+
+    The outputs are discrete states, updated `rate` times a second.
+
+    Args:
+        plant: the finalised plant.
+        part: the vehicle in it.
+    """
+
+    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
+        super().__init__()
+        control, geometry = part.vehicle.control, part.vehicle.geometry
+        self._period = 1.0 / control.rate
+        self._control = control
+        self._radius = geometry.wheel_radius
+        self._ackermann = Ackermann(geometry)
+        self._index = _Indices(plant, part)
+        count = self._index.actuators
+        self._wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
+        self._steering_pid = control.steering if control.steering.kind == "pid" else None
+        torque_share = part.vehicle.spec.powertrain.max_torque / len(self._index.driven)
+        correction = control.speed.max_correction
+        self._speed_limits = PidLimits(-correction, correction)
+        self._command_limits = CommandLimits(timeout=control.dead_man)
+        self._wheel_limits = PidLimits(-torque_share, torque_share)
+        if self._wheel_pid is not None and self._wheel_pid.max_torque is not None:
+            self._wheel_limits = PidLimits(-self._wheel_pid.max_torque, self._wheel_pid.max_torque)
+        self._steering_limits = PidLimits()
+        if self._steering_pid is not None and self._steering_pid.max_torque is not None:
+            self._steering_limits = PidLimits(-self._steering_pid.max_torque, self._steering_pid.max_torque)
+
+        self.command = declare_vector_input(self, "command", COMMAND)
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+
+        self._gains = [self.DeclareNumericParameter(_vector([control.speed.kp, control.speed.ki]))]
+        for loop in (self._wheel_pid, self._steering_pid):
+            gains = [loop.kp, loop.ki, loop.kd] if loop is not None else [0.0, 0.0, 0.0]
+            self._gains.append(self.DeclareNumericParameter(_vector(gains)))
+        self._desired = self.DeclareDiscreteState(2 * count)
+        self._actuation = self.DeclareDiscreteState(count)
+        self._status = self.DeclareDiscreteState(3)
+        self._received = self.DeclareDiscreteState(list(CommandState()))
+        self._pids = self.DeclareDiscreteState(list(PidState()) * 7)  # speed, four wheels, two steering joints
+        self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
+        self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
+        self.status = declare_state_output(self, "status", _STATUS, self._status)
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
+
+    def _initialize(self, context: Context, state: DiscreteValues) -> None:
+        """Start from the speed and steering angle that the vehicle has, so that nothing jerks."""
+        x = self.plant_state.Eval(context).tolist()
+        left, right = (x[index] for index in self._index.steering_positions)
+        speed = self._index.forward_speed(x)
+        state.get_mutable_vector(self._status).SetFromVector([speed, self._ackermann.bicycle_angle(left, right), 0.0])
+        self._step(context, state, x, (speed, self._ackermann.bicycle_angle(left, right)))
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        status = context.get_discrete_state(self._status).value()
+        last = (float(status[0]), float(status[1]))
+        self._step(context, state, self.plant_state.Eval(context).tolist(), last)
+
+    def _step(self, context: Context, state: DiscreteValues, x: list[float], last: tuple[float, float]) -> None:
+        period, loops, index = self._period, self._control.speed, self._index
+        received = CommandState(*context.get_discrete_state(self._received).value().tolist())
+        speed, steering, stamp = self.command.Eval(context).tolist()
+        received, (wanted, _) = command_step(
+            received, speed, steering, stamp=stamp, time=context.get_time(), limits=self._command_limits
+        )
+
+        # Set-points: the slope of the speed and the rate of the steering are limited.
+        gain_up, gain_down = loops.max_acceleration * period, loops.max_deceleration * period
+        slower, faster = (gain_down, gain_up) if last[0] >= 0.0 else (gain_up, gain_down)
+        speed = min(max(wanted.speed, last[0] - slower), last[0] + faster)
+        steering = self._ackermann.approach(last[1], wanted.steering, period=period)
+        angles = self._ackermann.wheel_angles(steering)
+        old_angles = self._ackermann.wheel_angles(last[1])
+        ratios = self._ackermann.wheel_speed_ratios(steering)
+
+        # Speed loop: trims the wheel speeds until the vehicle has the speed.
+        memory = context.get_discrete_state(self._pids).value().tolist()
+        kp, ki = context.get_numeric_parameter(self._gains[0]).value().tolist()
+        pid, trimmed = cruise_step(
+            PidState(*memory[:_MEMORY]),
+            speed,
+            index.forward_speed(x),
+            period=period,
+            gains=PidGains(kp, ki),
+            limits=self._speed_limits,
+        )
+        memory[:_MEMORY] = pid
+        rates = wheel_speed_setpoints(trimmed, ratios, wheel_radius=self._radius)
+
+        desired = [0.0] * (2 * index.actuators)
+        actuation = [0.0] * index.actuators
+        for i in index.driven:
+            if self._wheel_pid is None:
+                desired[index.actuators + index.wheel_inputs[i]] = rates[i]
+            else:
+                gains = self._read_gains(context, 1, self._wheel_pid.filter)
+                actuation[index.wheel_inputs[i]] = self._pid(
+                    memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits
+                )
+        for i, angle in enumerate(angles):
+            if self._steering_pid is None:
+                desired[index.steering_inputs[i]] = angle
+                desired[index.actuators + index.steering_inputs[i]] = (angle - old_angles[i]) / period
+            else:
+                gains = self._read_gains(context, 2, self._steering_pid.filter)
+                actuation[index.steering_inputs[i]] = self._pid(
+                    memory, 5 + i, angle, x[index.steering_positions[i]], gains, self._steering_limits
+                )
+        state.get_mutable_vector(self._desired).SetFromVector(desired)
+        state.get_mutable_vector(self._actuation).SetFromVector(actuation)
+        state.get_mutable_vector(self._status).SetFromVector([speed, steering, trimmed - speed])
+        state.get_mutable_vector(self._received).SetFromVector(list(received))
+        state.get_mutable_vector(self._pids).SetFromVector(memory)
+
+    def _pid(
+        self, memory: list[float], row: int, reference: float, measurement: float, gains: PidGains, limits: PidLimits
+    ) -> float:
+        """One step of the PID kept in a row of the memory, which is changed."""
+        part = slice(row * _MEMORY, (row + 1) * _MEMORY)
+        after, control = pid_step(
+            PidState(*memory[part]), reference, measurement, gains=gains, period=self._period, limits=limits
+        )
+        memory[part] = after
+        return control
+
+    def _read_gains(self, context: Context, group: int, filter_time: float) -> PidGains:
+        kp, ki, kd = context.get_numeric_parameter(self._gains[group]).value().tolist()
+        return PidGains(kp, ki, kd, filter_time=filter_time)
+
+
+class _Indices:
+    """Where a vehicle's joints stand in the plant's state and in the ports of its model instance."""
+
+    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
+        positions = plant.num_positions()
+        self.actuators = plant.num_actuators(part.instance)
+        self.wheel_inputs = [int(actuator.input_start()) for actuator in part.wheel_actuators]
+        self.steering_inputs = [int(actuator.input_start()) for actuator in part.steering_actuators]
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        self.wheel_inputs = [i - first for i in self.wheel_inputs]
+        self.steering_inputs = [i - first for i in self.steering_inputs]
+        self.wheel_velocities = [positions + joint.velocity_start() for joint in part.wheels]
+        self.steering_positions = [joint.position_start() for joint in part.steering]
+        self.driven: Sequence[int] = [WHEELS.index(wheel) for wheel in part.vehicle.spec.driven_wheels()]
+        self.quaternion = part.base.floating_positions_start()
+        self.velocity = positions + part.base.floating_velocities_start_in_v() + 3
+
+    def forward_speed(self, x: Sequence[float]) -> float:
+        """Speed of the base frame's origin along its x axis [m/s]."""
+        w, i, j, k = x[self.quaternion : self.quaternion + 4]
+        vx, vy, vz = x[self.velocity : self.velocity + 3]
+        return vx * (1.0 - 2.0 * (j * j + k * k)) + vy * 2.0 * (i * j + w * k) + vz * 2.0 * (i * k - w * j)
+
+
+def _vector(values: Sequence[float]) -> BasicVector:
+    return BasicVector(list(values))

@@ -1,0 +1,380 @@
+"""From a diagram spec to a Drake Diagram: make the systems, wire them by name, check the wiring.
+
+Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every port can be reached as
+``<vehicle>.<port>`` or ``<system>.<port>``. Per vehicle the chain is
+
+::
+
+    ego.driver ─ ego.command ─ ego.split ─ ego.speed_command    ─►  ego.speed_reference    ─ ego.join ─► ego.control ─► plant
+                                           ego.steering_command ─►  ego.steering_reference
+                                           ego.command_stamp    ─►  ego.reference_stamp
+
+and a connection of the user's to an input replaces the one drawn here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.primitives import Demultiplexer, Multiplexer, VectorLogSink
+
+from mirdrake.blocks import make_block
+from mirdrake.controllers import VehicleControl
+from mirdrake.controllers.vectors import COMMAND
+from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.errors import ConfigError, DiagramError, did_you_mean
+from mirdrake.plant import PlantParts, VehicleInPlant, hold_wheels, make_plant, set_start
+from mirdrake.sensors import GroundTruth
+from mirdrake.signals import Signal, signals_of
+from mirdrake.tyres import RollingResistance, make_rolling_wheels
+from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.worlds import Start, load_world
+from mirdrake.yaml_io import Source, where
+
+__all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
+
+_SPLIT = ("speed_command", "steering_command", "command_stamp")
+_JOIN = ("speed_reference", "steering_reference", "reference_stamp")
+
+
+@dataclass(frozen=True)
+class Tap:
+    """A vector that is logged.
+
+    Attributes:
+        name: what it is, for example "ego.status".
+        sink: the log in the diagram.
+        contents: names and units of its elements, or None where the system did not say.
+    """
+
+    name: str
+    sink: VectorLogSink
+    contents: tuple[Signal, ...] | None
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A built diagram with what is needed to run it and to read its logs.
+
+    Attributes:
+        spec: what it was made from.
+        diagram: the Drake Diagram.
+        parts: plant, world and vehicles.
+        starts: where each vehicle starts.
+        taps: the logged vectors.
+        tracks: track that each vehicle follows or is measured against; None in a world without tracks.
+        unread: outputs that nothing reads, by name.
+        visualizer: draws in Meshcat, if a Meshcat was given.
+    """
+
+    spec: DiagramSpec
+    diagram: Diagram
+    parts: PlantParts
+    starts: dict[str, Start]
+    taps: dict[str, Tap]
+    tracks: dict[str, str | None]
+    unread: tuple[str, ...] = ()
+    visualizer: MeshcatVisualizer | None = None
+
+    def make_context(self) -> Any:
+        """A new Context with every vehicle at its start, wheels held where the spec says so."""
+        context = self.diagram.CreateDefaultContext()
+        plant = self.parts.plant
+        plant_context = plant.GetMyMutableContextFromRoot(context)
+        for name, part in self.parts.vehicles.items():
+            start = self.starts[name]
+            set_start(plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
+            if self.spec.vehicles[name].wheels == "held":
+                hold_wheels(plant, plant_context, part)
+        return context
+
+
+def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None) -> Diagram:
+    """An ordinary Drake Diagram from a diagram spec, its data or its name.
+
+    A vehicle without an entry under ``control`` gets its ports exported as inputs ``<name>.speed_reference`` [m/s],
+    ``<name>.steering_reference`` [rad] and ``<name>.reference_stamp`` [s]; the state of every vehicle is exported as
+    output ``<name>.state``.
+
+    Raises:
+        ConfigError, ModelError, WorldError, DiagramError: what is wrong, on one line each.
+    """
+    return assemble(spec, meshcat=meshcat).diagram
+
+
+def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None) -> Assembly:
+    """The same as :func:`make_diagram`, with the handles that a run needs."""
+    if isinstance(spec, str):
+        spec = load_diagram(spec)
+    elif isinstance(spec, Mapping):
+        spec = make_spec(spec)
+
+    # World and vehicles.
+    world = load_world(spec.world, where=where(spec, "world"))
+    vehicles = {name: _load(spec, name) for name in spec.vehicles}
+    starts = {name: _start(spec, name, world) for name in spec.vehicles}
+    for key in ("control", "sensors"):
+        for name in getattr(spec, key):
+            if name not in vehicles:
+                raise ConfigError(f"{where(spec, key, name)}: no vehicle '{name}'; {did_you_mean(name, vehicles)}")
+    for name, names in spec.sensors.items():
+        mounts = vehicles[name].sensors.mounts
+        for index, sensor in enumerate(names):
+            if sensor not in mounts:
+                place = where(spec, "sensors", name, index)
+                raise ConfigError(f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}")
+
+    # The plant, and per vehicle its control unit, driver and ground truth.
+    builder = DiagramBuilder()
+    parts = make_plant(builder, world, vehicles, spec=spec.plant)
+    wiring = _Wiring(builder, spec)
+    rolling = _add_rolling_resistance(wiring, parts, spec)
+    tracks = {}
+    for part in parts.vehicles.values():
+        tracks[part.name] = _add_vehicle_systems(wiring, parts, part, spec)
+
+    # The user's own blocks, then all connections.
+    folder = _folder_of(spec)
+    for name, entry in spec.systems.items():
+        source = entry._source or Source("diagram", {}, ("systems", name))
+        wiring.add(name, make_block(entry.kind, entry.parameters(), source=source, folder=folder))
+    wiring.connect()
+
+    visualizer = None
+    if meshcat is not None:
+        params = MeshcatVisualizerParams(publish_period=1.0 / 32.0, delete_on_initialization_event=False)
+        visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
+    taps = _add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
+    unread = wiring.export(parts)
+    try:
+        diagram = builder.Build()
+    except RuntimeError as error:
+        raise DiagramError(f"{wiring.file}: the blocks cannot be built together: {_first_line(error)}") from None
+    diagram.set_name(spec.name)
+    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer)
+
+
+# --- the parts ---------------------------------------------------------------------------------------------------
+
+
+def _load(spec: DiagramSpec, name: str) -> Vehicle:
+    entry = spec.vehicles[name]
+    return load_vehicle(entry.model, arguments=entry.arguments, where=where(spec, "vehicles", name, "model"))
+
+
+def _start(spec: DiagramSpec, name: str, world: Any) -> Start:
+    entry = spec.vehicles[name]
+    if entry.start is None and not world.starts:
+        start = Start(0.0, 0.0, 0.0)
+    else:
+        start = world.start(entry.start or next(iter(world.starts)), where=where(spec, "vehicles", name, "start"))
+    speed = start.speed if entry.speed is None else entry.speed
+    return Start(start.x, start.y, start.yaw, speed, start.track, start.s)
+
+
+def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
+    """One system for all wheels: contact results are read once per control tick."""
+    plant = parts.plant
+    rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
+    wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
+    raw = spec.plant.rolling_resistance == "raw"
+    system = RollingResistance(
+        plant,
+        [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
+        ground=parts.ground,
+        period=1.0 / rate,
+        cancel_numerical=not raw and spec.plant.contact == "hydroelastic",
+    )
+    wiring.add("rolling_resistance", system)
+    wiring.link(plant.get_contact_results_output_port(), system.contact_results)
+    wiring.link(plant.get_body_poses_output_port(), system.body_poses)
+    wiring.link(plant.get_body_spatial_velocities_output_port(), system.body_spatial_velocities)
+    wiring.link(plant.get_state_output_port(), system.plant_state)
+    wiring.link(system.generalized_force, plant.get_applied_generalized_force_input_port())
+    return system
+
+
+def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> str | None:
+    """Control unit, ground truth and driver of one vehicle; returns the track it is measured against."""
+    plant, name = parts.plant, part.name
+    control, truth = VehicleControl(plant, part), GroundTruth(plant, part)
+    split, join = Demultiplexer(len(COMMAND), 1), Multiplexer(len(COMMAND))
+    wiring.add(f"{name}.control", control)
+    wiring.add(f"{name}.truth", truth)
+    wiring.add(f"{name}.join", join)
+    wiring.link(plant.get_state_output_port(), control.plant_state)
+    wiring.link(plant.get_state_output_port(), truth.plant_state)
+    wiring.link(control.desired_state, plant.get_desired_state_input_port(part.instance))
+    wiring.link(control.actuation, plant.get_actuation_input_port(part.instance))
+    wiring.link(join.get_output_port(), control.command)
+    for index, (port, signal) in enumerate(zip(_JOIN, COMMAND, strict=True)):
+        wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
+    for port in (truth.state, truth.wheel_speeds, truth.steering_angles, control.status):
+        wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+    torques = plant.get_net_actuation_output_port(part.instance)
+    wiring.sources[f"{name}.joint_torques"] = (torques, None)
+
+    tracks = parts.world.tracks
+    track = next(iter(tracks), None)
+    driver_spec = spec.control.get(name)
+    if driver_spec is None:
+        return track
+    driver = driver_spec.make_system(part.vehicle, parts.world, where=where(spec, "control", name))
+    track = getattr(driver_spec, "track", None) or track
+    wiring.add(f"{name}.driver", driver)
+    wiring.add(f"{name}.split", split)
+    wiring.link(driver.GetOutputPort("command"), split.get_input_port())
+    wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)
+    for index, (port, signal) in enumerate(zip(_SPLIT, COMMAND, strict=True)):
+        wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
+        wiring.defaults.append((f"{name}.{port}", f"{name}.{_JOIN[index]}"))
+    for index in range(driver.num_output_ports()):
+        port = driver.get_output_port(index)
+        wiring.sources.setdefault(f"{name}.{port.get_name()}", (port, signals_of(port)))
+    for index in range(driver.num_input_ports()):
+        port = driver.get_input_port(index)
+        wiring.sinks[f"{name}.driver_{port.get_name()}"] = (port, signals_of(port))
+        if f"{name}.{port.get_name()}" in wiring.sources:
+            wiring.defaults.append((f"{name}.{port.get_name()}", f"{name}.driver_{port.get_name()}"))
+    return track
+
+
+def _add_taps(
+    wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec
+) -> dict[str, Tap]:
+    """Log sinks, which are C++ and cost nothing to speak of, on what a run writes down."""
+    wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
+        "plant_state": (parts.plant.get_state_output_port(), None),
+        "wheel_load": (rolling.wheel_load, signals_of(rolling.wheel_load)),
+        "resistance": (rolling.resistance, signals_of(rolling.resistance)),
+        "other_contacts": (rolling.other_contacts, signals_of(rolling.other_contacts)),
+    }
+    for name in parts.vehicles:
+        for port in ("status", "command", "joint_torques"):
+            if f"{name}.{port}" in wiring.sources:
+                wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
+    for name in spec.systems:
+        for full, (port, contents) in wiring.sources.items():
+            if full.startswith(f"{name}.") and port.get_data_type() == PortDataType.kVectorValued:
+                wanted[full] = (port, contents)
+    taps = {}
+    for name, (port, contents) in wanted.items():
+        sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))
+        sink.set_name(f"log/{name}")
+        wiring.link(port, sink.get_input_port())
+        taps[name] = Tap(name, sink, contents)
+    return taps
+
+
+# --- wiring by name ----------------------------------------------------------------------------------------------
+
+_Source = tuple[OutputPort, tuple[Signal, ...] | None]
+_Sink = tuple[InputPort, tuple[Signal, ...] | None]
+
+
+@dataclass
+class _Wiring:
+    """The ports of a diagram under construction by name, and their connections."""
+
+    builder: DiagramBuilder
+    spec: DiagramSpec
+    sources: dict[str, _Source] = field(default_factory=dict)
+    sinks: dict[str, _Sink] = field(default_factory=dict)
+    defaults: list[tuple[str, str]] = field(default_factory=list)
+    systems: dict[str, System] = field(default_factory=dict)
+    read: set[str] = field(default_factory=set)
+
+    @property
+    def file(self) -> str:
+        return self.spec._source.name if self.spec._source else self.spec.name
+
+    def add(self, name: str, system: System) -> None:
+        """Add a system under a name; the ports of a user's own become known as ``name.port``."""
+        if name in self.systems or name in self.spec.vehicles:
+            place = where(self.spec, "systems", name)
+            raise ConfigError(f"{place}: the name '{name}' is taken; choose another")
+        system.set_name(name)
+        self.builder.AddSystem(system)
+        self.systems[name] = system
+        if name in self.spec.systems:
+            for index in range(system.num_output_ports()):
+                port = system.get_output_port(index)
+                self.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+            for index in range(system.num_input_ports()):
+                port = system.get_input_port(index)
+                self.sinks[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+
+    def link(self, source: OutputPort, sink: InputPort) -> None:
+        """Connect two ports of ours."""
+        self.builder.Connect(source, sink)
+
+    def connect(self) -> None:
+        """Make the user's connections, then those of the defaults whose input is still free."""
+        taken: dict[str, str] = {}
+        for index, (source, sink) in enumerate(self.spec.connect):
+            place = where(self.spec, "connect", index)
+            if source not in self.sources:
+                hint = "is an input; write it second" if source in self.sinks else did_you_mean(source, self.sources)
+                raise ConfigError(f"{place}: unknown output '{source}'; {hint}")
+            if sink not in self.sinks:
+                hint = "is an output; write it first" if sink in self.sources else did_you_mean(sink, self.sinks)
+                raise ConfigError(f"{place}: unknown input '{sink}'; {hint}")
+            if sink in taken:
+                raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[sink]}'; remove one of the two")
+            self._check(source, sink, place)
+            taken[sink] = source
+        for source, sink in self.defaults:
+            taken.setdefault(sink, source)
+        for sink, source in taken.items():
+            self.link(self.sources[source][0], self.sinks[sink][0])
+            self.read.add(source)
+
+    def _check(self, source: str, sink: str, place: str) -> None:
+        """Sizes, types and units of a connection."""
+        (output, contents), (port, wanted) = self.sources[source], self.sinks[sink]
+        if output.get_data_type() != port.get_data_type():
+            kinds = {PortDataType.kVectorValued: "a vector", PortDataType.kAbstractValued: "an abstract value"}
+            raise ConfigError(
+                f"{place}: '{source}' gives {kinds[output.get_data_type()]}, '{sink}' takes {kinds[port.get_data_type()]}"
+            )
+        if output.get_data_type() == PortDataType.kVectorValued and output.size() != port.size():
+            raise ConfigError(f"{place}: '{source}' has {output.size()} elements, '{sink}' takes {port.size()}")
+        for have, want in zip(contents or (), wanted or (), strict=False):
+            if have.unit != want.unit and have.unit and want.unit:
+                raise ConfigError(
+                    f"{place}: '{source}' gives {have.name} in {have.unit}, '{sink}' takes {want.name} in {want.unit}"
+                )
+
+    def export(self, parts: PlantParts) -> tuple[str, ...]:
+        """Export what the outside may need, refuse inputs that are open, name the outputs that nothing reads."""
+        for name in parts.vehicles:
+            self.builder.ExportOutput(self.sources[f"{name}.state"][0], f"{name}.state")
+            for port in _JOIN:
+                sink = self.sinks[f"{name}.{port}"][0]
+                if not self.builder.IsConnectedOrExported(sink):
+                    self.builder.ExportInput(sink, f"{name}.{port}")
+        for sink, (port, _) in self.sinks.items():
+            system = sink.split(".", maxsplit=1)[0]
+            optional = getattr(self.systems.get(system), "optional_inputs", ())
+            if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
+                place = where(self.spec, "systems", system)
+                choices = ", ".join(sorted(self.sources)[:12])
+                raise ConfigError(f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices}, …)")
+        return tuple(
+            source for source in self.sources if source.split(".")[0] in self.spec.systems and source not in self.read
+        )
+
+
+def _folder_of(spec: DiagramSpec) -> Path | None:
+    """Folder of the diagram file, if it came from one."""
+    if spec._source is None:
+        return None
+    path = Path(spec._source.name)
+    return path.resolve().parent if path.is_file() else None
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]

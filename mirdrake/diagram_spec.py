@@ -1,0 +1,102 @@
+"""The diagram file: vehicles, world, control, sensors and a user's own blocks, as data.
+
+A diagram file replaces a launch file. It names things and sets numbers; what it does not say has a default.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field, field_validator
+
+from mirdrake.controllers.spec import DriverSpec
+from mirdrake.paths import find
+from mirdrake.plant import PlantSpec
+from mirdrake.yaml_io import Duration, Frequency, Schema, Source, Speed, load_yaml, validate
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="letters, digits and _ [-]")]
+
+
+class VehicleEntry(Schema):
+    """A vehicle in the world."""
+
+    model: str = Field(description="name of a folder in models/, or a path [-]")
+    start: str | None = Field(None, description="a start of the world; its first one if left out [-]")
+    speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
+    arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
+    wheels: str = Field("free", pattern="^(free|held)$", description="free, or held by parking brakes [-]")
+
+
+class SystemEntry(Schema):
+    """A block of the user's: a kind of ours, or a class of theirs as ``module:Class``; the rest are its parameters."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+    kind: str = Field(description="a kind of ours, or module:Class [-]")
+
+    def parameters(self) -> dict[str, Any]:
+        """What was written beside the kind."""
+        return dict(self.model_extra or {})
+
+
+class RecordSpec(Schema):
+    """What a run writes down."""
+
+    signals: bool = Field(True, description="signals.parquet [-]")
+    rate: Frequency = Field(50.0, gt=0.0, le=2000.0, description="samples of the signals per second [Hz]")
+    meshcat: bool = Field(True, description="recording.html [-]")
+    frames: Frequency = Field(20.0, gt=0.0, le=120.0, description="frames of the recording per second [Hz]")
+    report: bool = Field(True, description="report.html [-]")
+
+
+class DiagramSpec(Schema):
+    """A diagram file."""
+
+    world: str = Field(description="name of a world, or a path [-]")
+    vehicles: dict[Name, VehicleEntry] = Field(min_length=1, description="vehicles by name [-]")
+    control: dict[Name, DriverSpec] = Field(default_factory=dict, description="who drives which vehicle [-]")
+    sensors: dict[Name, list[str]] = Field(default_factory=dict, description="sensors in use, per vehicle [-]")
+    systems: dict[Name, SystemEntry] = Field(default_factory=dict, description="the user's own blocks [-]")
+    connect: list[tuple[str, str]] = Field(default_factory=list, description="[output port, input port] pairs [-]")
+    plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact [-]")
+    record: RecordSpec = Field(default_factory=RecordSpec, description="what is written down [-]")
+    duration: Duration = Field(10.0, gt=0.0, le=1e6, description="simulated time [s]")
+    laps: float | None = Field(None, gt=0.0, description="stop after so many laps of the first vehicle [-]")
+    seed: int = Field(0, ge=0, description="of every random stream [-]")
+
+    provenance: dict[str, Any] | None = Field(None, description="written into spec.yaml by a run; not read [-]")
+    name: str = Field("diagram", description="name in run folders; the file's own if left out [-]")
+
+    @field_validator("connect", mode="before")
+    @classmethod
+    def _pairs(cls, value: Any) -> Any:
+        if isinstance(value, list):
+            for entry in value:
+                if not (isinstance(entry, list | tuple) and len(entry) == 2):
+                    raise ValueError("a connection is a pair: [system.output, system.input]")
+        return value
+
+
+def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
+    """A diagram file, checked.
+
+    Args:
+        name: a name below diagrams/, or a path.
+        overrides: ``"dotted.path=value"`` texts, applied over the file.
+
+    Raises:
+        ConfigError: no such file, or it has faults.
+    """
+    path = find("diagrams", name)
+    spec = load_yaml(path, DiagramSpec, overrides=overrides)
+    if "name" not in spec.model_fields_set:
+        spec.name = path.stem
+    return spec
+
+
+def make_spec(data: Mapping[str, Any]) -> DiagramSpec:
+    """A diagram from a plain mapping, as :meth:`DiagramSpec.model_dump` gives it; the twin of :func:`load_diagram`.
+
+    Raises:
+        ConfigError: it has faults.
+    """
+    return validate(dict(data), DiagramSpec, Source("diagram", {}))

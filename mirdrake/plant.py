@@ -1,0 +1,281 @@
+"""From vehicles and a world to a MultibodyPlant.
+
+:func:`make_plant` does it all; :func:`add_vehicle` and :func:`add_world` do their part in any plant of your own
+before it is finalised. The road is one half space; what the eye sees lies on top of it.
+"""
+
+import contextlib
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from math import cos, sin
+from typing import Literal
+
+from pydantic import Field
+from pydrake.geometry import (
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    DefaultProximityProperties,
+    GeometryId,
+    HalfSpace,
+    ProximityProperties,
+    SceneGraph,
+    SceneGraphConfig,
+)
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import (
+    Joint,
+    JointActuator,
+    ModelInstanceIndex,
+    PdControllerGains,
+    RigidBody,
+)
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from mirdrake.errors import ModelError
+from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
+from mirdrake.wheel_shape import ContactModel, make_wheel_shape
+from mirdrake.worlds import World, load_world
+from mirdrake.worlds.scenery import scenery
+from mirdrake.yaml_io import Duration, Schema
+
+SIDES = ("left", "right")
+
+ROAD_STIFFNESS = 1e9
+"""Point-contact stiffness of the road [N/m]: so much stiffer than a tyre that the tyre's own counts."""
+
+
+class PlantSpec(Schema):
+    """How the plant is stepped and how bodies touch."""
+
+    time_step: Duration = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
+    contact: ContactModel = Field("hydroelastic", description="patches (hydroelastic) or the fast points [-]")
+    approximation: Literal["lagged", "sap", "similar"] = Field(
+        "lagged", description="Drake's discrete contact approximation [-]"
+    )
+    stiction_tolerance: float = Field(1e-5, gt=0.0, description="slip speed taken for sticking [m/s]")
+    rolling_resistance: Literal["tyre", "raw"] = Field(
+        "tyre",
+        description="the tyre's own instead of the discretisation's (tyre), or what discrete contact gives (raw) [-]",
+    )
+
+
+@dataclass(frozen=True)
+class VehicleInPlant:
+    """Where a vehicle's parts are in a plant.
+
+    Attributes:
+        name: name of the vehicle in the plant.
+        vehicle: what was loaded.
+        instance: its model instance.
+        base: its base body, frame B of the conventions.
+        wheels: wheel joints, front left, front right, rear left, rear right.
+        steering: steering joints, left and right.
+        wheel_actuators: actuators of the wheel joints.
+        steering_actuators: actuators of the steering joints.
+        tyres: collision geometry of each wheel's tyre.
+    """
+
+    name: str
+    vehicle: Vehicle
+    instance: ModelInstanceIndex
+    base: RigidBody
+    wheels: tuple[Joint, ...]
+    steering: tuple[Joint, ...]
+    wheel_actuators: tuple[JointActuator, ...]
+    steering_actuators: tuple[JointActuator, ...]
+    tyres: tuple[GeometryId, ...]
+
+
+@dataclass(frozen=True)
+class PlantParts:
+    """A finalised plant with what was put into it.
+
+    Attributes:
+        plant: the plant.
+        scene_graph: its scene graph.
+        world: the world.
+        vehicles: vehicles by name.
+        ground: collision geometries of the road plane.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    world: World
+    vehicles: dict[str, VehicleInPlant] = field(default_factory=dict)
+    ground: tuple[GeometryId, ...] = ()
+
+
+def make_plant(
+    builder: DiagramBuilder, world: World, vehicles: Mapping[str, Vehicle], *, spec: PlantSpec | None = None
+) -> PlantParts:
+    """Add a finalised plant with a world and vehicles to a diagram under construction.
+
+    Args:
+        builder: receives the plant and its scene graph.
+        world: the world.
+        vehicles: vehicles by the name they shall have.
+        spec: step and contact settings.
+    """
+    spec = spec or PlantSpec()
+    config = MultibodyPlantConfig(
+        time_step=spec.time_step,
+        contact_model="point" if spec.contact == "point" else "hydroelastic_with_fallback",
+        discrete_contact_approximation=spec.approximation,
+        stiction_tolerance=spec.stiction_tolerance,
+    )
+    defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.5)  # Drake's own default is 50 s/m
+    plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
+    ground = add_world(plant, world)
+    parts = {name: add_vehicle(plant, vehicle, name=name, contact=spec.contact) for name, vehicle in vehicles.items()}
+    plant.Finalize()
+    return PlantParts(plant, scene_graph, world, parts, ground)
+
+
+def add_vehicle(
+    plant: MultibodyPlant,
+    vehicle: Vehicle | str,
+    *,
+    name: str | None = None,
+    contact: ContactModel = "hydroelastic",
+) -> VehicleInPlant:
+    """Put a vehicle into a plant that is not finalised yet.
+
+    The tyre cylinders of the vehicle file become smooth contact shapes (:func:`mirdrake.tyres.make_wheel_shape`), and
+    the joints that control.yaml calls servos get their gains, which Drake then solves implicitly.
+
+    Args:
+        plant: a plant with a scene graph.
+        vehicle: a loaded vehicle, or its name.
+        name: name in the plant; the vehicle's own if left out.
+        contact: the contact the tyres shall be shaped for.
+
+    Raises:
+        ModelError: the plant has no scene graph, or a wheel has no cylinder to roll on.
+    """
+    vehicle = load_vehicle(vehicle) if isinstance(vehicle, str) else vehicle
+    name = name or vehicle.name
+    parser = Parser(plant)
+    scene_graph = parser.scene_graph()
+    if scene_graph is None:
+        raise ModelError(f"add_vehicle: the plant has no scene graph, so '{name}' cannot touch the road")
+    parser.SetAutoRenaming(True)
+    parser.package_map().AddMap(make_package_map(vehicle.packages))
+    (instance,) = parser.AddModelsFromString(vehicle.urdf, "urdf")
+    if plant.GetModelInstanceName(instance) != name:
+        plant.RenameModelInstance(instance, name)
+
+    joints = vehicle.spec.joints
+    wheels = tuple(plant.GetJointByName(getattr(joints.wheels, wheel), instance) for wheel in WHEELS)
+    steering = tuple(plant.GetJointByName(getattr(joints.steering, side), instance) for side in SIDES)
+    actuators = {
+        actuator.joint().index(): actuator
+        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    }
+    wheel_actuators = tuple(actuators[joint.index()] for joint in wheels)
+    steering_actuators = tuple(actuators[joint.index()] for joint in steering)
+
+    control = vehicle.control
+    driven = vehicle.spec.driven_wheels()
+    if control.wheel_speed.kind == "servo":
+        for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
+            if wheel in driven:
+                actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
+    if control.steering.kind == "servo":
+        for actuator in steering_actuators:
+            gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
+            actuator.set_controller_gains(gains)
+
+    shape = make_wheel_shape(contact, radius=vehicle.geometry.wheel_radius, width=vehicle.geometry.wheel_width)
+    tyres = []
+    for joint in wheels:
+        geometries = plant.GetCollisionGeometriesForBody(joint.child_body())
+        if len(geometries) != 1:
+            raise ModelError(
+                f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
+            )
+        scene_graph.ChangeShape(
+            source_id=plant.get_source_id(), geometry_id=geometries[0], shape=shape, X_FG=RigidTransform()
+        )
+        tyres.append(geometries[0])
+    return VehicleInPlant(
+        name=name,
+        vehicle=vehicle,
+        instance=instance,
+        base=plant.GetBodyByName(vehicle.spec.base_link, instance),
+        wheels=wheels,
+        steering=steering,
+        wheel_actuators=wheel_actuators,
+        steering_actuators=steering_actuators,
+        tyres=tuple(tyres),
+    )
+
+
+def add_world(plant: MultibodyPlant, world: World | str) -> tuple[GeometryId, ...]:
+    """Put a world's ground and scenery into a plant that is not finalised yet.
+
+    The road is the plane z = 0 of the world frame. A slope tilts gravity, not the frame, so that the road stays the
+    plane z = 0.
+
+    Returns:
+        the collision geometries of the road.
+    """
+    world = load_world(world) if isinstance(world, str) else world
+    material = ProximityProperties()
+    friction = CoulombFriction(world.road_mu, world.road_mu)
+    AddContactMaterial(friction=friction, dissipation=0.0, point_stiffness=ROAD_STIFFNESS, properties=material)
+    AddRigidHydroelasticProperties(material)
+    with _without_half_space_warning():
+        ground = plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "road", material)
+    plant.mutable_gravity_field().set_gravity_vector(world.ground.gravity)
+    for item in scenery(world):
+        rgba = item.rgba if item.rgba is not None else [1.0, 1.0, 1.0, 1.0]
+        plant.RegisterVisualGeometry(plant.world_body(), item.X_WG, item.shape, f"scenery/{item.name}", rgba)
+    return (ground,)
+
+
+@contextlib.contextmanager
+def _without_half_space_warning() -> Iterator[None]:
+    """Drake warns that a rigid half space does not touch deformable bodies, of which there are none here."""
+    logger = logging.getLogger("drake")
+
+    def wanted(record: logging.LogRecord) -> bool:
+        return "half spaces are not currently supported for deformable" not in record.getMessage()
+
+    logger.addFilter(wanted)
+    try:
+        yield
+    finally:
+        logger.removeFilter(wanted)
+
+
+def set_start(
+    plant: MultibodyPlant, context: Context, part: VehicleInPlant, *, x: float, y: float, yaw: float, speed: float = 0.0
+) -> None:
+    """Put a vehicle on the road, rolling freely straight ahead.
+
+    Args:
+        plant: the finalised plant.
+        context: the plant's context, changed.
+        part: the vehicle.
+        x: position of the rear axle's centre in the world [m].
+        y: the same, to the left [m].
+        yaw: heading [rad].
+        speed: forward speed [m/s]; the wheels turn with it.
+    """
+    X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
+    velocities = plant.GetVelocities(context).copy()
+    start = part.base.floating_velocities_start_in_v()
+    velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
+    for joint in part.wheels:
+        velocities[joint.velocity_start()] = speed / part.vehicle.geometry.wheel_radius
+    plant.SetVelocities(context, velocities)
+
+
+def hold_wheels(plant: MultibodyPlant, context: Context, part: VehicleInPlant) -> None:
+    """Lock all wheels of a vehicle, as a parking brake on each would; ``joint.Unlock(context)`` releases one."""
+    for joint in part.wheels:
+        joint.Lock(context)

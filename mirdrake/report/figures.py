@@ -1,0 +1,276 @@
+"""Charts over time, drawn by Matplotlib without pyplot, each in a wide and a narrow version.
+
+Curves are thinned to what the eye can see before they are drawn (:func:`thin`), so a run of an hour costs as much as
+one of a minute. Text inside a chart is text, not outlines; its font comes from the page.
+"""
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from mirdrake.report.svg import THEME, embed_svg
+from mirdrake.report.words import tell
+
+Array = NDArray[np.float64]
+
+_WIDE, _NARROW = 960.0, 400.0  # [px]
+_PANEL_HEIGHT = {_WIDE: 190.0, _NARROW: 150.0}
+_BUCKETS = {_WIDE: 600, _NARROW: 250}  # two points of each are kept: the lowest and the highest
+_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 50.0, 12.0, 24.0, 36.0, 20.0  # [px]
+_FONT_SIZE = 12.0  # [px]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a panel.
+
+    Attributes:
+        name: as the legend says it.
+        values: N numbers in the unit of the panel; NaN where there is none.
+        colour: a key of :data:`mirdrake.report.svg.THEME`.
+        dashed: for what was asked, against what was done.
+        width: of the line [px]; the lower of two lines that may coincide is the wider one.
+    """
+
+    name: str
+    values: Array
+    colour: str
+    dashed: bool = False
+    width: float = 1.6
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        label: of the vertical axis, without the unit.
+        unit: of the vertical axis.
+        curves: drawn in this order, the last one on top.
+        limits: of the vertical axis; by default what the curves need.
+        bands: (low, high, colour): shaded ranges of the vertical axis.
+        zero: keep zero in view.
+        trim: leave spikes outside the frame that take less than so many percent of the samples, and say so.
+        relative_height: 1 for a usual panel.
+    """
+
+    label: str
+    unit: str
+    curves: Sequence[Curve]
+    limits: tuple[float, float] | None = None
+    bands: Sequence[tuple[float, float, str]] = ()
+    zero: bool = False
+    trim: float = 0.0
+    relative_height: float = 1.0
+
+
+def drawing_style() -> AbstractContextManager[None]:
+    """Matplotlib settings of the report, whatever the user's matplotlibrc says; put back on leaving."""
+    kept = {
+        name: matplotlib.rcParamsDefault[name]
+        for name in ("font.family", "font.sans-serif", "path.simplify", "path.simplify_threshold", "axes.unicode_minus")
+    }
+    style: dict[str, Any] = {
+        **kept,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "mirdrake",
+        "text.usetex": False,
+        "text.parse_math": False,
+        "font.size": _FONT_SIZE,
+        "axes.edgecolor": THEME["muted"],
+        "axes.labelcolor": THEME["muted"],
+        "axes.formatter.useoffset": False,
+        "axes.formatter.limits": (-6, 7),
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.spines.left": False,
+        "axes.linewidth": 1.0,
+        "axes.axisbelow": True,
+        "axes.grid": False,
+        "xtick.color": THEME["muted"],
+        "ytick.color": THEME["muted"],
+        "xtick.major.size": 4.0,
+        "ytick.major.size": 0.0,
+        "text.color": THEME["ink"],
+        "lines.solid_joinstyle": "round",
+        "lines.dashed_pattern": (4.0, 2.5),
+        "figure.dpi": 72.0,
+        "savefig.dpi": "figure",
+        "savefig.bbox": None,
+        "savefig.facecolor": "auto",
+    }
+    return matplotlib.rc_context(style)
+
+
+def to_svg(figure: Figure) -> str:
+    """A figure as an SVG document, the same bytes each time."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
+    """A curve with the same outline in at most two points per bucket: the lowest and the highest of each.
+
+    Args:
+        x: N abscissae.
+        y: N ordinates; a bucket without a finite one becomes a gap.
+        buckets: number of stretches of equal count.
+
+    Returns:
+        the points that are left, at most 2·`buckets` + 2: first and last point are always kept.
+    """
+    count = len(x)
+    if count <= 2 * buckets + 2:
+        return x, y
+    size = math.ceil(count / buckets)
+    whole = count // size * size
+    rows = np.isfinite(y[:whole]).reshape(-1, size)
+    values = y[:whole].reshape(-1, size)
+    first = np.arange(0, whole, size)
+    lowest = first + np.where(rows, values, np.inf).argmin(axis=1)
+    highest = first + np.where(rows, values, -np.inf).argmax(axis=1)
+    tail = np.arange(whole, count, max(1, size // 2))
+    index = np.unique(np.concatenate(([0], lowest, highest, tail, [count - 1])))
+    return x[index], y[index]
+
+
+def draw_chart(
+    time: Array, panels: Sequence[Panel], prefix: str, description: str, *, marks: Sequence[float] = ()
+) -> Markup:
+    """Panels one above the other with a common time axis.
+
+    Args:
+        time: N stamps [s], increasing.
+        panels: from top to bottom.
+        prefix: of ids, unique in the page.
+        description: what a listener is told in place of the picture.
+        marks: times [s] of events, drawn as vertical lines.
+
+    Returns:
+        two SVG elements; the page shows the one that fits the screen.
+    """
+    pictures = [_draw(time, panels, prefix, description, marks, width=width) for width in (_WIDE, _NARROW)]
+    return Markup("\n").join(pictures)
+
+
+def _draw(
+    time: Array, panels: Sequence[Panel], prefix: str, description: str, marks: Sequence[float], *, width: float
+) -> Markup:
+    heights = [_PANEL_HEIGHT[width] * panel.relative_height for panel in panels]
+    total = sum(heights) + (_TOP + _GAP) * len(panels) - _GAP + _BOTTOM
+    figure = Figure(figsize=(width / 72.0, total / 72.0), dpi=72.0)
+    span = _time_span(time)
+    boxes: list[dict[str, Any]] = []
+    data: dict[str, dict[str, str]] = {}
+    top = 0.0
+    for number, (panel, height) in enumerate(zip(panels, heights, strict=True)):
+        top += _TOP
+        box = (_LEFT / width, 1.0 - (top + height) / total, (width - _LEFT - _RIGHT) / width, height / total)
+        axes = figure.add_axes(box)
+        low, high, note = _limits(panel)
+        _draw_panel(axes, time, panel, span, (low, high), number, buckets=_BUCKETS[width])
+        for mark in marks:
+            axes.axvline(mark, color=THEME["alarm"], linewidth=1.0, linestyle=(0, (2, 2)), zorder=1.5)
+        lift = 9.0 / height
+        axes.text(
+            -(_LEFT - 4.0) / (width - _LEFT - _RIGHT),
+            1.0 + lift,
+            f"{panel.label} [{panel.unit}]",
+            transform=axes.transAxes,
+        )
+        if note:
+            axes.text(1.0, 1.0 + lift, note, transform=axes.transAxes, ha="right", color=THEME["muted"])
+        axes.xaxis.set_major_locator(MaxNLocator(10 if width == _WIDE else 5, steps=[1, 2, 5, 10]))
+        if number == len(panels) - 1:
+            axes.set_xlabel("Time [s]", labelpad=3.0)
+        else:
+            axes.tick_params(labelbottom=False)
+        boxes.append(
+            {"x": [_LEFT, width - _RIGHT], "t": span, "y": [top + height, top], "v": [low, high], "unit": panel.unit}
+        )
+        for index, curve in enumerate(panel.curves):
+            data[f"curve-{number}-{index}"] = {"data-panel": str(number), "data-name": curve.name}
+        top += height + _GAP
+    attributes = {
+        "class": f"plot {'wide' if width == _WIDE else 'narrow'}",
+        "role": "img",
+        "aria-label": description,
+        "data-panels": json.dumps(boxes, separators=(",", ":")),
+    }
+    tag = prefix + ("w" if width == _WIDE else "n")
+    return Markup(embed_svg(to_svg(figure), tag, attributes=attributes, data=data))
+
+
+def _draw_panel(
+    axes: Axes,
+    time: Array,
+    panel: Panel,
+    span: tuple[float, float],
+    limits: tuple[float, float],
+    number: int,
+    *,
+    buckets: int,
+) -> None:
+    axes.set_xlim(*span)
+    axes.set_ylim(*limits)
+    axes.yaxis.set_major_locator(MaxNLocator(6 if panel.relative_height >= 0.8 else 3, steps=[1, 2, 5, 10]))
+    axes.grid(axis="y", color=THEME["grid"], linewidth=1.0)
+    for low, high, colour in panel.bands:
+        axes.axhspan(low, high, color=THEME[colour], alpha=0.14, linewidth=0.0)
+        for edge in (low, high):
+            if limits[0] < edge < limits[1]:
+                axes.axhline(edge, color=THEME[colour], linewidth=1.0)
+    if limits[0] < 0.0 < limits[1]:
+        axes.axhline(0.0, color=THEME["muted"], linewidth=0.8)
+    for index, curve in enumerate(panel.curves):
+        (line,) = axes.plot(
+            *thin(time, curve.values, buckets),
+            color=THEME[curve.colour],
+            linewidth=1.2 if curve.dashed else curve.width,
+            linestyle="dashed" if curve.dashed else "solid",
+        )
+        line.set_gid(f"curve-{number}-{index}")
+
+
+def _time_span(time: Array) -> tuple[float, float]:
+    if not len(time):
+        return 0.0, 1.0
+    first, last = float(time[0]), float(time[-1])
+    return (first, last) if last > first else (first, first + 1.0)
+
+
+def _limits(panel: Panel) -> tuple[float, float, str]:
+    """Lower and upper end of the vertical axis, and a note on what is outside of it."""
+    if panel.limits is not None:
+        return *panel.limits, ""
+    values = np.concatenate([curve.values for curve in panel.curves]) if panel.curves else np.zeros(0)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0, 1.0, "no values"
+    low, high, note = float(values.min()), float(values.max()), ""
+    if panel.trim and len(values) > 200:
+        bottom, ceiling = (float(value) for value in np.percentile(values, (panel.trim, 100.0 - panel.trim)))
+        reach = ceiling - bottom
+        if high - low > 3.0 * reach > 0.0:
+            peak = max(high, low, key=lambda end: max(end - ceiling, bottom - end))
+            low, high = max(low, bottom - 0.3 * reach), min(high, ceiling + 0.3 * reach)
+            note = f"peaks to {tell(peak, panel.unit)} cut off"
+    if panel.zero:
+        low, high = min(low, 0.0), max(high, 0.0)
+    room = max(0.06 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)
+    if high - low < 1e-9:
+        room = max(0.1 * abs(high), 0.1)
+    return (low if panel.zero and low == 0.0 else low - room), high + room, note

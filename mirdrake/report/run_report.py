@@ -1,0 +1,353 @@
+"""One run as one HTML page: what happened in a sentence, the track from above, the signals, the settings.
+
+The page needs no network and no other file; only the link to recording.html leads out of it.
+"""
+
+import math
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import jinja2
+import numpy as np
+import pandas
+import yaml
+from markupsafe import Markup
+
+from mirdrake.errors import MirdrakeError, RunError
+from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads
+from mirdrake.report.figures import drawing_style
+from mirdrake.report.svg import embed_svg, svg_size
+from mirdrake.report.track_map import Road, scale_colours
+from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
+from mirdrake.report.words import clock, lasting, spoken, tell
+from mirdrake.vehicles import load_vehicle
+
+_TEMPLATE = "run_report.html.jinja"
+_MOST_EVENTS = 200  # rows of the table
+_MOST_MARKS = 30  # vertical lines in a chart
+
+
+class RunLike(Protocol):
+    """What a report needs of a run."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the report goes; diagram.svg and recording.html are looked for here."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The resolved diagram file."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The figures of the run; empty after a kill."""
+
+    @property
+    def signals(self) -> pandas.DataFrame:
+        """One row per stamp; the index is the time [s]."""
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column."""
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """Events: "time" [s], "kind", "text"."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One figure of the run: what it is, its value, and a word on it."""
+
+    label: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class VehiclePage:
+    """What the page says about one vehicle."""
+
+    name: str
+    model: str
+    anchor: str
+    colour: str
+    sentence: str
+    tiles: list[Tile]
+    charts: list[Chart]
+
+
+def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
+    """Write report.html into the folder of a run, whole or not at all.
+
+    Args:
+        run: finished, killed or empty; whatever is missing is left out of the page.
+        diagram_svg: the drawing of the diagram; by default the file diagram.svg of the folder.
+
+    Returns:
+        the path of the file. The same run gives the same bytes.
+
+    Raises:
+        RunError: the folder cannot be written.
+    """
+    page = render_report(run, diagram_svg=diagram_svg)
+    path = run.folder / "report.html"
+    temporary = ""
+    try:
+        handle, temporary = tempfile.mkstemp(dir=run.folder, prefix=".report-", suffix=".html")
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(page)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        raise RunError(
+            f"{path}: cannot be written: {error.strerror or error}; give a folder that is writable"
+        ) from None
+    return path
+
+
+def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
+    """The text of the page; see :func:`write_report`."""
+    summary, spec = run.summary or {}, run.spec or {}
+    signals = run.signals[~run.signals.index.duplicated()].sort_index()
+    simulated = _number(summary.get("simulated_s"))
+    if not math.isfinite(simulated) and len(signals):
+        simulated = float(signals.index[-1])
+    world = _world_name(spec, summary)
+    roads = load_roads(world)
+    names = _vehicle_names(run)
+    with drawing_style():
+        vehicles = [
+            _make_vehicle_page(run, VehicleSignals(signals, name), index, roads) for index, name in enumerate(names)
+        ]
+        drive = draw_drive(names, signals, roads)
+    light, dark = scale_colours()
+    diagram, diagram_note = _diagram(run.folder, diagram_svg)
+    events = sorted(run.events or [], key=lambda event: _number(event.get("time"), math.inf))
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(_TEMPLATE).render(
+        title=str(summary.get("diagram") or run.folder.name),
+        folder=run.folder.name,
+        world=world,
+        headline=_headline(vehicles, world, simulated),
+        stop_reason=str(summary.get("stop_reason") or ""),
+        finished=bool(summary.get("stop_reason")),
+        rows=len(signals),
+        tiles=_run_tiles(summary, simulated, len(signals)),
+        vehicles=vehicles,
+        drive=drive,
+        events=[
+            (clock(_number(event.get("time"))), event.get("kind", ""), event.get("text", ""))
+            for event in events[:_MOST_EVENTS]
+        ],
+        more_events=max(0, len(events) - _MOST_EVENTS),
+        spec_yaml=yaml.safe_dump(_plain(spec), sort_keys=False, allow_unicode=True, width=100) if spec else "",
+        facts=_facts(spec, summary),
+        marked=bool(_marks(run)),
+        diagram=diagram,
+        diagram_note=diagram_note,
+        recording=(run.folder / "recording.html").is_file(),
+        light_scale=light,
+        dark_scale=dark,
+    )
+
+
+def load_geometry(model: str) -> dict[str, float]:
+    """Wheelbase and width over the wheels [m] of a model; empty if it is not found."""
+    if not model:
+        return {}
+    try:
+        geometry = load_vehicle(model).geometry
+    except MirdrakeError:
+        return {}
+    track = max(geometry.front_track, geometry.rear_track)
+    return {"wheelbase": geometry.wheelbase, "body_width": track + geometry.wheel_width}
+
+
+# --- parts of the page ---------------------------------------------------------------------------------------------
+
+
+def _make_vehicle_page(run: RunLike, signals: VehicleSignals, index: int, roads: Sequence[Road]) -> VehiclePage:
+    name = signals.name
+    entry = (run.spec or {}).get("vehicles", {}).get(name) or {}
+    told = ((run.summary or {}).get("vehicles") or {}).get(name) or {}
+    model = str(told.get("model") or (entry.get("model") if isinstance(entry, Mapping) else entry) or name)
+    figures = _figures(signals, told)
+    width = roads[0].width if roads and signals.has("lateral_error") else None
+    charts = []
+    if len(signals.time):
+        charts = make_charts(
+            signals,
+            f"v{index}-",
+            road_width=width,
+            geometry=load_geometry(model),
+            marks=_marks(run),
+        )
+    return VehiclePage(
+        name=name,
+        model=model,
+        anchor=f"vehicle-{index + 1}",
+        colour=VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)],
+        sentence=_sentence(figures),
+        tiles=_vehicle_tiles(figures),
+        charts=charts,
+    )
+
+
+def _figures(signals: VehicleSignals, told: Mapping[str, Any]) -> dict[str, float]:
+    """The summary's figures of a vehicle; those it lacks (after a kill) are worked out from the signals."""
+    figures = {key: _number(value) for key, value in told.items() if key != "model"}
+    figures = {key: value for key, value in figures.items() if math.isfinite(value)}
+    if len(signals.time):
+        figures.setdefault("distance_m", distance(signals))
+        if signals.has("lateral_error"):
+            figures.setdefault("max_abs_lateral_error_m", float(np.nanmax(np.abs(signals["lateral_error"]))))
+        if signals.has("vx"):
+            figures.setdefault("max_speed_mps", float(np.nanmax(signals["vx"])))
+    return figures
+
+
+def _sentence(figures: Mapping[str, float]) -> str:
+    """What follows "The Bolt": the drive of one vehicle without its world and duration."""
+    parts = []
+    if "max_abs_lateral_error_m" in figures:
+        parts.append(f"largest lateral error {tell(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
+    if "mean_speed_error_percent" in figures:
+        parts.append(f"speed {tell(abs(figures['mean_speed_error_percent']), digits=1)}\u00a0% off")
+    if figures.get("off_road_s"):
+        parts.append(f"{lasting(figures['off_road_s'])} off the road")
+    return ", ".join(parts)
+
+
+def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> str:
+    where = f" of {world}" if world else ""
+    during = f" in {lasting(simulated)}" if math.isfinite(simulated) else ""
+    if not vehicles:
+        return f"{lasting(simulated)} of {world or 'simulation'}" if during else "A run without signals"
+    sentences = []
+    for page in vehicles:
+        drove = next((tile.value for tile in page.tiles if tile.label == "Laps"), "")
+        laps = f"{drove}\u00a0lap{'' if drove == '1.00' else 's'}{where}" if drove else ""
+        far = next((tile.value for tile in page.tiles if tile.label == "Distance"), "")
+        way = laps or (f"{far}{f' in {world}' if world else ''}" if far else "")
+        who = f"The {spoken(page.model)}" + (f" ({page.name})" if len(vehicles) > 1 else "")
+        text = f"{who} drove {way}{during}" if way else f"{who} left no signals"
+        sentences.append(text + (f"; {page.sentence}" if page.sentence else ""))
+    return ". ".join(sentences) + ("." if len(sentences) > 1 else "")
+
+
+def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
+    tiles = []
+    if "laps" in figures:
+        tiles.append(Tile("Laps", f"{figures['laps']:.2f}"))
+    if "distance_m" in figures:
+        tiles.append(Tile("Distance", tell(figures["distance_m"], "m")))
+    if "max_abs_lateral_error_m" in figures:
+        tiles.append(Tile("Largest lateral error", tell(figures["max_abs_lateral_error_m"], "m", digits=2)))
+    if "mean_speed_error_percent" in figures:
+        tiles.append(Tile("Mean speed error", tell(figures["mean_speed_error_percent"], digits=2) + "\u00a0%"))
+    if "max_speed_mps" in figures:
+        tiles.append(
+            Tile("Top speed", tell(figures["max_speed_mps"], "m/s"), tell(3.6 * figures["max_speed_mps"], "km/h"))
+        )
+    if "off_road_s" in figures:
+        tiles.append(Tile("Off the road", tell(figures["off_road_s"], "s", digits=2)))
+    return tiles
+
+
+def _run_tiles(summary: Mapping[str, Any], simulated: float, rows: int) -> list[Tile]:
+    tiles = []
+    wall, factor = _number(summary.get("wall_s")), _number(summary.get("real_time_factor"))
+    if math.isfinite(simulated):
+        tiles.append(Tile("Simulated", lasting(simulated), f"{rows:,} samples".replace(",", "\u202f")))
+    if math.isfinite(factor):
+        pace = "faster than real time" if factor > 1.0 else "slower than real time"
+        tiles.append(
+            Tile(
+                "Real-time factor", tell(factor, "×"), f"{lasting(wall)} of computing" if math.isfinite(wall) else pace
+            )
+        )
+    return tiles
+
+
+def _facts(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Rows of the table that make the run repeatable."""
+    facts = [("Seed", summary.get("seed", spec.get("seed")))]
+    facts.append(("Hash of the settings (SHA-256)", summary.get("spec_sha256", spec.get("sha256"))))
+    versions = summary.get("versions") or spec.get("versions") or {}
+    if isinstance(versions, Mapping):
+        facts += [(str(name), version) for name, version in versions.items()]
+    return [(name, str(value)) for name, value in facts if value is not None]
+
+
+def _diagram(folder: Path, text: str | None) -> tuple[Markup | None, str]:
+    """The drawing of the diagram, and a note when there is one that cannot be shown."""
+    path = folder / "diagram.svg"
+    if text is None and path.is_file():
+        text = path.read_text(encoding="utf-8", errors="replace")
+    if not text:
+        return None, ""
+    size = svg_size(text)
+    attributes = {"role": "img", "aria-label": "Systems of the diagram and the wires between them"}
+    if size:
+        attributes["style"] = f"width:{max(320.0, min(size[0], 4000.0)):.0f}px"
+    try:
+        return Markup(embed_svg(text, "diagram-", attributes=attributes, decimals=2, scope=".diagram")), ""
+    except ValueError as error:
+        return None, f"The drawing of the diagram is left out: {error}."
+
+
+# --- reading the run -------------------------------------------------------------------------------------------------
+
+
+def _vehicle_names(run: RunLike) -> list[str]:
+    named = [*((run.spec or {}).get("vehicles") or {}), *((run.summary or {}).get("vehicles") or {})]
+    if not named:
+        named = [str(column).removesuffix(".x") for column in run.signals.columns if str(column).endswith(".x")]
+    return list(dict.fromkeys(str(name) for name in named))
+
+
+def _marks(run: RunLike) -> list[float]:
+    """Times of events [s] that are drawn: within the run, not its start and end, and not too many."""
+    if not len(run.signals):
+        return []
+    first, last = float(run.signals.index[0]), float(run.signals.index[-1])
+    edge = 0.005 * (last - first)
+    marks = [_number(event.get("time")) for event in run.events or []]
+    marks = sorted({mark for mark in marks if first + edge < mark < last - edge})
+    return marks if len(marks) <= _MOST_MARKS else []
+
+
+def _world_name(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
+    world = spec.get("world") or summary.get("world") or ""
+    return str(world.get("name", "")) if isinstance(world, Mapping) else str(world)
+
+
+def _number(value: Any, otherwise: float = math.nan) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return otherwise
+
+
+def _plain(value: Any) -> Any:
+    """Data that YAML can write: mappings, lists, texts, numbers; anything else as text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | set | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, str | int | float | bool | None) else str(value)

@@ -1,0 +1,168 @@
+"""SVG made fit to stand inside an HTML page.
+
+Matplotlib and Graphviz write whole SVG documents. :func:`embed_svg` turns one into an element that cannot disturb the
+page around it: no scripts, no outside references, ids that are unique in the page, coordinates as short as the eye
+allows, and reserved colours (:data:`THEME`) replaced by CSS variables, so that one drawing serves light and dark pages.
+"""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Mapping
+
+# Colours that stand for a CSS variable: draw with the value, the page decides what it looks like.
+THEME: dict[str, str] = {
+    "ink": "#010101",
+    "muted": "#010102",
+    "grid": "#010103",
+    "paper": "#010104",
+    "road": "#010105",
+    "edge": "#010106",
+    "main": "#010107",
+    "left": "#010108",
+    "right": "#010109",
+    "alarm": "#01010a",
+    "own1": "#01010b",
+    "own2": "#01010c",
+    "own3": "#01010d",
+    "own4": "#01010e",
+}
+SCALE_STEPS = 8
+THEME |= {f"scale{step}": f"#0102{step:02x}" for step in range(SCALE_STEPS)}
+_VARIABLES = {colour: f"var(--{name})" for name, colour in THEME.items()}
+
+_COLOUR = re.compile(r"#010[12][0-9a-f]{2}")
+_DECIMALS = re.compile(r"(-?\d+)\.(\d{2,})")
+_LOCAL_URL = re.compile(r"url\(\s*['\"]?#([^)'\"\s]+)['\"]?\s*\)")
+_FONT = re.compile(r"\s*font-family:[^;]*;?")
+_DOCTYPE = re.compile(r"<!DOCTYPE[^>\[]*(?:\[.*?\]\s*)?>", re.DOTALL)
+_UNSAFE_ELEMENTS = {
+    "script",
+    "foreignobject",
+    "metadata",
+    "iframe",
+    "object",
+    "embed",
+    "audio",
+    "video",
+    "image",
+    "set",
+    "animate",
+}
+_NUMERIC = {"d", "points", "x", "y", "x1", "x2", "y1", "y2", "cx", "cy", "r", "width", "height", "transform"}
+
+
+def embed_svg(
+    text: str,
+    prefix: str,
+    *,
+    attributes: Mapping[str, str] | None = None,
+    data: Mapping[str, Mapping[str, str]] | None = None,
+    decimals: int = 1,
+    scope: str = "",
+) -> str:
+    """An SVG document as an element for an HTML page.
+
+    Args:
+        text: the document.
+        prefix: put before every id that is kept; unique in the page.
+        attributes: set on the root in place of its width and height.
+        data: further attributes by the id of an element, for example ``{"curve": {"data-name": "speed"}}``.
+        decimals: of coordinates that are kept.
+        scope: CSS selector inside which style sheets of the document hold; without it they are dropped.
+
+    Raises:
+        ValueError: `text` is not an SVG document.
+    """
+    try:
+        root = ElementTree.fromstring(_DOCTYPE.sub("", text, count=1).lstrip("\ufeff \r\n\t"))
+    except ElementTree.ParseError as error:
+        raise ValueError(f"not an SVG document: {error}") from None
+    _drop_namespaces(root.iter())
+    if root.tag != "svg":
+        raise ValueError(f"not an SVG document: its root is <{root.tag}>")
+    _drop_unsafe(root, scope)
+    for name in ("width", "height", "version", "style"):
+        root.attrib.pop(name, None)
+
+    used = {
+        match for element in root.iter() for value in element.attrib.values() for match in _LOCAL_URL.findall(value)
+    }
+    used |= {element.attrib["href"][1:] for element in root.iter() if "href" in element.attrib}
+    keep = used | set(data or {})
+    for element in root.iter():
+        _clean(element, prefix, keep, data or {}, decimals)
+    root.attrib.update(attributes or {})
+    written = ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
+    return _COLOUR.sub(lambda match: _VARIABLES.get(match.group(), match.group()), written)
+
+
+def svg_size(text: str) -> tuple[float, float] | None:
+    """Width and height of an SVG document in user units, from its viewBox; None when it has none."""
+    match = re.search(r"viewBox\s*=\s*['\"]\s*[-\d.eE+]+[\s,]+[-\d.eE+]+[\s,]+([\d.eE+]+)[\s,]+([\d.eE+]+)", text)
+    return (float(match.group(1)), float(match.group(2))) if match else None
+
+
+def _drop_namespaces(elements: Iterable[ElementTree.Element]) -> None:
+    for element in elements:
+        if isinstance(element.tag, str):
+            element.tag = element.tag.rpartition("}")[2]
+        element.attrib = {name.rpartition("}")[2]: value for name, value in element.attrib.items()}
+
+
+def _drop_unsafe(parent: ElementTree.Element, scope: str) -> None:
+    for child in list(parent):
+        is_style = child.tag == "style"
+        if child.tag.lower() in _UNSAFE_ELEMENTS or (is_style and not (scope and _is_tame(child.text or ""))):
+            parent.remove(child)
+            continue
+        if is_style:
+            child.text = f"{scope} {{ {child.text} }}"
+        _drop_unsafe(child, scope)
+        if child.tag in {"defs", "g"} and not len(child) and not child.attrib.get("id"):
+            parent.remove(child)
+
+
+def _is_tame(css: str) -> bool:
+    """Whether a style sheet asks for nothing outside and keeps its braces to itself."""
+    depth = 0
+    for character in css:
+        depth += {"{": 1, "}": -1}.get(character, 0)
+        if depth < 0:
+            return False
+    return depth == 0 and not re.search(r"url\s*\(|@import|expression|\\|<", css, re.IGNORECASE)
+
+
+def _clean(
+    element: ElementTree.Element, prefix: str, keep: set[str], data: Mapping[str, Mapping[str, str]], decimals: int
+) -> None:
+    for name, value in list(element.attrib.items()):
+        leads_out = (name == "href" and not value.startswith("#")) or value.count("url(") > len(
+            _LOCAL_URL.findall(value)
+        )
+        if leads_out or name.lower().startswith("on"):
+            del element.attrib[name]
+        elif name == "id":
+            element.attrib.update(data.get(value, {}))
+            if value in keep and value not in data:
+                element.attrib[name] = prefix + value
+            else:
+                del element.attrib[name]
+        elif name == "href":
+            element.attrib[name] = f"#{prefix}{value[1:]}"
+        elif name in _NUMERIC:
+            rounded = _DECIMALS.sub(lambda match: _rounded(match, decimals), value)
+            element.attrib[name] = rounded.replace("\n", "").replace(" L ", "L").strip() if name == "d" else rounded
+        elif "url(" in value:
+            element.attrib[name] = _LOCAL_URL.sub(rf"url(#{prefix}\1)", value)
+        elif name == "style":
+            element.attrib[name] = _FONT.sub("", value)
+    if element.attrib.get("transform", "").startswith("rotate(-0 "):
+        del element.attrib["transform"]
+    if element.text is not None and not element.text.strip():
+        element.text = None
+    if element.tail is not None and not element.tail.strip():
+        element.tail = None
+
+
+def _rounded(match: re.Match[str], decimals: int) -> str:
+    return f"{float(match.group()):.{decimals}f}".removesuffix("0").removesuffix(".")

@@ -1,0 +1,250 @@
+"""The charts of one vehicle: which signals they show, in which unit, and what their captions say."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas
+from markupsafe import Markup
+
+from mirdrake.report.figures import Array, Curve, Panel, draw_chart
+from mirdrake.report.words import clock, tell
+
+_AXLES = ("front", "rear")
+_SIDES = ("left", "right")
+_WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: where both coincide, both are seen
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart with the words around it; `legend` is (name, colour, dashed) of each curve, without repetition."""
+
+    slug: str
+    title: str
+    caption: str
+    picture: Markup
+    legend: list[tuple[str, str, bool]]
+
+
+class VehicleSignals:
+    """The signals of one vehicle: columns by their short names, NaN where a value is not finite.
+
+    Args:
+        frame: all signals, one row per stamp.
+        name: of the vehicle, the first part of its column names.
+    """
+
+    def __init__(self, frame: pandas.DataFrame, name: str) -> None:
+        self.name = name
+        self.frame = frame
+        self.time: Array = numbers(frame.index)
+
+    def __contains__(self, column: str) -> bool:
+        return f"{self.name}.{column}" in self.frame.columns
+
+    def __getitem__(self, column: str) -> Array:
+        return numbers(self.frame[f"{self.name}.{column}"])
+
+    def has(self, *columns: str) -> bool:
+        """Whether all these columns are there, and each has at least one finite value."""
+        return all(column in self and bool(np.isfinite(self[column]).any()) for column in columns)
+
+
+def numbers(values: Any) -> Array:
+    """A column as floats; what is no number, or not finite, is NaN."""
+    array = np.array(pandas.to_numeric(pandas.Series(values), errors="coerce"), dtype=np.float64)
+    array[~np.isfinite(array)] = np.nan
+    return array
+
+
+def make_charts(
+    signals: VehicleSignals,
+    prefix: str,
+    *,
+    road_width: float | None = None,
+    geometry: Mapping[str, float] | None = None,
+    marks: Sequence[float] = (),
+) -> list[Chart]:
+    """The charts that the signals at hand allow, in reading order.
+
+    Args:
+        signals: of the vehicle.
+        prefix: of ids, unique in the page.
+        road_width: of the track [m], if there is one.
+        geometry: "wheelbase" [m] and "body_width" [m] over the wheels, as far as they are known.
+        marks: times of events [s].
+    """
+    geometry = geometry or {}
+    plans = [
+        _plan_speed(signals),
+        _plan_steering(signals),
+        _plan_lateral_error(signals, road_width, geometry.get("body_width")),
+        _plan_yaw_rate(signals, geometry.get("wheelbase")),
+        _plan_wheels(signals, "wheel_torque", "Wheel torques", "torque", "N m", "torques", 1.0),
+        _plan_wheels(signals, "wheel_load", "Contact: wheel loads", "load", "kN", "loads", 1e-3),
+        _plan_wheels(
+            signals,
+            "wheel_contact_torque",
+            "Contact: rolling resistance",
+            "resistance torque",
+            "N m",
+            "rolling-resistance torques",
+            1.0,
+        ),
+    ]
+    charts: list[Chart] = []
+    for plan in plans:
+        if plan is None:
+            continue
+        slug, title, panels, caption = plan
+        shown = panels[:1] if slug in {"speed", "lateral-error"} else panels
+        legend = list(
+            dict.fromkeys((curve.name, curve.colour, curve.dashed) for panel in shown for curve in panel.curves)
+        )
+        picture = draw_chart(signals.time, panels, f"{prefix}{slug}-", f"{title} against time. {caption}", marks=marks)
+        charts.append(Chart(slug, title, caption, picture, legend))
+    return charts
+
+
+Plan = tuple[str, str, list[Panel], str]
+
+
+def _plan_speed(signals: VehicleSignals) -> Plan | None:
+    if not signals.has("vx"):
+        return None
+    speed = signals["vx"]
+    if signals.has("vy"):
+        speed = np.hypot(speed, np.nan_to_num(signals["vy"])) * np.where(speed < 0.0, -1.0, 1.0)
+    curves = [Curve("driven", speed, "main")]
+    panels = [Panel("Speed", "m/s", curves, zero=True)]
+    low, high, mean = (tell(float(value), "m/s") for value in (np.nanmin(speed), np.nanmax(speed), np.nanmean(speed)))
+    caption = f"Between {low} and {high}, {mean} on average"
+    if signals.has("speed_command"):
+        command = signals["speed_command"]
+        curves.append(Curve("set-point", command, "ink", dashed=True))
+        gap = np.abs(speed - command)
+        if np.isfinite(gap).any():
+            caption += f"; half of the time within {tell(np.nanmedian(gap), 'm/s', digits=2)} of the set-point"
+            error = Curve("speed − set-point", speed - command, "main")
+            panels.append(Panel("Speed minus set-point", "m/s", [error], zero=True, trim=3.0, relative_height=0.62))
+    return "speed", "Speed and set-point", panels, caption + "."
+
+
+def _plan_steering(signals: VehicleSignals) -> Plan | None:
+    curves = [
+        Curve(f"{side} wheel", np.degrees(signals[f"steering_angle.{side}"]), side, width=_WIDTHS[side])
+        for side in _SIDES
+        if signals.has(f"steering_angle.{side}")
+    ]
+    if signals.has("steering_command"):
+        curves.append(Curve("command", np.degrees(signals["steering_command"]), "ink", dashed=True))
+    if not curves:
+        return None
+    furthest = max(float(np.nanmax(np.abs(curve.values))) for curve in curves)
+    caption = f"Positive is to the left; the furthest is {tell(furthest, '°')}. "
+    caption += "The command is the angle of a single wheel at the middle of the front axle."
+    return "steering", "Steering", [Panel("Steering angle", "°", curves, zero=True)], caption
+
+
+def _plan_lateral_error(signals: VehicleSignals, road_width: float | None, body_width: float | None) -> Plan | None:
+    if not signals.has("lateral_error"):
+        return None
+    error = signals["lateral_error"]
+    worst = int(np.nanargmax(np.abs(error)))
+    size = abs(float(error[worst]))
+    side = "left" if error[worst] > 0.0 else "right"
+    caption = "Positive is to the left of the line. "
+    caption += f"Largest: {tell(size, 'm')} to the {side} at {clock(float(signals.time[worst]))}; "
+    caption += f"root mean square {tell(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
+    curve = Curve("lateral error", error, "main")
+    if not road_width:
+        return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True)], caption
+    edge, colour = road_width / 2.0, "right"
+    room = edge - body_width / 2.0 if body_width and body_width < road_width else edge
+    top = max(1.15 * edge, 1.1 * size)
+    bands = [(limit, 2.0 * top, colour) for limit in sorted({room, edge})] + [
+        (-2.0 * top, -limit, colour) for limit in sorted({room, edge})
+    ]
+    middle = f"beyond {tell(edge, 'm')} the middle of the car leaves the {tell(road_width, 'm')} wide road."
+    caption += f" Shaded: beyond {tell(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
+    caption += middle
+    on_road = Panel("The same across the road", "m", [curve], limits=(-top, top), bands=bands, relative_height=0.62)
+    if size > 0.5 * room:
+        return (
+            "lateral-error",
+            "Lateral error",
+            [Panel("Lateral error", "m", [curve], limits=(-top, top), bands=bands)],
+            caption,
+        )
+    return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), on_road], caption
+
+
+def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | None:
+    if not signals.has("wz"):
+        return None
+    rate = np.degrees(signals["wz"])
+    curves = [Curve("measured", rate, "main")]
+    caption = f"Up to {tell(float(np.nanmax(np.abs(rate))), '°/s')}."
+    if wheelbase and signals.has("vx", "steering_angle.left", "steering_angle.right"):
+        tangent = middle_tangent(signals["steering_angle.left"], signals["steering_angle.right"])
+        curves.append(Curve("v·tan δ / L", np.degrees(signals["vx"] * tangent / wheelbase), "ink", dashed=True))
+        caption += " Dashed: what the front wheels would give without side slip, with the wheelbase"
+        caption += f" L\u00a0=\u00a0{wheelbase:.2f}\u00a0m."
+    return "yaw-rate", "Yaw rate", [Panel("Yaw rate", "°/s", curves, zero=True)], caption
+
+
+def _plan_wheels(
+    signals: VehicleSignals, stem: str, title: str, what: str, unit: str, plural: str, factor: float
+) -> Plan | None:
+    panels: list[Panel] = []
+    constant: list[Panel] = []  # told in words only, unless there is nothing else
+    told: list[str] = []
+    for axle in _AXLES:
+        curves = [
+            Curve(side, factor * signals[f"{stem}.{axle}_{side}"], side, width=_WIDTHS[side])
+            for side in _SIDES
+            if signals.has(f"{stem}.{axle}_{side}")
+        ]
+        if not curves:
+            continue
+        lowest = min(float(np.nanmin(curve.values)) for curve in curves)
+        highest = max(float(np.nanmax(curve.values)) for curve in curves)
+        panel = Panel(f"{axle.capitalize()} {what}", unit, curves, zero=True, trim=0.5, relative_height=0.8)
+        if lowest == highest:
+            told.append(f"{axle} {tell(lowest, unit)} throughout")
+            constant.append(panel)
+        else:
+            told.append(f"{axle} {tell(lowest)} to {tell(highest, unit)}")
+            panels.append(panel)
+    panels = panels or constant[:1]
+    if not panels:
+        return None
+    return stem.replace("_", "-"), title, panels, f"Range of the {plural}: {'; '.join(told)}."
+
+
+def middle_tangent(left: Array, right: Array) -> Array:
+    """The tangent of the angle of one wheel in the middle of the axle that turns about the same point as both wheels.
+
+    With Ackermann steering cot δ of the middle wheel is the mean of cot δ of both (Rajamani, Vehicle Dynamics and
+    Control, chapter 2), so its tangent is their harmonic mean. Wheels that point apart have no common point: there the
+    mean is taken.
+
+    Args:
+        left: N angles of the left wheel [rad].
+        right: N angles of the right wheel [rad].
+    """
+    a, b = np.tan(left), np.tan(right)
+    total = a + b
+    same = a * b > 0.0
+    return np.asarray(np.where(same, 2.0 * a * b / np.where(same, total, 1.0), total / 2.0))
+
+
+def distance(signals: VehicleSignals) -> float:
+    """Length of the path [m] of the vehicle's origin over ground; 0 without a position."""
+    if not signals.has("x", "y"):
+        return 0.0
+    points = np.column_stack((signals["x"], signals["y"]))
+    points = points[np.isfinite(points).all(axis=1)]
+    return math.fsum(np.hypot(*np.diff(points, axis=0).T)) if len(points) > 1 else 0.0

@@ -1,0 +1,85 @@
+"""Ground truth: the exact state of a vehicle, as no sensor gives it."""
+
+from collections.abc import Sequence
+from math import asin, atan2
+from typing import TYPE_CHECKING
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from mirdrake.controllers.vectors import STATE, STEERING_ANGLES, WHEEL_SPEEDS
+from mirdrake.signals import declare_vector_output
+
+if TYPE_CHECKING:
+    from mirdrake.plant import VehicleInPlant
+
+
+class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Pose, twist and joint rates of one vehicle.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+    Output ports:
+        state (12) [m, rad, m/s, rad/s]: x, y, z, roll, pitch, yaw of the vehicle frame B in the world; velocity of its
+            origin and angular velocity, both expressed in B.
+        wheel_speeds (4) [rad/s]: front_left, front_right, rear_left, rear_right; positive when rolling forward.
+        steering_angles (2) [rad]: left, right; positive to the left.
+
+    Args:
+        plant: the finalised plant.
+        part: the vehicle in it.
+    """
+
+    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
+        super().__init__()
+        positions = plant.num_positions()
+        self._pose = part.base.floating_positions_start()
+        self._twist = positions + part.base.floating_velocities_start_in_v()
+        self._wheels = [positions + joint.velocity_start() for joint in part.wheels]
+        self._steering = [joint.position_start() for joint in part.steering]
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.state = declare_vector_output(self, "state", STATE, self._calc_state)
+        self.wheel_speeds = declare_vector_output(self, "wheel_speeds", WHEEL_SPEEDS, self._calc_wheels)
+        self.steering_angles = declare_vector_output(self, "steering_angles", STEERING_ANGLES, self._calc_steering)
+
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
+        x = self.plant_state.Eval(context)
+        pose, twist = x[self._pose : self._pose + 7].tolist(), x[self._twist : self._twist + 6].tolist()
+        output.SetFromVector(vehicle_state(pose, twist))
+
+    def _calc_wheels(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.plant_state.Eval(context)[self._wheels])
+
+    def _calc_steering(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.plant_state.Eval(context)[self._steering])
+
+
+def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
+    """The state vector of a floating body as the vectors of this package have it.
+
+    Args:
+        pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7).
+        twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6).
+
+    Returns:
+        the 12 numbers of :data:`mirdrake.controllers.vectors.STATE`; roll, pitch, yaw as in Drake's RollPitchYaw.
+    """
+    w, i, j, k, x, y, z = pose
+    ax, ay, az, vx, vy, vz = twist
+    xx, xy, xz = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)  # rows of R_WB
+    yx, yy, yz = 2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)
+    zx, zy, zz = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
+    return [
+        x,
+        y,
+        z,
+        atan2(zy, zz),
+        asin(min(max(-zx, -1.0), 1.0)),
+        atan2(yx, xx),
+        xx * vx + yx * vy + zx * vz,  # columns of R_WB: expressed in B
+        xy * vx + yy * vy + zy * vz,
+        xz * vx + yz * vy + zz * vz,
+        xx * ax + yx * ay + zx * az,
+        xy * ax + yy * ay + zy * az,
+        xz * ax + yz * ay + zz * az,
+    ]

@@ -1,0 +1,164 @@
+"""From logged vectors to named signals with units: the columns of signals.parquet.
+
+Only raw vectors are logged while a simulation runs. Everything that follows from them, such as roll and pitch or the
+lateral error on the track, is computed here for a whole block of samples at once.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from mirdrake.controllers.vectors import STATE
+from mirdrake.diagram import Assembly, Tap
+from mirdrake.plant import VehicleInPlant
+from mirdrake.vehicles import WHEELS
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+
+
+class Telemetry:
+    """Reads the logs of a running assembly, block by block.
+
+    Attributes:
+        units: unit of every column, "" for pure numbers.
+
+    Args:
+        assembly: the built diagram.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._assembly = assembly
+        self._progress: dict[str, float] = {}
+        self._start: dict[str, float] = {}
+        self.units: dict[str, str] = {"time": "s"}
+
+    def read(self, context: Context) -> tuple[Array, Columns]:
+        """All samples since the last call, which are then forgotten by the logs.
+
+        Args:
+            context: Context of the whole diagram.
+
+        Returns:
+            times [s] (n), and the columns by name, n samples each.
+        """
+        assembly = self._assembly
+        raw: dict[str, Array] = {}
+        times: Array = np.empty(0)
+        for name, tap in assembly.taps.items():
+            log = tap.sink.FindMutableLog(context)
+            times, raw[name] = log.sample_times().copy(), log.data().copy()
+            log.Clear()
+        columns: Columns = {}
+        if "plant_state" not in raw:
+            return times, columns
+        for part in assembly.parts.vehicles.values():
+            self._add_vehicle(columns, part, raw)
+        for name in ("wheel_load", "resistance", "other_contacts"):
+            self._add_named(columns, assembly.taps[name], raw[name], prefix="")
+        for system in assembly.spec.systems:
+            for name, tap in assembly.taps.items():
+                if name.startswith(f"{system}."):
+                    self._add_named(columns, tap, raw[name], prefix=name)
+        return times, columns
+
+    def _put(self, columns: Columns, name: str, values: Array, unit: str) -> None:
+        columns[name] = values
+        self.units[name] = unit
+
+    def _add_named(self, columns: Columns, tap: Tap, values: Array, *, prefix: str) -> None:
+        """One column an element, named by its contents, or numbered if the system did not say."""
+        for index, row in enumerate(values):
+            if tap.contents is None:
+                name = prefix if len(values) == 1 else f"{prefix}.{index}"
+                self._put(columns, name, row, "")
+            else:
+                signal = tap.contents[index]
+                name = signal.name if not prefix else prefix if len(values) == 1 else f"{prefix}.{signal.name}"
+                self._put(columns, name, row, signal.unit)
+
+    def _add_vehicle(self, columns: Columns, part: VehicleInPlant, raw: dict[str, Array]) -> None:
+        """Pose, twist, joints, commands and track coordinates of one vehicle."""
+        x, plant, name = raw["plant_state"], self._assembly.parts.plant, part.name
+        positions = plant.num_positions()
+        pose = x[part.base.floating_positions_start() :][:7]
+        twist = x[positions + part.base.floating_velocities_start_in_v() :][:6]
+        state = vehicle_states(pose, twist)
+        for signal, values in zip(STATE, state, strict=True):
+            self._put(columns, f"{name}.{signal.name}", values, signal.unit)
+        for side, joint in zip(("left", "right"), part.steering, strict=True):
+            self._put(columns, f"{name}.steering_angle.{side}", x[joint.position_start()], "rad")
+        for wheel, joint in zip(WHEELS, part.wheels, strict=True):
+            self._put(columns, f"{name}.wheel_angle.{wheel}", x[joint.position_start()], "rad")
+        for wheel, joint in zip(WHEELS, part.wheels, strict=True):
+            self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")
+        torques = raw[f"{name}.joint_torques"]
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        for wheel, actuator in zip(WHEELS, part.wheel_actuators, strict=True):
+            self._put(columns, f"{name}.wheel_torque.{wheel}", torques[actuator.input_start() - first], "N m")
+        for port, suffix in (("status", ""), ("command", "_command")):
+            tap = self._assembly.taps.get(f"{name}.{port}")
+            if tap is None or tap.contents is None:
+                continue
+            for signal, values in zip(tap.contents, raw[tap.name], strict=True):
+                if signal.name != "stamp":
+                    self._put(columns, f"{name}.{signal.name}{suffix}", values, signal.unit)
+        self._add_track(columns, part, state)
+
+    def _add_track(self, columns: Columns, part: VehicleInPlant, state: Array) -> None:
+        """Where the vehicle is on its track, and how many of its wheels are on a road."""
+        world, name = self._assembly.parts.world, part.name
+        px, py, yaw = state[0], state[1], state[5]
+        geometry = part.vehicle.geometry
+        corners = [(geometry.wheelbase, geometry.front_track / 2.0), (geometry.wheelbase, -geometry.front_track / 2.0)]
+        corners += [(0.0, geometry.rear_track / 2.0), (0.0, -geometry.rear_track / 2.0)]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        on_road = sum(world.on_road(px + a * cos - b * sin, py + a * sin + b * cos).astype(float) for a, b in corners)
+        self._put(columns, f"{name}.wheels_on_road", np.asarray(on_road, dtype=float), "")
+        track_name = self._assembly.tracks[name]
+        if track_name is None or px.size == 0:
+            return
+        track = world.tracks[track_name]
+        s, lateral = track.project(px, py)
+        _, _, direction = track.pose(s)
+        last = self._progress.get(name, float(s[0]))
+        if track.closed:
+            turns = np.round(np.diff(s, prepend=np.mod(last, track.length)) / track.length)
+            unrolled = s - track.length * np.cumsum(turns) + np.floor(last / track.length) * track.length
+        else:
+            unrolled = s
+        self._progress[name] = float(unrolled[-1])
+        start = self._start.setdefault(name, float(unrolled[0]))
+        self._put(columns, f"{name}.progress", s, "m")
+        self._put(columns, f"{name}.lateral_error", lateral, "m")
+        heading = np.mod(yaw - direction + np.pi, 2.0 * np.pi) - np.pi
+        self._put(columns, f"{name}.heading_error", heading, "rad")
+        self._put(columns, f"{name}.curvature", track.curvature(s), "1/m")
+        self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
+
+
+def vehicle_states(pose: Array, twist: Array) -> Array:
+    """State vectors of a floating body, sample by sample; see :func:`mirdrake.sensors.ground_truth.vehicle_state`.
+
+    Args:
+        pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7 x n).
+        twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6 x n).
+
+    Returns:
+        12 x n in the order of :data:`mirdrake.controllers.vectors.STATE`.
+    """
+    w, i, j, k, x, y, z = pose
+    w_W, v_W = twist[:3], twist[3:]
+    R: Any = np.array(
+        [
+            [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
+            [2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)],
+            [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
+        ]
+    )
+    roll, pitch = np.arctan2(R[2, 1], R[2, 2]), np.arcsin(np.clip(-R[2, 0], -1.0, 1.0))
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    v_B, w_B = np.einsum("abn,an->bn", R, v_W), np.einsum("abn,an->bn", R, w_W)
+    return np.vstack([x, y, z, roll, pitch, yaw, v_B, w_B])

@@ -1,0 +1,212 @@
+"""Rolling resistance: the numerical one of discrete hydroelastic contact out, the tyre's own in.
+
+A discrete step of Drake computes the contact patch at the old position and predicts the pressure at the new time.
+The centre of pressure of a rolling wheel therefore runs ahead of the axle by about v·dt, and the normal load brakes
+the wheel with the moment N·v·dt, many times a tyre's own. What the solver really applied can be read from the contact
+results, so it is measured and cancelled instead of modelled: per wheel, with the contact surface's centroid C and the
+wheel centre A where it was when the patch was computed,
+
+    M = (p_C - (p_A - v_A dt)) × N n + τ_t,        T_numerical = M · axle,
+
+with n the road normal and τ_t the part of the contact torque parallel to the road (on a plane friction has no such
+moment about C). T_numerical is proportional to N·ω for given step and shape, so the ratio is estimated with a
+short filter, which averages over the facets of the wheel, and the cancelling torque follows N·ω without lag.
+At standstill, where the ratio has no meaning, the measured moment itself is cancelled: it is the restoring moment of
+a faceted wheel, which would otherwise roll the car onto a facet.
+
+The tyre's own torque is -Crr N R tanh(ω/ω_0): Coulomb-like, smooth through standstill.
+"""
+
+from collections.abc import Sequence
+from math import exp, tanh
+from typing import NamedTuple
+
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import GeometryId
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from mirdrake.errors import ConfigError
+from mirdrake.plant import VehicleInPlant
+from mirdrake.signals import Signal, declare_state_output
+from mirdrake.vehicles import WHEELS
+
+FILTER_TIME = 0.1
+"""Time constant of the estimate of the numerical moment's ratio to N·ω [s]: several facets at walking pace."""
+
+SMOOTH_SPEED = 0.3
+"""ω_0: wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
+
+
+class RollingWheel(NamedTuple):
+    """One wheel as the rolling resistance sees it.
+
+    Attributes:
+        vehicle: name of its vehicle.
+        name: its place, for example "front_left".
+        geometry: its collision geometry.
+        body: index of its body in the plant.
+        velocity_index: index of its spin rate in the plant's generalised velocities.
+        radius: effective radius [m].
+        coefficient: rolling-resistance coefficient Crr of the tyre.
+    """
+
+    vehicle: str
+    name: str
+    geometry: GeometryId
+    body: int
+    velocity_index: int
+    radius: float
+    coefficient: float
+
+
+def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
+    """The wheels of a vehicle in a finalised plant."""
+    return [
+        RollingWheel(
+            vehicle=part.name,
+            name=wheel,
+            geometry=tyre,
+            body=int(joint.child_body().index()),
+            velocity_index=joint.velocity_start(),
+            radius=part.vehicle.geometry.wheel_radius,
+            coefficient=part.vehicle.spec.tyres.rolling_resistance,
+        )
+        for wheel, tyre, joint in zip(WHEELS, part.tyres, part.wheels, strict=True)
+    ]
+
+
+class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Rolling resistance of all wheels of a plant on its ground plane.
+
+    Input ports:
+        contact_results: the plant's contact results (abstract).
+        body_poses: the plant's body poses (abstract).
+        body_spatial_velocities: the plant's body velocities (abstract).
+        plant_state: the plant's state, positions and velocities.
+    Output ports:
+        generalized_force: for the plant's applied generalised force (num_velocities) [N m at the wheels' joints].
+        wheel_load: normal load of the road on each wheel (len(wheels)) [N].
+        resistance: torque applied about each wheel's axle, tyre and cancellation (len(wheels)) [N m].
+        other_contacts (1) [1]: number of contacts that are not tyres on the road.
+
+    All outputs are discrete states, updated every `period`.
+
+    Args:
+        plant: finalised plant, with its wheels' spin axes along y of their bodies.
+        wheels: the wheels.
+        ground: geometries of the road plane, whose normal is z of the world.
+        period: time between updates [s], a multiple of the plant's step.
+        cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        wheels: Sequence[RollingWheel],
+        *,
+        ground: Sequence[GeometryId],
+        period: float,
+        cancel_numerical: bool = True,
+    ) -> None:
+        super().__init__()
+        if not period > 0.0:
+            raise ConfigError(f"RollingResistance: period {period} is not allowed; it must be a positive time in s")
+        self._wheels = tuple(wheels)
+        self._ground = frozenset(ground)
+        self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
+        self._step = plant.time_step()
+        self._positions = plant.num_positions()
+        self._cancel = cancel_numerical
+        self._blend = 1.0 - exp(-period / FILTER_TIME)
+        count = len(wheels)
+        self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
+        self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self.body_spatial_velocities = self.DeclareAbstractInputPort(
+            "body_spatial_velocities", AbstractValue.Make([SpatialVelocity()])
+        )
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._force = self.DeclareDiscreteState(plant.num_velocities())
+        self._load = self.DeclareDiscreteState(count)
+        self._torque = self.DeclareDiscreteState(count)
+        self._moment_filter = self.DeclareDiscreteState(2 * count)  # filtered moment and N·ω, interleaved
+        self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
+        load = [Signal(f"{wheel.vehicle}.wheel_load.{wheel.name}", "N", "normal load of the road") for wheel in wheels]
+        torque = [Signal(f"{wheel.vehicle}.resistance_torque.{wheel.name}", "N m", "torque about the axle") for wheel in wheels]
+        self.wheel_load = declare_state_output(self, "wheel_load", load, self._load)
+        self.resistance = declare_state_output(self, "resistance", torque, self._torque)
+        self._others = self.DeclareDiscreteState(1)
+        others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
+        self.other_contacts = declare_state_output(self, "other_contacts", others, self._others)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        loads, moments, others = self._measure(context)
+        velocities = self.plant_state.Eval(context)[self._positions :].tolist()
+        memory = context.get_discrete_state(self._moment_filter).value().tolist()
+        force = [0.0] * len(velocities)
+        torques = []
+        for i, wheel in enumerate(self._wheels):
+            load, spin = loads[i], velocities[wheel.velocity_index]
+            torque = -wheel.coefficient * load * wheel.radius * tanh(spin / SMOOTH_SPEED)
+            if self._cancel:
+                memory[2 * i] += self._blend * (moments[i] - memory[2 * i])
+                memory[2 * i + 1] += self._blend * (load * spin - memory[2 * i + 1])
+                moment, flow = memory[2 * i], memory[2 * i + 1]
+                ratio = moment * flow / (flow * flow + (SMOOTH_SPEED * load) ** 2 + 1.0)
+                slow = 1.0 / (1.0 + (spin / SMOOTH_SPEED) ** 4)
+                torque -= slow * moments[i] + (1.0 - slow) * ratio * load * spin
+            force[wheel.velocity_index] = torque
+            torques.append(torque)
+        state.get_mutable_vector(self._force).SetFromVector(force)
+        state.get_mutable_vector(self._load).SetFromVector(loads)
+        state.get_mutable_vector(self._torque).SetFromVector(torques)
+        state.get_mutable_vector(self._moment_filter).SetFromVector(memory)
+        state.get_mutable_vector(self._others).SetFromVector([others])
+
+    def _measure(self, context: Context) -> tuple[list[float], list[float], int]:
+        """Normal load [N] and pressure moment about the axle [N m] of each wheel, and the number of other contacts.
+
+        All from the contact of the last step.
+        """
+        results, others = self.contact_results.Eval(context), 0
+        loads, moments = [0.0] * len(self._wheels), [0.0] * len(self._wheels)
+        for k in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(k)
+            pair = info.point_pair()
+            row = self._row.get(pair.id_A, self._row.get(pair.id_B))
+            if row is not None and (pair.id_A in self._ground or pair.id_B in self._ground):
+                loads[row] += abs(float(info.contact_force()[2]))
+            else:
+                others += 1
+        count = results.num_hydroelastic_contacts()
+        if not count:
+            return loads, moments, others
+        poses = self.body_poses.Eval(context)
+        spatial_velocities = self.body_spatial_velocities.Eval(context) if self._cancel else None
+        for k in range(count):
+            info = results.hydroelastic_contact_info(k)
+            surface = info.contact_surface()
+            id_M, id_N = surface.id_M(), surface.id_N()
+            row = self._row.get(id_M, self._row.get(id_N))
+            if row is None or not (id_M in self._ground or id_N in self._ground):
+                others += 1
+                continue
+            wrench = info.F_Ac_W()
+            sign = 1.0 if id_M in self._row else -1.0  # the force is given on the body of M
+            load = sign * float(wrench.translational()[2])
+            loads[row] += load
+            if spatial_velocities is None:
+                continue
+            tx, ty, _ = wrench.rotational().tolist()
+            cx, cy, _ = surface.centroid().tolist()
+            pose = poses[self._wheels[row].body]
+            px, py, _ = pose.translation().tolist()
+            vx, vy, _ = spatial_velocities[self._wheels[row].body].translational().tolist()
+            ax, ay = pose.rotation().matrix()[:2, 1].tolist()
+            rx, ry = cx - px + vx * self._step, cy - py + vy * self._step
+            # r × (0, 0, load) = (r_y, -r_x, 0)·load
+            moments[row] += (ry * load + sign * tx) * ax + (-rx * load + sign * ty) * ay
+        return loads, moments, others

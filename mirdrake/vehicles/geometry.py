@@ -1,0 +1,184 @@
+"""Dimensions of a vehicle, measured on its kinematics: never a constant repeated from a file."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Capsule, Cylinder, Ellipsoid, Role, SceneGraph, Shape, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint
+
+from mirdrake.errors import ModelError
+from mirdrake.vehicles.spec import VehicleSpec
+
+TOLERANCE = 1e-3  # [m] and [rad]: what counts as symmetric, lateral, vertical
+
+
+@dataclass(frozen=True)
+class VehicleGeometry:
+    """Lengths [m] and steering limits of a vehicle at its design position.
+
+    Attributes:
+        wheelbase: between the axles.
+        front_track: between the contact centres of the front wheels.
+        rear_track: the same at the rear.
+        kingpin_track: between the steering axes, on the road.
+        wheel_radius: unloaded.
+        wheel_width: of the collision shape.
+        steering_limit: [rad] of the inner wheel.
+        steering_rate: [rad/s] at the road wheel; inf if nobody limits it.
+    """
+
+    wheelbase: float
+    front_track: float
+    rear_track: float
+    kingpin_track: float
+    wheel_radius: float
+    wheel_width: float
+    steering_limit: float
+    steering_rate: float
+
+
+def measure_geometry(
+    plant: MultibodyPlant, scene_graph: SceneGraph, *, spec: VehicleSpec, where: Callable[[str], str]
+) -> VehicleGeometry:
+    """Dimensions of the only vehicle in a finalised plant.
+
+    Args:
+        plant: holds the vehicle and nothing else, finalised, all joints at zero.
+        scene_graph: where its shapes are registered.
+        spec: joint roles and optional steering limits.
+        where: ``file:line`` of a joint in its source.
+
+    Raises:
+        ModelError: axes that are not lateral or vertical, a car that is not symmetric, wheels off the road.
+    """
+    context = plant.CreateDefaultContext()
+    base = plant.GetFrameByName(spec.base_link)
+    wheels = [plant.GetJointByName(name) for name in spec.joints.wheels.names()]
+    kingpins = [plant.GetJointByName(name) for name in spec.joints.steering.names()]
+
+    def axis_and_centre(joint: RevoluteJoint) -> tuple[np.ndarray, np.ndarray]:
+        X_BJ = plant.CalcRelativeTransform(context, base, joint.frame_on_child())
+        return X_BJ.rotation().multiply(joint.revolute_axis()), X_BJ.translation()
+
+    for joint in wheels:
+        axis, _ = axis_and_centre(joint)
+        if abs(axis[1] - 1.0) > TOLERANCE:
+            raise ModelError(
+                f"{where(joint.name())}: wheel joint '{joint.name()}' turns about {_shown(axis)} of "
+                f"'{spec.base_link}'; it should be 0 1 0, so that a positive speed rolls ahead"
+            )
+    for joint in kingpins:
+        axis, _ = axis_and_centre(joint)
+        if abs(axis[2] - 1.0) > TOLERANCE:
+            raise ModelError(
+                f"{where(joint.name())}: steering joint '{joint.name()}' turns about {_shown(axis)} of "
+                f"'{spec.base_link}'; it should be 0 0 1, so that a positive angle turns left"
+            )
+    p_BW = np.array([axis_and_centre(joint)[1] for joint in wheels])
+    p_BK = np.array([axis_and_centre(joint)[1] for joint in kingpins])
+    for pair, points in ((wheels[:2], p_BW[:2]), (wheels[2:], p_BW[2:]), (kingpins, p_BK)):
+        _check_pair(pair, points, where)
+    radius, width = _measure_wheels(plant, scene_graph, wheels, where)
+    for joint, (x, _, z) in zip(wheels, p_BW, strict=True):
+        if abs(z - radius) > TOLERANCE:
+            raise ModelError(
+                f"{where(joint.name())}: wheel of '{joint.name()}' has its centre {z:.4f} m above '{spec.base_link}' "
+                f"but a radius of {radius:.4f} m; '{spec.base_link}' should lie on the road"
+            )
+        if joint in wheels[2:] and abs(x) > TOLERANCE:
+            raise ModelError(
+                f"{where(joint.name())}: rear wheel '{joint.name()}' is at x = {x:.4f} m; "
+                f"'{spec.base_link}' should lie below the rear axle"
+            )
+    limit, rate = _steering_limits(kingpins, where)
+    return VehicleGeometry(
+        wheelbase=float(p_BW[0, 0] - p_BW[2, 0]),
+        front_track=float(p_BW[0, 1] - p_BW[1, 1]),
+        rear_track=float(p_BW[2, 1] - p_BW[3, 1]),
+        kingpin_track=float(p_BK[0, 1] - p_BK[1, 1]),
+        wheel_radius=radius,
+        wheel_width=width,
+        steering_limit=min(limit, spec.steering.limit or math.inf),
+        steering_rate=min(rate, spec.steering.rate or math.inf),
+    )
+
+
+def _check_pair(joints: list[RevoluteJoint], points: np.ndarray, where: Callable[[str], str]) -> None:
+    """Left and right mirror each other, and left is left."""
+    left, right = points
+    if left[1] <= right[1]:
+        raise ModelError(
+            f"{where(joints[0].name())}: '{joints[0].name()}' lies to the right of '{joints[1].name()}'; exchange them"
+        )
+    mirrored = right * np.array([1.0, -1.0, 1.0])
+    if np.abs(left - mirrored).max() > TOLERANCE:
+        raise ModelError(
+            f"{where(joints[0].name())}: '{joints[0].name()}' at {_shown(left)} m and '{joints[1].name()}' at "
+            f"{_shown(right)} m are not mirror images within 1 mm"
+        )
+
+
+def _measure_wheels(
+    plant: MultibodyPlant, scene_graph: SceneGraph, wheels: list[RevoluteJoint], where: Callable[[str], str]
+) -> tuple[float, float]:
+    """Radius and width of the four wheels' collision shapes, which must be equal and coaxial with their joints."""
+    inspector = scene_graph.model_inspector()
+    sizes = []
+    for joint in wheels:
+        body = joint.child_body()
+        shapes = [
+            (inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry))
+            for geometry in plant.GetCollisionGeometriesForBody(body)
+            if inspector.GetProperties(geometry, Role.kProximity) is not None
+        ]
+        sized = [size for shape, X in shapes if (size := _wheel_size(shape, X)) is not None]
+        if not sized:
+            raise ModelError(
+                f"{where(joint.name())}: wheel '{body.name()}' has no collision shape that is round about its axis; "
+                "give it a cylinder about y"
+            )
+        sizes.append(max(sized))
+    low, high = np.min(sizes, axis=0), np.max(sizes, axis=0)
+    if high[0] - low[0] > TOLERANCE:
+        raise ModelError(
+            f"{where(wheels[0].name())}: wheels of different radius, {low[0]:.4f} to {high[0]:.4f} m; one is supported"
+        )
+    return float(high[0]), float(high[1])
+
+
+def _wheel_size(shape: Shape, X_WS: RigidTransform) -> tuple[float, float] | None:
+    """(radius, width) of a shape that is centred on the wheel and round about its y axis, else None."""
+    if np.abs(X_WS.translation()[[0, 2]]).max() > TOLERANCE:
+        return None
+    if isinstance(shape, Sphere):
+        return shape.radius(), 2.0 * shape.radius()
+    along_y = abs(abs(X_WS.rotation().matrix()[1, 2]) - 1.0) < TOLERANCE
+    if isinstance(shape, Cylinder) and along_y:
+        return shape.radius(), shape.length()
+    if isinstance(shape, Capsule) and along_y:
+        return shape.radius(), shape.length() + 2.0 * shape.radius()
+    if isinstance(shape, Ellipsoid) and along_y:
+        return max(shape.a(), shape.b()), 2.0 * shape.c()
+    return None
+
+
+def _steering_limits(kingpins: list[RevoluteJoint], where: Callable[[str], str]) -> tuple[float, float]:
+    """Angle [rad] and rate [rad/s] that both steering joints reach to both sides."""
+    for joint in kingpins:
+        low, high = joint.position_lower_limit(), joint.position_upper_limit()
+        if not -math.pi / 2 < low < 0.0 < high < math.pi / 2:
+            raise ModelError(
+                f"{where(joint.name())}: steering joint '{joint.name()}' is limited to {low:g} … {high:g} rad; "
+                "it needs a limit on each side of zero, below pi/2"
+            )
+    limit = min(min(joint.position_upper_limit(), -joint.position_lower_limit()) for joint in kingpins)
+    rate = min(min(joint.velocity_upper_limit(), -joint.velocity_lower_limit()) for joint in kingpins)
+    return float(limit), float(rate)
+
+
+def _shown(vector: np.ndarray) -> str:
+    return " ".join(f"{value:.4g}" for value in np.where(np.abs(vector) < 1e-9, 0.0, vector))

@@ -1,0 +1,94 @@
+"""Numbers in a URDF that Drake would answer with an exception without a line, or with a failed assertion."""
+
+import math
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+from mirdrake.errors import ModelError
+from mirdrake.vehicles.xacro_render import Urdf
+
+_DRAKE = "{http://drake.mit.edu}"
+Test = Callable[[float], bool]
+
+
+def _any(value: float) -> bool:
+    return math.isfinite(value)
+
+
+def _positive(value: float) -> bool:
+    return 0.0 < value < math.inf
+
+
+def _not_negative(value: float) -> bool:
+    return 0.0 <= value < math.inf
+
+
+_MEANING: dict[Test, str] = {_any: "", _positive: " above zero", _not_negative: " not below zero"}
+_RULES: tuple[tuple[str, str, int, Test], ...] = (  # element, attribute, how many numbers, which
+    ("origin", "xyz", 3, _any),
+    ("origin", "rpy", 3, _any),
+    ("axis", "xyz", 3, _any),
+    ("frame", "xyz", 3, _any),
+    ("frame", "rpy", 3, _any),
+    ("mesh", "scale", 3, _any),
+    ("box", "size", 3, _positive),
+    ("cylinder", "radius", 1, _positive),
+    ("cylinder", "length", 1, _positive),
+    ("sphere", "radius", 1, _positive),
+    ("capsule", "radius", 1, _positive),
+    ("capsule", "length", 1, _positive),
+    (_DRAKE + "capsule", "radius", 1, _positive),
+    (_DRAKE + "capsule", "length", 1, _positive),
+    (_DRAKE + "ellipsoid", "a", 1, _positive),
+    (_DRAKE + "ellipsoid", "b", 1, _positive),
+    (_DRAKE + "ellipsoid", "c", 1, _positive),
+    ("limit", "lower", 1, _any),
+    ("limit", "upper", 1, _any),
+    ("limit", "velocity", 1, _not_negative),
+    ("limit", "effort", 1, _not_negative),
+    ("dynamics", "damping", 1, _not_negative),
+    (_DRAKE + "hydroelastic_modulus", "value", 1, _positive),
+    (_DRAKE + "mesh_resolution_hint", "value", 1, _positive),
+    (_DRAKE + "mu_dynamic", "value", 1, _not_negative),
+    (_DRAKE + "mu_static", "value", 1, _not_negative),
+    (_DRAKE + "hunt_crossley_dissipation", "value", 1, _not_negative),
+    (_DRAKE + "point_contact_stiffness", "value", 1, _positive),
+    (_DRAKE + "relaxation_time", "value", 1, _not_negative),
+)
+
+
+def number(text: str | None) -> float:
+    """A number, or NaN for anything else."""
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return math.nan
+
+
+def check_numbers(urdf: Urdf) -> None:
+    """Places, axes, sizes, limits and contact properties are finite and have a sign that makes sense.
+
+    Raises:
+        ModelError: the first that is not, with its line.
+    """
+    for tag, attribute, count, fits in _RULES:
+        for element in urdf.root.iter(tag):
+            text = element.get(attribute)
+            if text is None:
+                continue
+            values = [number(word) for word in text.split()]
+            if len(values) != count or not all(map(fits, values)):
+                what = f"{count} finite numbers" if count > 1 else "a finite number"
+                raise ModelError(f"{_at(urdf, element)} {attribute} '{text}' should be {what}{_MEANING[fits]}")
+    for axis in urdf.root.iter("axis"):
+        if not any(number(word) for word in axis.get("xyz", "1 0 0").split()):
+            raise ModelError(f"{_at(urdf, axis)} xyz '{axis.get('xyz')}' has no direction")
+    for limit in urdf.root.iter("limit"):
+        low, high = (number(limit.get(key, default)) for key, default in (("lower", "-inf"), ("upper", "inf")))
+        if low > high:
+            raise ModelError(f"{_at(urdf, limit)} lower {low:g} is above upper {high:g}")
+
+
+def _at(urdf: Urdf, element: ElementTree.Element) -> str:
+    """``file:line: <tag>`` of an element."""
+    return f"{urdf.where(element)}: <{element.tag.replace(_DRAKE, 'drake:')}>"

@@ -1,0 +1,239 @@
+"""The three YAML files of a vehicle folder: vehicle.yaml, control.yaml and sensors.yaml.
+
+They hold what a URDF has no words for: which joint is which wheel, what drives and brakes, gains, sensors.
+Dimensions and masses are not repeated here; they are measured on the kinematics (:mod:`mirdrake.vehicles.geometry`).
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from mirdrake.errors import did_you_mean
+from mirdrake.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Power, Schema, Speed, Torque
+
+Drive = Literal["front", "rear", "all"]
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+
+
+# --- vehicle.yaml ------------------------------------------------------------------------------------------------
+
+
+class WheelJoints(Schema):
+    """The continuous joints of the four wheels, by place."""
+
+    front_left: str
+    front_right: str
+    rear_left: str
+    rear_right: str
+
+    def names(self) -> tuple[str, str, str, str]:
+        """Joint names in the order of :data:`WHEELS`."""
+        return (self.front_left, self.front_right, self.rear_left, self.rear_right)
+
+
+class SteeringJoints(Schema):
+    """The revolute joints that turn the front wheels."""
+
+    left: str
+    right: str
+
+    def names(self) -> tuple[str, str]:
+        """Joint names, left first."""
+        return (self.left, self.right)
+
+
+class Joints(Schema):
+    """Which joint of the URDF has which role."""
+
+    wheels: WheelJoints
+    steering: SteeringJoints
+
+
+class Steering(Schema):
+    """How one steering command becomes two wheel angles."""
+
+    law: Literal["ackermann", "unior"] = "ackermann"
+    limit: Angle | None = Field(
+        default=None, gt=0, lt=1.5, description="[rad] limit of the inner wheel; empty: the joints' own limit"
+    )
+    rate: AngularRate | None = Field(
+        default=None, gt=0, description="[rad/s] limit at the road wheel; empty: the joints' own limit"
+    )
+    ratio: float = Field(default=1.0, gt=0, description="[-] hand-wheel angle to road-wheel angle")
+
+
+class CoulombTyres(Schema):
+    """Tyre forces come from the contact's Coulomb friction alone; plus rolling resistance."""
+
+    kind: Literal["coulomb"] = "coulomb"
+    rolling_resistance: float = Field(ge=0, lt=1, description="[-] rolling moment / (load x radius)")
+
+
+class Powertrain(Schema):
+    """What the motor can give, at the wheels."""
+
+    max_torque: Torque = Field(gt=0, description="[N m] sum over the driven wheels")
+    max_power: Power = Field(gt=0, description="[W] sum over the driven wheels")
+
+
+class Brakes(Schema):
+    """What the brakes can give."""
+
+    max_torque: Torque = Field(ge=0, description="[N m] sum over the four wheels")
+    front_share: float = Field(ge=0, le=1, description="[-] part of it that acts on the front axle")
+
+
+class Aerodynamics(Schema):
+    """Air resistance. Data only: no force is applied yet."""
+
+    drag_area: float = Field(ge=0, description="[m²] drag coefficient x frontal area")
+
+
+class VehicleSpec(Schema):
+    """vehicle.yaml."""
+
+    name: str = Field(min_length=1, description="make and model, for titles")
+    grade: Literal["A", "B", "C"] = Field(
+        description="A: measured on the car; B: published figures, the rest assumed; C: mostly assumed"
+    )
+    licence: str = Field(min_length=1)
+    base_link: str = "base_link"
+    joints: Joints
+    drive: Drive = Field(description="driven axle; the argument `drive` of the xacro follows it")
+    steering: Steering
+    tyres: CoulombTyres
+    powertrain: Powertrain
+    brakes: Brakes
+    aerodynamics: Aerodynamics
+    sources: dict[str, str] = Field(
+        default_factory=dict,
+        description="dotted path of a number in this file -> where it is from, or why it is assumed",
+    )
+
+    def driven_wheels(self) -> tuple[str, ...]:
+        """Names of the driven wheels, in the order of :data:`WHEELS`."""
+        return {"front": WHEELS[:2], "rear": WHEELS[2:], "all": WHEELS}[self.drive]
+
+    def numbers_without_source(self) -> list[str]:
+        """Dotted paths of the numbers in this file that `sources` does not explain."""
+        return [path for path in _number_paths(self) if path not in self.sources]
+
+    def sources_without_number(self) -> list[str]:
+        """What is wrong with entries of `sources` that explain nothing: one text each."""
+        paths = list(_number_paths(self))
+        return [f"'{path}'; {did_you_mean(path, paths)}" for path in self.sources if path not in paths]
+
+
+def _number_paths(spec: Schema, prefix: str = "") -> Iterator[str]:
+    for name in type(spec).model_fields:
+        value = getattr(spec, name)
+        if isinstance(value, Schema):
+            yield from _number_paths(value, f"{prefix}{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool) and name in spec.model_fields_set:
+            yield f"{prefix}{name}"
+
+
+# --- control.yaml ------------------------------------------------------------------------------------------------
+
+
+class SpeedControl(Schema):
+    """Loop around the vehicle's speed: a PI controller that trims the set-point of the wheels' speed."""
+
+    kp: float = Field(default=0.5, ge=0, description="[-] extra set-point per speed error")
+    ki: float = Field(default=0.5, ge=0, description="[1/s]")
+    max_correction: Speed = Field(default=2.0, ge=0, description="[m/s] limit of the trim, and of its integral")
+    max_acceleration: Acceleration = Field(default=3.0, gt=0, description="[m/s²] slope of the set-point, faster")
+    max_deceleration: Acceleration = Field(default=5.0, gt=0, description="[m/s²] slope of the set-point, slower")
+
+
+class VelocityServo(Schema):
+    """Torque = gain x (wanted - measured wheel speed), solved implicitly by Drake."""
+
+    kind: Literal["servo"]
+    gain: float = Field(gt=0, description="[N m s/rad] per wheel")
+
+
+class PositionServo(Schema):
+    """Torque = stiffness x angle error - damping x rate error, solved implicitly by Drake."""
+
+    kind: Literal["servo"]
+    stiffness: float = Field(gt=0, description="[N m/rad] per steered wheel")
+    damping: float = Field(ge=0, description="[N m s/rad] per steered wheel")
+
+
+class Pid(Schema):
+    """Torque from a discrete PID controller; the unit of the error is rad (steering) or rad/s (wheel speed)."""
+
+    kind: Literal["pid"]
+    kp: float = Field(ge=0, description="[N m per unit]")
+    ki: float = Field(default=0.0, ge=0, description="[N m per unit and s]")
+    kd: float = Field(default=0.0, ge=0, description="[N m s per unit]")
+    filter: Duration = Field(default=0.0, ge=0, description="[s] time constant of the derivative's low-pass")
+    max_torque: Torque | None = Field(default=None, gt=0, description="[N m] limit; empty: the joint's own limit")
+    max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part alone")
+
+
+class PathTracking(Schema):
+    """Pure pursuit with a look-ahead that grows with speed."""
+
+    lookahead_time: Duration = Field(default=0.6, ge=0, description="[s] look-ahead distance / speed")
+    min_lookahead: Length = Field(default=3.0, gt=0, description="[m]")
+    max_lateral_acceleration: Acceleration = Field(default=3.0, gt=0, description="[m/s²] slows down for bends")
+
+
+class ControlSpec(Schema):
+    """control.yaml."""
+
+    rate: Frequency = Field(default=50.0, gt=0, le=10_000, description="[Hz] of every controller")
+    dead_man: Duration = Field(default=0.2, gt=0, description="[s] without a command until zero speed is commanded")
+    speed: SpeedControl = Field(default_factory=SpeedControl)
+    wheel_speed: Annotated[VelocityServo | Pid, Field(discriminator="kind")]
+    steering: Annotated[PositionServo | Pid, Field(discriminator="kind")]
+    path_tracking: PathTracking = Field(default_factory=PathTracking)
+
+
+# --- sensors.yaml ------------------------------------------------------------------------------------------------
+
+
+class Mount(Schema):
+    """What every mounted sensor has."""
+
+    frame: str = Field(min_length=1, description="link of the URDF; x ahead, y left, z up, also for cameras")
+    rate: Frequency = Field(gt=0, le=10_000, description="[Hz]")
+
+
+class CameraMount(Mount):
+    """Colour camera."""
+
+    kind: Literal["camera"]
+    width: int = Field(gt=0, le=8192, description="[pixel]")
+    height: int = Field(gt=0, le=8192, description="[pixel]")
+    horizontal_fov: Angle = Field(gt=0, lt=3.14, description="[rad] whole angle")
+    near: Length = Field(default=0.1, gt=0, description="[m] clipping")
+    far: Length = Field(default=300.0, gt=0, description="[m] clipping")
+    noise: float = Field(default=0.0, ge=0, description="[-] standard deviation, of full scale 1")
+
+
+class GpsMount(Mount):
+    """Position receiver."""
+
+    kind: Literal["gps"]
+    noise: Length = Field(default=0.0, ge=0, description="[m] standard deviation, horizontal, each axis")
+
+
+class ImuMount(Mount):
+    """Rate gyros and accelerometers."""
+
+    kind: Literal["imu"]
+    gyro_noise: AngularRate = Field(default=0.0, ge=0, description="[rad/s] standard deviation of a sample")
+    acceleration_noise: Acceleration = Field(default=0.0, ge=0, description="[m/s²] standard deviation of a sample")
+
+
+SensorMount = Annotated[CameraMount | GpsMount | ImuMount, Field(discriminator="kind")]
+
+
+class SensorsSpec(Schema):
+    """sensors.yaml: mounted sensors by name."""
+
+    mounts: dict[str, SensorMount] = Field(default_factory=dict)

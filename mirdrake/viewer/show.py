@@ -1,0 +1,53 @@
+"""Look at a vehicle or a world in Meshcat."""
+
+from math import pi
+from pathlib import Path
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.multibody.meshcat import JointSliders
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from mirdrake.logs import write_file
+from mirdrake.plant import make_plant, set_start
+from mirdrake.vehicles import Vehicle
+from mirdrake.viewer.meshcat import place_camera
+from mirdrake.worlds import World, load_world
+
+
+def show_vehicle(vehicle: Vehicle, meshcat: Meshcat) -> tuple[Diagram, JointSliders]:
+    """A vehicle on an empty plane with a slider for every joint.
+
+    Returns:
+        the diagram and its sliders: call ``sliders.Run(diagram)`` to follow the sliders until its button is pressed.
+    """
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {vehicle.name: vehicle})
+    MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
+    limits = {"lower_limit": -pi, "upper_limit": pi, "step": 0.01}
+    sliders = builder.AddNamedSystem("sliders", JointSliders(meshcat, parts.plant, **limits))
+    diagram = builder.Build()
+    place_camera(meshcat, x=0.0, y=0.0, yaw=0.0, distance=7.0)
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    return diagram, sliders
+
+
+def show_world(world: World, meshcat: Meshcat, *, vehicles: dict[str, Vehicle] | None = None) -> Diagram:
+    """A world, with vehicles at its first start."""
+    builder = DiagramBuilder()
+    parts = make_plant(builder, world, vehicles or {})
+    MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    start = next(iter(world.starts.values()), None)
+    if start is not None:
+        place_camera(meshcat, x=start.x, y=start.y, yaw=start.yaw, distance=14.0)
+        plant_context = parts.plant.GetMyMutableContextFromRoot(context)
+        for part in parts.vehicles.values():
+            set_start(parts.plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw)
+    diagram.ForcedPublish(context)
+    return diagram
+
+
+def write_page(meshcat: Meshcat, path: Path) -> None:
+    """What a Meshcat shows, as one HTML file that opens offline."""
+    write_file(path, meshcat.StaticHtml())

@@ -1,0 +1,59 @@
+"""The whole flow in one call: simulate, then write the recording and the report."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydrake.geometry import Meshcat
+
+from mirdrake.diagram import DiagramSpec, assemble
+from mirdrake.drawing import draw_svg, write_dot
+from mirdrake.errors import MissingDependencyError
+from mirdrake.logs import Run, write_file
+from mirdrake.report import write_report
+from mirdrake.simulation import Progress, Simulation, default_folder
+from mirdrake.viewer import write_recording
+
+
+def run_diagram(
+    spec: DiagramSpec | Mapping[str, Any] | str,
+    *,
+    folder: Path | None = None,
+    duration: float | None = None,
+    meshcat: Meshcat | None = None,
+    realtime_rate: float = 0.0,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Run:
+    """Run a diagram into a run folder with all its files.
+
+    Args:
+        spec: a diagram spec, its data or its name.
+        folder: run folder; ``runs/<name>-<UTC time>`` if left out.
+        duration: simulated time [s]; the spec's if left out.
+        meshcat: shows the run while it goes on.
+        realtime_rate: 1 for real time, 0 for as fast as it goes.
+        progress: see :func:`mirdrake.simulation.simulate`.
+        say: told what is being done.
+
+    Raises:
+        MirdrakeError: what is wrong, on one line.
+    """
+    assembly = assemble(spec, meshcat=meshcat)
+    folder = folder or default_folder(assembly.spec.name)
+    run = Simulation(assembly).run(duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress)
+    record = assembly.spec.record
+    svg = None
+    write_file(folder / "diagram.dot", write_dot(assembly))
+    try:
+        svg = draw_svg(assembly)
+        write_file(folder / "diagram.svg", svg)
+    except MissingDependencyError as error:
+        say(str(error))
+    if record.meshcat and not run.signals.empty:
+        say("writing the recording")
+        write_recording(run, frames_per_second=record.frames)
+    if record.report:
+        say("writing the report")
+        write_report(run, diagram_svg=svg)
+    return run

@@ -1,0 +1,158 @@
+"""Flat polygons to textured triangles, and triangles to a glTF text.
+
+Follows the Khronos glTF 2.0 specification: buffers embedded as data URIs, y up. Drake turns glTF's y up into its z up.
+A glTF texture repeats outside 0 .. 1 by default, both in Meshcat and in Drake's VTK renderer (an OBJ's does not).
+"""
+
+import base64
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles of one material.
+
+    Its normals point the way the triangles are wound (counter-clockwise seen from outside).
+    """
+
+    vertices: Array
+    """N x 3 positions [m], z up"""
+    triangles: NDArray[np.int64]
+    """M x 3 indices of vertices"""
+    normal: Array
+    """N x 3 unit normals"""
+    uv: Array
+    """N x 2 texture coordinates, 1 = one tile"""
+    color: tuple[float, float, float]
+    """linear red, green, blue, 0 .. 1; multiplies the texture"""
+    texture: str | None = None
+    """name of a texture file"""
+
+
+def fill(
+    polygon: shapely.Geometry, *, z: float, tile: float, color: tuple[float, float, float], texture: str | None
+) -> Surface:
+    """A horizontal polygon, holes and all, as triangles.
+
+    Args:
+        polygon: polygon or multipolygon in the xy plane [m].
+        z: height [m].
+        tile: side of a texture tile [m]; tiles are aligned with the world's axes.
+        color: linear red, green, blue.
+        texture: name of a texture file.
+    """
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(_pieces(polygon)))
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    clockwise = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0] < 0.0
+    corners[clockwise] = corners[clockwise][:, ::-1]
+    xy, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    vertices = np.column_stack((xy, np.full(len(xy), z)))
+    normal = np.tile([0.0, 0.0, 1.0], (len(xy), 1))
+    return Surface(vertices, index.reshape(-1, 3).astype(np.int64), normal, xy / tile, color, texture)
+
+
+def skirt(
+    polygon: shapely.Geometry, *, top: float, bottom: float, tile: float, color: tuple[float, float, float]
+) -> Surface:
+    """The vertical sides [m] of a slab with that outline, facing outwards, without texture."""
+    vertices: list[Array] = []
+    triangles: list[Array] = []
+    normals: list[Array] = []
+    count = 0
+    for part in shapely.get_parts(shapely.orient_polygons(polygon)):  # outside counter-clockwise, holes clockwise
+        for ring in [part.exterior, *part.interiors]:
+            a = shapely.get_coordinates(ring)[:-1]
+            b = np.roll(a, -1, axis=0)
+            along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+            quad = np.stack((np.c_[a, np.full(len(a), bottom)], np.c_[b, np.full(len(a), bottom)],
+                             np.c_[b, np.full(len(a), top)], np.c_[a, np.full(len(a), top)]), axis=1)  # fmt: skip
+            first = count + 4 * np.arange(len(a))[:, None]
+            vertices.append(quad.reshape(-1, 3))
+            triangles.append((first + np.array([[0, 1, 2, 0, 2, 3]])).reshape(-1, 3))
+            normals.append(np.repeat(np.c_[along[:, 1], -along[:, 0], np.zeros(len(a))], 4, axis=0))
+            count += 4 * len(a)
+    points = np.vstack(vertices)
+    return Surface(points, np.vstack(triangles).astype(np.int64), np.vstack(normals), points[:, :2] / tile, color)
+
+
+def make_gltf(surfaces: Sequence[Surface]) -> str:
+    """A glTF text with one mesh; textures are named, not embedded, and looked for beside it."""
+    blob = bytearray()
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    images = list(dict.fromkeys(surface.texture for surface in surfaces if surface.texture))
+
+    def add(array: NDArray[Any], target: int, kind: str, component: int, **extra: Any) -> int:
+        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes, "target": target})
+        accessors.append(
+            {"bufferView": len(views) - 1, "componentType": component, "count": len(array), "type": kind, **extra}
+        )
+        blob.extend(array.tobytes())
+        return len(accessors) - 1
+
+    primitives, materials = [], []
+    for number, surface in enumerate(surfaces):
+        points, normals = (_y_up(values).astype("<f4") for values in (surface.vertices, surface.normal))
+        limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+        attributes = {
+            "POSITION": add(points, 34962, "VEC3", 5126, **limits),
+            "NORMAL": add(normals, 34962, "VEC3", 5126),
+            "TEXCOORD_0": add((surface.uv * [1.0, -1.0]).astype("<f4"), 34962, "VEC2", 5126),
+        }
+        indices = add(surface.triangles.ravel().astype("<u4"), 34963, "SCALAR", 5125)
+        primitives.append({"attributes": attributes, "indices": indices, "material": number})
+        pbr: dict[str, Any] = {"baseColorFactor": [*surface.color, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.95}
+        if surface.texture:
+            pbr["baseColorTexture"] = {"index": images.index(surface.texture)}
+        materials.append({"pbrMetallicRoughness": pbr})
+
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "mirdrake"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": primitives}],
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [
+            {"byteLength": len(blob), "uri": "data:application/octet-stream;base64," + base64.b64encode(blob).decode()}
+        ],
+    }
+    if images:
+        document["images"] = [{"uri": Path(name).name} for name in images]
+        document["samplers"] = [
+            {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
+        ]  # mipmaps, repeat
+        document["textures"] = [{"sampler": 0, "source": number} for number in range(len(images))]
+    return json.dumps(document)
+
+
+def _pieces(polygon: shapely.Geometry, *, size: float = 60.0) -> NDArray[np.object_]:
+    """A polygon with holes cut along a grid, for the time to triangulate grows faster than the number of corners.
+
+    The grid is the same for all polygons, so that neighbours are cut at the same points and no crack opens between them.
+    """
+    if shapely.get_num_coordinates(polygon) < 200:
+        return np.asarray(shapely.get_parts(polygon))
+    xmin, ymin, xmax, ymax = np.floor(shapely.bounds(polygon) / size) * size
+    x, y = np.meshgrid(np.arange(xmin, xmax + size, size), np.arange(ymin, ymax + size, size))
+    cells = shapely.box(x, y, x + size, y + size)
+    parts = shapely.get_parts(shapely.get_parts(shapely.intersection(polygon, cells.ravel())))
+    return np.asarray(parts[shapely.area(parts) > 1e-8])
+
+
+def _y_up(vectors: Array) -> Array:
+    """x, y, z with z up as x, z, -y with y up."""
+    return np.column_stack((vectors[:, 0], vectors[:, 2], -vectors[:, 1]))

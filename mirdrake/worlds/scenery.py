@@ -1,0 +1,234 @@
+"""What a world looks like: ground, roads and paint as meshes for Drake, sun and sky as data.
+
+Road, paint and ground are cut out of each other, so that no two surfaces lie close above one another: nothing flickers (z-fighting),
+however far away the camera is. The road's top is at z = 0, where the physical plane is; the ground beside it lies lower by the
+road's thickness.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from pydrake.common import MemoryFile
+from pydrake.geometry import (
+    InMemoryMesh,
+    LightParameter,
+    Mesh,
+    Meshcat,
+    RenderEngineVtkParams,
+    Rgba,
+    Shape,
+)
+from pydrake.math import RigidTransform
+
+from mirdrake.paths import data_root
+from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
+from mirdrake.worlds.spec import MarkingSpec
+from mirdrake.worlds.tracks import Array, Track
+from mirdrake.worlds.world import World
+
+TILES = {"asphalt": 4.0, "grass": 6.0, "concrete": 4.0, "gravel": 3.0, "ice": 8.0}
+"""Side of a texture tile [m]."""
+
+SKIES = {"clear": ((70, 125, 200), (205, 222, 238)), "overcast": ((176, 182, 190), (214, 217, 220))}
+"""Colours of the skies at the zenith and at the horizon, red, green, blue, 0 .. 255."""
+
+_WHITE = (0.86, 0.86, 0.84)
+_EDGE = {"asphalt": 0.10, "grass": 0.12, "concrete": 0.35, "gravel": 0.22, "ice": 0.70}  # linear grey of a slab's side
+_APRON = 1000.0  # [m] visible ground beyond the world, up to the horizon
+_INSET = 0.05  # [m] between the edge of the road and an edge line
+_SAGITTA = 5e-3  # [m] by which the visible outline may miss the true one
+
+
+@dataclass(frozen=True)
+class SceneryItem:
+    """A thing to see, fixed in the world."""
+
+    name: str
+    shape: Shape
+    X_WG: RigidTransform
+    rgba: Array | None = None
+    """colour, or None when the mesh brings its own"""
+
+
+@dataclass(frozen=True)
+class SunLight:
+    """A directional light in W."""
+
+    direction: Array
+    """unit vector from the sun to the ground"""
+    intensity: float
+    """1 is a clear day [-]"""
+    color: tuple[float, float, float]
+    """red, green, blue, 0 .. 1"""
+
+
+def texture_path(surface: str) -> Path:
+    """The texture file of a surface."""
+    return data_root() / "worlds" / "textures" / f"{surface}.jpg"
+
+
+def scenery(world: World) -> list[SceneryItem]:
+    """Ground, roads and painted lines of a world, to be registered on the world body as visual geometry.
+
+    The meshes are in memory and name their textures by path; nothing is written.
+    """
+    items: list[SceneryItem] = []
+    roads = {
+        name: track.band(-track.width / 2.0, track.width / 2.0, sagitta=_SAGITTA)
+        for name, track in world.tracks.items()
+    }
+    names = list(roads)
+    for index, name in enumerate(names):
+        spec, track, road = world.spec.tracks[name], world.tracks[name], roads[name]
+        others = [roads[other] for other in names if other != name]
+        later = shapely.union_all([roads[other] for other in names[index + 1 :]])
+
+        # Paint: the lines that are on no other road; then the road around them.
+        lines = shapely.union_all([_line(track, marking) for marking in spec.markings])
+        lines = shapely.difference(shapely.intersection(lines, road), shapely.union_all(others))
+        bare = shapely.difference(shapely.difference(road, lines), later)
+        surfaces = [_textured(bare, spec.surface, z=0.0)]
+        if spec.thickness:
+            grey = (_EDGE[spec.surface],) * 3
+            surfaces.append(skirt(road, top=0.0, bottom=-spec.thickness, tile=TILES[spec.surface], color=grey))
+        items.append(_item(f"world/{name}/road", surfaces))
+        if not lines.is_empty:
+            paint = fill(_polygons(lines), z=0.0, tile=1.0, color=_WHITE, texture=None)
+            items.append(_item(f"world/{name}/lines", [paint]))
+
+    # Ground: everything that is no road, as much lower as the roads are thick.
+    depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
+    plane = shapely.box(*world.ground.extent)
+    ground = shapely.difference(plane, shapely.union_all(list(roads.values())))
+    apron = shapely.difference(plane.buffer(_APRON, join_style="mitre"), plane)
+    parts = [_textured(part, world.ground.surface, z=-depth) for part in (ground, apron)]
+    items.insert(0, _item("world/ground", parts))
+    return items
+
+
+def sun_light(world: World) -> SunLight:
+    """The sun of a world."""
+    sun = world.spec.lights.sun
+    level = np.cos(sun.elevation)
+    towards = np.array([level * np.cos(sun.azimuth), level * np.sin(sun.azimuth), np.sin(sun.elevation)])
+    return SunLight(-towards, sun.intensity, (1.0, 0.97, 0.92))
+
+
+def sky_colors(world: World) -> tuple[Array, Array]:
+    """Red, green and blue, 0 .. 1, of the sky at the zenith and at the horizon."""
+    zenith, horizon = SKIES[world.spec.sky]
+    return np.array(zenith) / 255.0, np.array(horizon) / 255.0
+
+
+def lights(world: World) -> list[LightParameter]:
+    """The lights of a world for Drake's renderers: the sun, and three weak ones from the sky and the ground as ambient light.
+
+    Without a light of its own, Drake's VTK renderer puts one on the camera, and the ground seen by a driver is almost black.
+    Physically based shading, which a glTF mesh switches on, divides the light of a matt surface by π; the intensities are
+    multiplied by it, so that a white sheet which faces a sun of intensity 1 is just white.
+    """
+    sun, ambient = sun_light(world), world.spec.lights.ambient
+    level = sun.direction * [1.0, 1.0, 0.0]
+    away = -level / np.linalg.norm(level) if level.any() else np.array([1.0, 0.0, 0.0])
+    down = np.array([0.0, 0.0, -1.0])
+
+    def light(direction: Array, intensity: float, color: tuple[float, float, float]) -> LightParameter:
+        return LightParameter(
+            type="directional", frame="world", direction=direction, intensity=np.pi * intensity, color=Rgba(*color, 1.0)
+        )
+
+    return [
+        light(sun.direction, sun.intensity, sun.color),
+        light(down, ambient, (0.88, 0.94, 1.0)),
+        light(away, 0.7 * ambient, (0.88, 0.94, 1.0)),
+        light(-down, 0.4 * ambient, (0.9, 0.95, 0.8)),
+    ]
+
+
+def render_params(world: World) -> RenderEngineVtkParams:
+    """Settings of Drake's VTK renderer for a world: its lights, and a sky of one colour.
+
+    An environment map would draw the sky's gradient too, but its preparation takes nearly two minutes without a graphics card.
+    """
+    return RenderEngineVtkParams(lights=lights(world), default_clear_color=sky_colors(world)[1], force_to_pbr=True)
+
+
+def set_sky(meshcat: Meshcat, world: World) -> None:
+    """Give Meshcat the sky of a world and a view that reaches to the horizon; the grid and the axes go.
+
+    Meshcat also lights the scene with its background. A true blue would colour the ground, so the sky is paler here.
+    """
+    zenith, horizon = sky_colors(world)
+    meshcat.SetProperty("/Background", "top_color", (0.35 * zenith + 0.65).tolist())
+    meshcat.SetProperty("/Background", "bottom_color", (0.5 * horizon + 0.5).tolist())
+    towards = -sun_light(world).direction
+    for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):  # near the origin: a bright spot there
+        meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.6)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.5 * world.spec.lights.sun.intensity)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "position", (10.0 * towards).tolist())
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "near", 0.1)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "far", 3.0 * _APRON)
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+
+
+# --- the inner parts ---------------------------------------------------------------------------------------------
+
+
+def _patch(track: Track, stations: Array, begin: float, end: float, right: float, left: float) -> shapely.Geometry:
+    """The part of a track from one s [m] to another and between two offsets [m], as a polygon."""
+    between = stations[(stations > begin + 1e-6) & (stations < end - 1e-6)]
+    s = np.concatenate(([begin], between, [end]))
+    return shapely.Polygon(
+        np.vstack((np.column_stack(track.point(s, left)), np.column_stack(track.point(s, right))[::-1]))
+    )
+
+
+def _line(track: Track, marking: MarkingSpec) -> shapely.Geometry:
+    """A painted line as a polygon."""
+    half, side = marking.width / 2.0, track.width / 2.0 - _INSET
+    stations = track.stations(sagitta=_SAGITTA)
+    if marking.line == "start":
+        begin = -half if track.closed else 0.0
+        return _patch(track, stations, begin, begin + marking.width, -side, side)
+    middle = {"left": side - half, "right": half - side, "center": 0.0}[marking.line]
+    if marking.kind == "solid":
+        return track.band(middle - half, middle + half, sagitta=_SAGITTA)
+    painted, period = marking.dash[0], sum(marking.dash)
+    count = max(1, round(track.length / period)) if track.closed else int(np.ceil(track.length / period))
+    if track.closed:  # a whole number of dashes
+        painted, period = painted * track.length / (count * period), track.length / count
+    begins = period * np.arange(count)
+    ends = np.minimum(begins + painted, track.length)
+    return shapely.MultiPolygon(
+        [_patch(track, stations, a, b, middle - half, middle + half) for a, b in zip(begins, ends, strict=True)]
+    )
+
+
+def _polygons(shape: shapely.Geometry) -> shapely.Geometry:
+    """Only the polygons of a shape; an intersection may also leave lines and points."""
+    return shapely.MultiPolygon(
+        [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-8]
+    )
+
+
+def _textured(polygon: shapely.Geometry, surface: str, *, z: float) -> Surface:
+    """A horizontal polygon with the texture of a surface."""
+    return fill(_polygons(polygon), z=z, tile=TILES[surface], color=(1.0, 1.0, 1.0), texture=surface)
+
+
+def _item(name: str, surfaces: list[Surface]) -> SceneryItem:
+    """Surfaces as one thing to see."""
+    textures = {surface.texture for surface in surfaces if surface.texture}
+    named = [
+        Surface(s.vertices, s.triangles, s.normal, s.uv, s.color, f"{s.texture}.jpg" if s.texture else None)
+        for s in surfaces
+    ]
+    mesh = InMemoryMesh(
+        mesh_file=MemoryFile(make_gltf(named), ".gltf", name),
+        supporting_files={f"{texture}.jpg": texture_path(texture) for texture in sorted(textures)},
+    )
+    return SceneryItem(name, Mesh(mesh), RigidTransform())

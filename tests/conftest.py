@@ -1,0 +1,53 @@
+"""What all tests share: each leaves the process as it found it, plots stay headless, data files can be damaged."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from mirdrake import paths
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _private_matplotlib_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A font cache of its own: the home folder may be read-only, and several processes may build it at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MPLCONFIGDIR", str(tmp_path_factory.mktemp("matplotlib")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _process_as_found() -> Iterator[None]:
+    """Environment, working directory and sys.path are after each test what they were before it.
+
+    This fixture is set up first and torn down last, so what `monkeypatch` changes is undone before the check.
+    """
+    environment, folder, path = _environment(), Path.cwd(), list(sys.path)
+    yield
+    assert _environment() == environment, "the test changed os.environ; use monkeypatch.setenv"
+    assert Path.cwd() == folder, "the test changed the working directory; use monkeypatch.chdir"
+    assert sys.path == path, "the test changed sys.path; use monkeypatch.syspath_prepend"
+
+
+def _environment() -> dict[str, str]:
+    return {key: value for key, value in os.environ.items() if key != "PYTEST_CURRENT_TEST"}
+
+
+@pytest.fixture
+def corrupted_copy(tmp_path: Path) -> Callable[[str, str, str], Path]:
+    """A function (file below data_root(), old text, new text) -> copy of that file with the one change, in tmp_path."""
+
+    def copy(name: str, old: str, new: str) -> Path:
+        source = paths.data_root() / name
+        text = source.read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"'{old}' stands {text.count(old)} times in {name}; once is needed"
+        target = tmp_path / source.name
+        target.write_text(text.replace(old, new), encoding="utf-8")
+        return target
+
+    return copy

@@ -1,0 +1,48 @@
+"""The exception tree and the tail of messages."""
+
+import ast
+import inspect
+import re
+
+import pytest
+
+from mirdrake import errors
+from mirdrake.errors import MirdrakeError, did_you_mean
+
+
+def _classes() -> dict[str, type[Exception]]:
+    return {name: item for name, item in vars(errors).items() if isinstance(item, type) and issubclass(item, Exception)}
+
+
+def test_every_error_is_a_mirdrake_error() -> None:
+    assert all(issubclass(item, MirdrakeError) for item in _classes().values())
+
+
+def test_the_drawn_tree_lists_exactly_the_classes() -> None:
+    drawn = re.findall(r"^\s+[├└─ │]*(\w+Error)", errors.__doc__ or "", re.MULTILINE)
+    assert sorted(drawn) == sorted(_classes())
+
+
+def test_every_error_says_what_it_stands_for() -> None:
+    tree = ast.parse(inspect.getsource(errors))
+    assert all(ast.get_docstring(node) for node in tree.body if isinstance(node, ast.ClassDef))
+
+
+@pytest.mark.parametrize(
+    ("given", "allowed", "tail"),
+    [
+        ("blot", ["unior", "bolt"], "did you mean 'bolt'? (allowed: bolt, unior)"),
+        ("tractor", ["unior", "bolt"], "(allowed: bolt, unior)"),
+        ("x", [], "nothing is available here"),
+        (3, ["30"], "did you mean '30'? (allowed: 30)"),
+        ("a", ["a", "a"], "did you mean 'a'? (allowed: a)"),
+    ],
+)
+def test_the_nearest_word_is_offered_with_all_words(given: object, allowed: list[str], tail: str) -> None:
+    assert did_you_mean(given, allowed) == tail
+
+
+def test_a_long_list_is_cut_after_twelve_words() -> None:
+    tail = did_you_mean("w99", [f"w{index:02}" for index in range(20)])
+    assert tail.endswith("w10, w11, …)")
+    assert "w12" not in tail.split("(")[1]

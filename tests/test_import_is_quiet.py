@@ -1,0 +1,52 @@
+"""``import mirdrake`` is quick and silent: no Drake, no plotting, no network, no text."""
+
+import json
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+HEAVY = ("pydrake", "numpy", "matplotlib", "pandas", "scipy", "pyarrow", "pydantic", "trimesh", "meshcat", "tqdm")
+
+LOOK = """
+import json, sys, time
+events = []
+sys.addaudithook(lambda event, arguments: events.append(event) if event.startswith("socket.") else None)
+start = time.perf_counter()
+import mirdrake
+seconds = time.perf_counter() - start
+json.dump({"seconds": seconds, "modules": sorted(sys.modules), "events": events}, sys.stderr)
+"""
+
+
+@pytest.fixture(scope="module")
+def looks() -> list[dict[str, object]]:
+    """What three fresh interpreters saw; each must print nothing on its standard output."""
+    results = []
+    for _ in range(3):
+        done = subprocess.run([sys.executable, "-W", "error", "-c", LOOK], cwd=ROOT, capture_output=True, text=True)
+        assert (done.returncode, done.stdout) == (0, ""), done.stderr
+        results.append(json.loads(done.stderr))  # fails on any other text
+    return results
+
+
+def test_import_takes_less_than_three_tenths_of_a_second(looks: list[dict[str, float]]) -> None:
+    assert statistics.median(look["seconds"] for look in looks) < 0.3
+
+
+def test_import_loads_no_heavy_package(looks: list[dict[str, list[str]]]) -> None:
+    loaded = {module.split(".")[0] for module in looks[0]["modules"]}
+    assert loaded.isdisjoint(HEAVY)
+
+
+def test_import_opens_no_socket(looks: list[dict[str, list[str]]]) -> None:
+    assert looks[0]["events"] == []
+
+
+def test_errors_and_paths_come_without_drake() -> None:
+    code = "import sys, mirdrake.errors, mirdrake.paths, mirdrake.yaml_io; print('pydrake' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("False\n", "")

@@ -1,0 +1,94 @@
+"""Imports go only upstream along the stages of the design; data folders are never packages."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "mirdrake"
+
+STAGES = {
+    "errors": 0, "paths": 0, "signals": 0, "yaml_io": 0, "yaml_tree": 0,
+    "vehicles": 1, "wheel_shape": 1, "worlds": 1,
+    "plant": 2,
+    "controllers": 3, "sensors": 3, "tyres": 3,
+    "blocks": 4, "diagram": 4, "diagram_spec": 4,
+    "drawing": 5, "logs": 5, "simulation": 5, "telemetry": 5,
+    "identification": 6, "manoeuvres": 6, "studies": 6, "suites": 6, "tuning": 6,
+    "report": 7, "viewer": 7,
+    "__init__": 8, "__main__": 8, "cli": 8, "workflow": 8,
+}  # fmt: skip
+DATA_FOLDERS = {"models", "worlds", "diagrams", "notebooks", "benchmarks", "tests", "runs"}
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def _imports(file: Path) -> Iterator[tuple[int, str]]:
+    """(line, dotted name) of everything a file imports, at any depth and also for type checking only."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}:{node.lineno}: relative import; write it from mirdrake on"
+            yield node.lineno, node.module or ""
+            if node.module in {"mirdrake", "pydrake"}:
+                yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def _part(file: Path) -> str:
+    """The module or package directly below mirdrake/ that a file belongs to."""
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def _shown(file: Path) -> str:
+    return str(file.relative_to(ROOT))
+
+
+def test_every_module_has_its_stage() -> None:
+    parts = {_part(file) for file in MODULES}
+    assert parts <= set(STAGES), f"name the stage of {sorted(parts - set(STAGES))} in STAGES, and in the README's table"
+
+
+@pytest.mark.parametrize("file", MODULES, ids=_shown)
+def test_a_module_imports_only_from_its_own_or_earlier_stages(file: Path) -> None:
+    own = STAGES[_part(file)]
+    for line, name in _imports(file):
+        top, _, rest = name.partition(".")
+        if top == "mirdrake" and rest:
+            other = rest.split(".")[0]
+            assert STAGES[other] <= own, f"{_shown(file)}:{line}: stage {own} imports {name} of stage {STAGES[other]}"
+        elif name == "mirdrake":
+            names = [full for at, full in _imports(file) if at == line and full != "mirdrake"]
+            assert names or own == 8, f"{_shown(file)}:{line}: the public names are for users; import the module"
+
+
+def test_the_modules_import_one_another_without_a_circle() -> None:
+    edges: dict[str, set[str]] = {}
+    for file in MODULES:
+        below = edges.setdefault(_part(file), set())
+        for _, name in _imports(file):
+            parts = name.split(".")
+            if parts[0] == "mirdrake" and len(parts) > 1 and parts[1] != _part(file):
+                below.add(parts[1])
+    edges.pop("__init__", None)
+    while edges:
+        free = {part for part, below in edges.items() if not below & set(edges)}
+        assert free, f"these import one another in a circle: {sorted(edges)}"
+        for part in free:
+            del edges[part]
+
+
+@pytest.mark.parametrize("file", MODULES + sorted((ROOT / "tests").glob("*.py")), ids=_shown)
+def test_data_folders_are_not_imported_and_pydrake_all_is_not_used(file: Path) -> None:
+    for line, name in _imports(file):
+        assert name.split(".")[0] not in DATA_FOLDERS, f"{_shown(file)}:{line}: {name} is a folder of data, no package"
+        assert not name.startswith("pydrake.all"), f"{_shown(file)}:{line}: import names from their pydrake modules"
+
+
+def test_data_folders_have_no_init_file() -> None:
+    assert [folder for folder in sorted(DATA_FOLDERS) if (ROOT / folder / "__init__.py").exists()] == []
+
+
+def test_the_checkout_has_no_share_folder() -> None:
+    assert not (PACKAGE / "share").exists(), "mirdrake/share belongs into the wheel only; it would hide models/"

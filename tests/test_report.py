@@ -1,0 +1,432 @@
+"""The report of a run: a drive round the test track with the figures of a steady, slightly noisy path follower."""
+
+import re
+import time
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pandas
+import pytest
+
+from mirdrake.errors import RunError
+from mirdrake.report import write_report
+from mirdrake.report.drive import load_roads
+from mirdrake.report.figures import thin
+from mirdrake.report.run_report import render_report
+from mirdrake.report.svg import embed_svg
+from mirdrake.report.vehicle_charts import middle_tangent
+from mirdrake.report.words import clock, lasting, spoken, tell
+from mirdrake.worlds import load_world
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+WHEELBASE, FRONT_TRACK, RADIUS = 2.60, 1.50, 0.32  # [m]
+
+
+@dataclass(frozen=True)
+class FakeRun:
+    folder: Path
+    spec: dict[str, Any] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+    signals: pandas.DataFrame = field(default_factory=pandas.DataFrame)
+    units: dict[str, str] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+
+
+def drive_track(
+    name: str, *, duration: float, rate: float, speed: float = 5.0, seed: int = 1, delay: float = 0.0
+) -> pandas.DataFrame:
+    """Signals of a car that follows the test track with a lateral error that grows with curvature."""
+    track = load_world("test_track").tracks["main"]
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, duration + 0.5 / rate, 1.0 / rate)
+    command = np.full_like(t, speed)
+    v = speed * (1.0 - np.exp(-np.maximum(t - delay, 0.0) / 0.9)) + 0.012 * np.sin(3.0 * t)
+    s = np.concatenate(([0.0], np.cumsum(v[:-1]) / rate))
+    x0, y0, yaw = track.pose(s)
+    k = track.curvature(s)
+    lag = np.exp(-np.arange(0.0, 3.0, 1.0 / rate) / 0.5)
+    slow = np.convolve(k, lag / lag.sum())[: len(t)]
+    e = -0.9 * slow + 0.004 * np.sin(0.7 * t) + 0.001 * random.standard_normal(len(t))
+    delta = np.arctan(WHEELBASE * slow)
+    cot = 1.0 / np.where(np.abs(np.tan(delta)) < 1e-9, 1e-9, np.tan(delta))
+    drag = 14.0 + 0.4 * v
+    pull = 1100.0 * np.gradient(v, t) * RADIUS / 2.0 + drag + 2.0 * random.standard_normal(len(t))
+    shift = 4200.0 * slow * v * v / 9.81
+    columns: dict[str, Any] = {
+        "x": x0 - e * np.sin(yaw), "y": y0 + e * np.cos(yaw), "z": 0.0 * t, "roll": 0.02 * slow, "pitch": 0.0 * t,
+        "yaw": yaw, "vx": v, "vy": 0.01 * slow, "vz": 0.0 * t, "wx": 0.0 * t, "wy": 0.0 * t,
+        "wz": v * slow + 0.002 * random.standard_normal(len(t)),
+        "speed_command": command, "steering_command": np.arctan(WHEELBASE * k),
+        "steering_angle.left": np.arctan(1.0 / (cot - FRONT_TRACK / 2.0 / WHEELBASE)),
+        "steering_angle.right": np.arctan(1.0 / (cot + FRONT_TRACK / 2.0 / WHEELBASE)),
+        "lateral_error": e, "heading_error": 0.1 * e, "progress": s % track.length, "lap": np.floor(s / track.length),
+        "curvature": k, "wheels_on_road": np.full_like(t, 4.0),
+    }  # fmt: skip
+    for wheel in WHEELS:
+        side = 1.0 if wheel.endswith("right") else -1.0
+        columns[f"wheel_speed.{wheel}"] = v * (1.0 + side * slow * FRONT_TRACK / 2.0) / RADIUS
+        columns[f"wheel_angle.{wheel}"] = np.cumsum(columns[f"wheel_speed.{wheel}"]) / rate
+        columns[f"wheel_torque.{wheel}"] = pull if wheel.startswith("front") else np.zeros_like(t)
+        columns[f"wheel_load.{wheel}"] = (
+            4200.0 * (1.0 - np.exp(-t / 0.05)) + side * shift + 8.0 * random.standard_normal(len(t))
+        )
+        columns[f"wheel_contact_torque.{wheel}"] = -0.0073 * columns[f"wheel_load.{wheel}"] * RADIUS
+    return pandas.DataFrame(
+        {f"{name}.{key}": value for key, value in columns.items()}, index=pandas.Index(t, name="time")
+    )
+
+
+def make_run(folder: Path, *, duration: float = 200.0, rate: float = 50.0, name: str = "ego") -> FakeRun:
+    signals = drive_track(name, duration=duration, rate=rate)
+    laps = float(np.trapezoid(signals[f"{name}.vx"], signals.index)) / 965.0
+    figures = {
+        "model": "bolt", "laps": laps, "max_abs_lateral_error_m": float(signals[f"{name}.lateral_error"].abs().max()),
+        "mean_speed_error_percent": 0.11, "max_speed_mps": float(signals[f"{name}.vx"].max()),
+        "off_road_s": 0.0, "distance_m": 965.0 * laps,
+    }  # fmt: skip
+    spec = {
+        "world": "test_track",
+        "vehicles": {name: {"model": "bolt", "start": "line"}},
+        "control": {name: {"kind": "path_tracking", "track": "main", "speed": 5.0}},
+        "plant": {"time_step": 0.005, "contact": "hydroelastic"},
+        "duration": duration,
+        "seed": 0,
+    }
+    summary = {
+        "diagram": "bolt_test_track", "world": "test_track", "simulated_s": duration, "wall_s": duration / 3.2,
+        "real_time_factor": 3.2, "stop_reason": "the duration is over", "spec_sha256": "5f2c" * 16, "seed": 0,
+        "versions": {"mirdrake": "0.1.0", "drake": "1.51.1", "python": "3.11.2"}, "vehicles": {name: figures},
+    }  # fmt: skip
+    events = [
+        {"time": 0.0, "kind": "start", "text": "ego starts at line"},
+        {"time": duration, "kind": "stop", "text": "the duration is over"},
+    ]
+    return FakeRun(folder, spec, summary, signals, {}, events)
+
+
+class Page(HTMLParser):
+    """Elements of a page with their attributes, its text, and whether every element is closed in order."""
+
+    VOID = ("meta", "link", "br")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> without a start"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] not in {"script", "style"}:
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def lap(tmp_path_factory) -> FakeRun:
+    """One lap of the test track: 200 s at 5 m/s, logged at 50 Hz."""
+    return make_run(tmp_path_factory.mktemp("bolt_test_track-20250101T000000Z"))
+
+
+@pytest.fixture(scope="module")
+def lap_page(lap) -> str:
+    return render_report(lap)
+
+
+def short_run(folder: Path, **changes: Any) -> FakeRun:
+    return replace(make_run(folder, duration=20.0, rate=10.0), **changes)
+
+
+def test_the_headline_says_in_words_what_happened(lap_page):
+    # 200 s at 5 m/s, less the 0.9 s that the launch costs, are 995.5 m: 1.03 laps of 965 m
+    headline = re.search("<h1>(.*)</h1>", lap_page).group(1).replace("\u00a0", " ")
+    assert headline == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, speed 0.1 % off"
+
+
+def test_one_lap_is_singular(tmp_path):
+    run = short_run(tmp_path)
+    run.summary["vehicles"]["ego"]["laps"] = 1.0
+    assert "drove 1.00\u00a0lap of test_track" in render_report(run)
+
+
+def test_every_section_is_there_in_reading_order(lap_page):
+    titles = [
+        "The track from above", "Speed and set-point", "Steering", "Lateral error", "Yaw rate", "Wheel torques",
+        "Contact: wheel loads", "Contact: rolling resistance", "Events", "Settings",
+    ]  # fmt: skip
+    found = [re.sub("<.*?>", "", title).strip() for title in re.findall("<h[23]>(.*?)</h[23]>", lap_page)]
+    assert [title for title in found if title != "Signals"] == titles
+
+
+def test_the_page_is_well_formed_and_its_ids_are_unique(lap_page):
+    page = Page(lap_page)
+    assert page.open == []
+    ids = Counter(attributes["id"] for _, attributes in page.elements if "id" in attributes)
+    assert max(ids.values()) == 1
+    wanted = {a["href"][1:] for _, a in page.elements if (a.get("href") or "").startswith("#")}
+    assert wanted <= set(ids)
+
+
+def test_the_page_asks_the_network_for_nothing(lap_page):
+    assert "http" not in lap_page
+    assert "@import" not in lap_page
+    assert not re.search(r"url\((?!#)", lap_page)
+    outside = [
+        a for _, a in Page(lap_page).elements if a.get("src") or not (a.get("href") or "#").startswith(("#", "data:,"))
+    ]
+    assert outside == []
+
+
+def test_every_picture_has_a_text_for_those_who_cannot_see_it(lap_page):
+    pictures = [attributes for attributes in Page(lap_page).all("svg") if "plot" in (attributes["class"] or "")]
+    assert len(pictures) == 2 * 8 + 3  # map and seven charts for wide and for narrow screens, three close views
+    assert all(attributes["role"] == "img" and len(attributes["aria-label"] or "") > 20 for attributes in pictures)
+
+
+def test_every_axis_carries_its_unit(lap_page):
+    labels = re.findall(r"<text[^>]*>([^<]*\[[^<]*\])</text>", lap_page)
+    assert {label.split(" [")[1] for label in labels} == {"m/s]", "°]", "m]", "°/s]", "N m]", "kN]", "s]"}
+    assert labels.count("Time [s]") == 2 * 7
+
+
+def test_the_same_run_gives_the_same_bytes(lap, lap_page):
+    path = write_report(lap)
+    assert path == lap.folder / "report.html"
+    assert path.read_text(encoding="utf-8") == lap_page
+
+
+def test_a_report_leaves_matplotlib_as_it_was_and_no_other_file(tmp_path):
+    before = dict(matplotlib.rcParams)
+    write_report(short_run(tmp_path))
+    assert dict(matplotlib.rcParams) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_a_lap_is_written_in_three_seconds_and_half_a_megabyte(lap):
+    begin = time.process_time()
+    path = write_report(lap)
+    assert time.process_time() - begin < 3.0
+    assert path.stat().st_size < 0.6e6
+
+
+def test_an_hour_is_written_in_five_seconds_and_a_megabyte(tmp_path):
+    run = make_run(tmp_path, duration=3600.0)
+    assert len(run.signals) == 180_001
+    begin = time.process_time()
+    path = write_report(run)
+    assert time.process_time() - begin < 5.0
+    assert path.stat().st_size < 1.2e6
+
+
+def test_a_name_that_looks_like_html_is_shown_as_text(tmp_path):
+    name = "<script>alert(1)</script>$x_$"
+    run = make_run(tmp_path, duration=20.0, rate=10.0, name=name)
+    run.events.append({"time": 5.0, "kind": "<b>", "text": "hit </table>"})
+    run.spec["note"] = "</pre><script>"
+    page = render_report(replace(run, summary={**run.summary, "stop_reason": "<i>"}))
+    parsed = Page(page)
+    assert len(parsed.all("script")) == 1
+    assert not {"b", "i"} & {tag for tag, attributes in parsed.elements if not attributes}
+    assert "hit </table>" in parsed.text
+    assert name in parsed.text
+
+
+def test_a_killed_run_reports_what_was_recorded(tmp_path):
+    page = render_report(short_run(tmp_path, summary={}, events=[]))
+    assert "did not reach its end" in page
+    # 20 s at 5 m/s less 0.9 s of launch, on a straight
+    assert "The Bolt drove 95.5\u00a0m in test_track in 20.0\u00a0s; largest lateral error" in page
+
+
+def test_a_run_without_samples_still_shows_the_road_and_the_settings(tmp_path):
+    run = short_run(tmp_path, summary={}, events=[])
+    page = render_report(replace(run, signals=run.signals.iloc[:0]))
+    assert "No samples were recorded" in page
+    assert "The Bolt left no signals" in page
+    assert 'class="plot map wide"' in page
+    assert "time_step: 0.005" in page
+
+
+def test_a_run_of_nothing_at_all_is_reported(tmp_path):
+    page = render_report(FakeRun(tmp_path))
+    assert "A run without signals" in page
+    assert "plot" not in {attributes.get("class") for attributes in Page(page).all("svg")}
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_run_of_a_sample_or_two_is_reported(tmp_path, rows):
+    run = short_run(tmp_path)
+    assert "Speed and set-point" in render_report(replace(run, signals=run.signals.iloc[:rows]))
+
+
+def test_without_a_track_the_drive_is_shown_and_track_figures_are_left_out(tmp_path):
+    run = short_run(tmp_path, summary={})
+    gone = [
+        f"ego.{key}" for key in ("lateral_error", "heading_error", "progress", "lap", "curvature", "wheels_on_road")
+    ]
+    page = render_report(replace(run, signals=run.signals.drop(columns=gone), spec={**run.spec, "world": "empty"}))
+    assert "The drive from above" in page
+    assert "Lateral error" not in page
+    assert "coloured by speed" in page
+
+
+@pytest.mark.parametrize("kept", [["vx"], ["x", "y"], ["wheel_load.front_left"], ["steering_command"], ["x"]])
+def test_any_few_columns_make_a_report(tmp_path, kept):
+    run = short_run(tmp_path, summary={})
+    page = render_report(replace(run, signals=run.signals[[f"ego.{key}" for key in kept]]))
+    assert Page(page).open == []
+
+
+def test_values_that_are_not_finite_leave_gaps(tmp_path):
+    run = short_run(tmp_path)
+    signals = run.signals.copy()
+    signals.iloc[50:60] = np.nan
+    signals.iloc[70, :] = np.inf
+    signals["ego.wheel_torque.rear_left"] = np.nan
+    page = render_report(replace(run, signals=signals))
+    assert not re.search(r"[ ML\">](nan|inf)", page.partition("<script>")[0])
+
+
+def test_an_unknown_world_and_an_unknown_model_only_cost_the_road_and_the_wheelbase(tmp_path):
+    run = short_run(tmp_path)
+    spec = {**run.spec, "world": "atlantis", "vehicles": {"ego": {"model": "nautilus"}}}
+    page = render_report(replace(run, spec=spec, summary={}))
+    assert "The Nautilus drove" in page
+    assert "Grey: the road" not in page
+    assert "v·tan" not in page
+
+
+def test_several_vehicles_share_the_map_and_have_a_section_each(tmp_path):
+    run = short_run(tmp_path)
+    rival = drive_track("rival", duration=20.0, rate=10.0, speed=7.0, seed=2, delay=2.0)
+    run.spec["vehicles"]["rival"] = {"model": "bolt"}
+    page = Page(render_report(replace(run, signals=pandas.concat([run.signals, rival], axis=1))))
+    assert len([a for a in page.all("svg") if a.get("class") == "plot map wide"]) == 1
+    assert [a["id"] for a in page.all("section") if (a.get("id") or "").startswith("vehicle")] == [
+        "vehicle-1",
+        "vehicle-2",
+    ]
+    assert page.text.count("Speed and set-point") == 2
+    assert "The Bolt (rival) drove" in page.text
+
+
+def test_events_are_listed_in_order_and_a_flood_of_them_is_cut(tmp_path):
+    events = [{"time": 20.0 - 0.01 * i, "kind": "contact", "text": f"cone {i}"} for i in range(500)]
+    page = Page(render_report(short_run(tmp_path, events=events)))
+    rows = re.findall(r"cone (\d+)", page.text)
+    assert rows[0] == "499"
+    assert len(rows) == 200
+    assert "300 more" in page.text
+
+
+def test_events_amid_the_run_are_marked_in_the_charts(tmp_path):
+    at = [{"time": when, "kind": "contact", "text": "cone"} for when in (0.0, 5.0, 20.0)]
+    assert "Dotted red lines" in render_report(short_run(tmp_path, events=at))
+    assert "Dotted red lines" not in render_report(short_run(tmp_path, events=at[::2]))
+
+
+def test_the_diagram_and_the_recording_of_the_folder_are_shown(tmp_path):
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 900 90"><g id="a"><text>wheel drive</text></g></svg>'
+    (tmp_path / "diagram.svg").write_text(svg)
+    (tmp_path / "recording.html").write_text("")
+    page = render_report(short_run(tmp_path))
+    assert "wheel drive" in page
+    assert "width:900px" in page
+    assert 'href="recording.html"' in page
+    assert "<iframe" not in page  # only after a click
+    assert "other words" in render_report(short_run(tmp_path), diagram_svg=svg.replace("wheel drive", "other words"))
+
+
+def test_a_diagram_that_is_no_svg_is_told_and_left_out(tmp_path):
+    page = render_report(short_run(tmp_path), diagram_svg="digraph { a -> b }")
+    assert "The drawing of the diagram is left out: not an SVG document" in page
+
+
+def test_a_drawing_is_embedded_without_scripts_and_outside_references():
+    text = """<?xml version="1.0"?><!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/svg11.dtd">
+    <svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="9" onload="steal()">
+    <script>steal()</script><style>.n { fill: red }</style><style>@import "http://e.org"</style>
+    <style>} body { display: none</style><image xlink:href="http://e.org/i.png"/><a xlink:href="javascript:steal()">
+    <text fill="url(http://e.org/f)">kept</text></a><defs><path id="p" d="M0.123456 1L2 3"/></defs>
+    <use xlink:href="#p" clip-path="url(#p)"/></svg>"""
+    result = embed_svg(text, "d-", scope=".diagram")
+    assert "http" not in result
+    assert "steal" not in result
+    assert "body" not in result
+    assert ".diagram { .n { fill: red } }" in result
+    assert "<text>kept</text>" in result
+    assert '<path id="d-p" d="M0.1 1L2 3"' in result
+    assert 'href="#d-p" clip-path="url(#d-p)"' in result
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_of_one_line(tmp_path):
+    run = short_run(tmp_path / "gone")
+    with pytest.raises(RunError, match="cannot be written: No such file or directory") as caught:
+        write_report(run)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_roads_of_the_test_track_close_and_are_three_metres_wide():
+    (road,) = load_roads("test_track")
+    assert road.closed
+    np.testing.assert_allclose(road.left[0], road.left[-1], atol=1e-9)
+    np.testing.assert_allclose(np.hypot(*(road.left - road.right).T), 3.0, atol=1e-9)
+
+
+def test_thinning_keeps_the_ends_and_every_peak():
+    x = np.linspace(0.0, 1.0, 100_000)
+    y = np.sin(40.0 * x)
+    y[12_345], y[67_890], y[50_000:50_500] = 9.0, -9.0, np.nan
+    thin_x, thin_y = thin(x, y, 600)
+    assert len(thin_x) <= 1202
+    assert thin_x[0] == 0.0
+    assert thin_x[-1] == 1.0
+    assert np.nanmax(thin_y) == 9.0
+    assert np.nanmin(thin_y) == -9.0
+    assert np.isnan(thin_y).any()
+
+
+def test_the_middle_wheel_of_ackermann_steering_turns_about_the_same_point():
+    # L = 2.6 m, turn of radius 10 m at the middle of the axle, kingpins 1.5 m apart: tan δ = 0.26 between
+    # 2.6/9.25 on the inside and 2.6/10.75 on the outside
+    inside, outside = np.arctan([2.6 / 9.25]), np.arctan([2.6 / 10.75])
+    np.testing.assert_allclose(middle_tangent(inside, outside), 0.26, rtol=1e-12)
+    np.testing.assert_allclose(middle_tangent(-outside, -inside), -0.26, rtol=1e-12)
+    np.testing.assert_allclose(middle_tangent(np.array([0.0, 0.1]), np.array([0.0, -0.1])), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [(0.12349, "m", "0.123 m"), (965.2, "m", "965 m"), (12340.0, "N", "12\u202f340 N"), (-0.5, "m", "−0.500 m"),
+     (0.0, "s", "0 s"), (float("nan"), "m", "–"), (21.84, "°", "21.8°"), (3.2, "×", "3.20×"), (2e-5, "m", "2e−05 m")],
+)  # fmt: skip
+def test_numbers_are_told_with_three_digits_and_their_unit(value, unit, text):
+    assert tell(value, unit).replace("\u00a0", " ") == text
+
+
+def test_times_and_names_read_like_prose():
+    assert clock(83.21) == "83.2\u00a0s"
+    assert clock(1000.0) == "16\u00a0min 40\u00a0s"
+    assert lasting(200.0) == "200\u00a0s"
+    assert lasting(3600.0) == "60.0\u00a0min"
+    assert spoken("cat_vehicle") == "Cat vehicle"

@@ -1,0 +1,99 @@
+"""The wheel holds the models and worlds, is small, and works far from the checkout."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+pytestmark = pytest.mark.skipif(find_spec("hatchling") is None, reason="needs the Python package hatchling")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (file,) = folder.glob("*.whl")
+    return file
+
+
+@pytest.fixture(scope="module")
+def contents(wheel: Path) -> set[str]:
+    return set(zipfile.ZipFile(wheel).namelist())
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """bin/ of a fresh virtual environment with the wheel; the packages it depends on are those of this one."""
+    folder = tmp_path_factory.mktemp("fresh")
+    venv.create(folder, symlinks=True)
+    (site,) = folder.glob("lib/python*/site-packages")
+    here = dict.fromkeys((sysconfig.get_path("purelib"), sysconfig.get_path("platlib")))
+    (site / "dependencies.pth").write_text("\n".join(here) + "\n")  # .pth files there are not read: no checkout
+    python = folder / "bin" / "python"
+    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", str(wheel)]
+    subprocess.run(command, check=True, capture_output=True)
+    return python.parent
+
+
+def _run(*command: str | Path, cwd: Path) -> str:
+    """Standard output of a command that runs outside the checkout and succeeds without a word on standard error."""
+    environment = {key: value for key, value in os.environ.items() if key not in {"PYTHONPATH", "MIRDRAKE_PATH"}}
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def test_every_data_file_is_in_the_wheel(contents: set[str]) -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", "models", "worlds", "diagrams"], cwd=ROOT, capture_output=True, text=True
+    )
+    wanted = {line for line in listed.stdout.splitlines() if (ROOT / line).is_file()}
+    assert wanted - {name.removeprefix("mirdrake/share/") for name in contents} == set()
+    assert "mirdrake/share/models/bolt/vehicle.yaml" in contents
+    assert "mirdrake/share/worlds/test_track.yaml" in contents
+    assert "mirdrake/share/diagrams/bolt_test_track.yaml" in contents
+
+
+def test_the_modules_and_templates_are_in_the_wheel(contents: set[str]) -> None:
+    wanted = {str(file.relative_to(ROOT)) for file in (ROOT / "mirdrake").rglob("*") if file.is_file()}
+    assert {name for name in wanted if "__pycache__" not in name} - contents == set()
+
+
+def test_nothing_else_is_in_the_wheel(contents: set[str]) -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert {name.split("/")[0] for name in contents} == {"mirdrake", f"mirdrake-{version}.dist-info"}
+    odd = [
+        name for name in contents if "/tests/" in name or "__pycache__" in name or "/." in name or name.endswith("~")
+    ]
+    assert odd == []
+
+
+def test_the_wheel_is_smaller_than_ten_megabytes(wheel: Path) -> None:
+    assert wheel.stat().st_size < 10e6
+
+
+def test_the_installed_command_lists_what_is_shipped(installed: Path, tmp_path: Path) -> None:
+    listed = _run(installed / "mirdrake", "list", cwd=tmp_path)
+    assert all(name in listed for name in ("bolt", "test_track", "bolt_test_track"))
+
+
+def test_the_installed_package_loads_its_own_vehicle_and_world(installed: Path, tmp_path: Path) -> None:
+    code = (
+        "import mirdrake as mir\n"
+        "print(mir.__file__)\n"
+        "print(mir.load_vehicle('bolt').folder)\n"
+        "print(mir.load_world('test_track').path)\n"
+    )
+    lines = _run(installed / "python", "-W", "error", "-c", code, cwd=tmp_path).splitlines()
+    assert len(lines) == 3
+    assert all(Path(line).is_relative_to(installed.parent) for line in lines)
