@@ -4,9 +4,8 @@
 before it is finalised. The road is one half space; what the eye sees lies on top of it.
 """
 
-import contextlib
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import cos, sin
 from typing import Literal
@@ -40,6 +39,11 @@ from mirdrake.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
 from mirdrake.yaml_io import Duration, Schema
+
+logging.getLogger("drake").addFilter(
+    # Rigid half spaces do not touch deformable bodies, says Drake at every start; there are none here.
+    lambda record: "half spaces are not currently supported for deformable" not in record.getMessage()
+)
 
 SIDES = ("left", "right")
 
@@ -227,28 +231,12 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[GeometryId, ..
     friction = CoulombFriction(world.road_mu, world.road_mu)
     AddContactMaterial(friction=friction, dissipation=0.0, point_stiffness=ROAD_STIFFNESS, properties=material)
     AddRigidHydroelasticProperties(material)
-    with _without_half_space_warning():
-        ground = plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "road", material)
+    ground = plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "road", material)
     plant.mutable_gravity_field().set_gravity_vector(world.ground.gravity)
     for item in scenery(world):
         rgba = item.rgba if item.rgba is not None else [1.0, 1.0, 1.0, 1.0]
         plant.RegisterVisualGeometry(plant.world_body(), item.X_WG, item.shape, f"scenery/{item.name}", rgba)
     return (ground,)
-
-
-@contextlib.contextmanager
-def _without_half_space_warning() -> Iterator[None]:
-    """Drake warns that a rigid half space does not touch deformable bodies, of which there are none here."""
-    logger = logging.getLogger("drake")
-
-    def wanted(record: logging.LogRecord) -> bool:
-        return "half spaces are not currently supported for deformable" not in record.getMessage()
-
-    logger.addFilter(wanted)
-    try:
-        yield
-    finally:
-        logger.removeFilter(wanted)
 
 
 def set_start(

@@ -76,4 +76,4 @@ def signals_of(port: InputPort | OutputPort) -> Signals | None:
 def _remember(system: LeafSystem, direction: str, name: str, contents: Sequence[Signal]) -> None:
     book: dict[tuple[str, str], Signals] = getattr(system, "_mirdrake_signals", {})
     book[(direction, name)] = tuple(contents)
-    system._mirdrake_signals = book  # type: ignore[attr-defined]
+    system._mirdrake_signals = book

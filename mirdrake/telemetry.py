@@ -149,7 +149,8 @@ def vehicle_states(pose: Array, twist: Array) -> Array:
     Returns:
         12 x n in the order of :data:`mirdrake.controllers.vectors.STATE`.
     """
-    w, i, j, k, x, y, z = pose
+    w, i, j, k = pose[:4] / np.linalg.norm(pose[:4], axis=0)  # Drake lets the norm drift
+    x, y, z = pose[4:]
     w_W, v_W = twist[:3], twist[3:]
     R: Any = np.array(
         [

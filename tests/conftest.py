@@ -5,12 +5,19 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from mirdrake import paths
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples in each run; a hang is a failure, a busy machine is not.
+hypothesis.settings.register_profile(
+    "mirdrake", derandomize=True, deadline=5000, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("mirdrake")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -29,7 +29,7 @@ WHEELBASE, FRONT_TRACK, RADIUS = 2.60, 1.50, 0.32  # [m]
 
 @dataclass(frozen=True)
 class FakeRun:
-    folder: Path
+    folder: Path | None
     spec: dict[str, Any] = field(default_factory=dict)
     summary: dict[str, Any] = field(default_factory=dict)
     signals: pandas.DataFrame = field(default_factory=pandas.DataFrame)
@@ -46,7 +46,7 @@ def drive_track(
     t = np.arange(0.0, duration + 0.5 / rate, 1.0 / rate)
     command = np.full_like(t, speed)
     v = speed * (1.0 - np.exp(-np.maximum(t - delay, 0.0) / 0.9)) + 0.012 * np.sin(3.0 * t)
-    s = np.concatenate(([0.0], np.cumsum(v[:-1]) / rate))
+    s = np.concatenate(([0.0], np.cumsum((v[:-1] + v[1:]) / 2.0) / rate))
     x0, y0, yaw = track.pose(s)
     k = track.curvature(s)
     lag = np.exp(-np.arange(0.0, 3.0, 1.0 / rate) / 0.5)
@@ -241,12 +241,12 @@ def test_an_hour_is_written_in_five_seconds_and_a_megabyte(tmp_path):
 def test_a_name_that_looks_like_html_is_shown_as_text(tmp_path):
     name = "<script>alert(1)</script>$x_$"
     run = make_run(tmp_path, duration=20.0, rate=10.0, name=name)
-    run.events.append({"time": 5.0, "kind": "<b>", "text": "hit </table>"})
+    run.events.append({"time": 5.0, "kind": "<u>", "text": "hit </table>"})
     run.spec["note"] = "</pre><script>"
     page = render_report(replace(run, summary={**run.summary, "stop_reason": "<i>"}))
     parsed = Page(page)
     assert len(parsed.all("script")) == 1
-    assert not {"b", "i"} & {tag for tag, attributes in parsed.elements if not attributes}
+    assert not {"u", "i"} & {tag for tag, attributes in parsed.elements if not attributes}
     assert "hit </table>" in parsed.text
     assert name in parsed.text
 
@@ -255,7 +255,7 @@ def test_a_killed_run_reports_what_was_recorded(tmp_path):
     page = render_report(short_run(tmp_path, summary={}, events=[]))
     assert "did not reach its end" in page
     # 20 s at 5 m/s less 0.9 s of launch, on a straight
-    assert "The Bolt drove 95.5\u00a0m in test_track in 20.0\u00a0s; largest lateral error" in page
+    assert "The Bolt drove 95.5\u00a0m in 20.0\u00a0s on test_track; largest lateral error" in page
 
 
 def test_a_run_without_samples_still_shows_the_road_and_the_settings(tmp_path):
@@ -327,7 +327,8 @@ def test_several_vehicles_share_the_map_and_have_a_section_each(tmp_path):
         "vehicle-2",
     ]
     assert page.text.count("Speed and set-point") == 2
-    assert "The Bolt (rival) drove" in page.text
+    assert "2 vehicles drove on test_track for 20.0\u00a0s" in page.text
+    assert "rival, the Bolt, drove" in page.text
 
 
 def test_events_are_listed_in_order_and_a_flood_of_them_is_cut(tmp_path):
@@ -384,6 +385,13 @@ def test_a_folder_that_cannot_be_written_is_an_error_of_one_line(tmp_path):
     with pytest.raises(RunError, match="cannot be written: No such file or directory") as caught:
         write_report(run)
     assert "\n" not in str(caught.value)
+
+
+def test_a_run_that_is_only_in_memory_can_be_rendered_but_not_written():
+    run = FakeRun(None)
+    assert Page(render_report(run)).open == []
+    with pytest.raises(RunError, match="only in memory"):
+        write_report(run)
 
 
 def test_the_roads_of_the_test_track_close_and_are_three_metres_wide():

@@ -346,18 +346,43 @@ def test_a_moving_link_without_mass_is_refused(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new", "message"),
     [
-        ("structure.xacro", 'x="0" y="${track / 2}"', 'x="0" y="nan"', "<origin> xyz '0 nan 0.3234' should be 3 finite numbers"),
-        ("structure.xacro", '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "<axis> xyz '0 0 0' has no direction"),
-        ("contact.xacro", 'z0="1.0" z1', 'z0="2.0" z1', "<box> size '3.9670000000000005 1.3 -0.405' should be 3 finite numbers above zero"),
-        ("contact.xacro", 'tyre_modulus" value="1e7"', 'tyre_modulus" value="-1"', "<drake:hydroelastic_modulus> value '-1' should be a finite number above zero"),
-        ("properties.xacro", 'steering_rate" value="0.5"', 'steering_rate" value="-1"', "<limit> velocity '-1' should be a finite number not below zero"),
-        ("properties.xacro", 'steering_limit" value="0.6"', 'steering_limit" value="-0.6"', "<limit> lower 0.6 is above upper -0.6"),
+        (
+            "structure",
+            'x="0" y="${track / 2}"',
+            'x="0" y="nan"',
+            "<origin> xyz '0 nan 0.3234' should be 3 finite numbers",
+        ),
+        ("structure", '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "<axis> xyz '0 0 0' has no direction"),
+        (
+            "contact",
+            'z0="1.0" z1',
+            'z0="2.0" z1',
+            "<box> size '3.1815 1.3 -0.405' should be 3 finite numbers above zero",
+        ),
+        (
+            "contact",
+            'tyre_modulus" value="1e7"',
+            'tyre_modulus" value="-1"',
+            "<drake:hydroelastic_modulus> value '-1' should be a finite number above zero",
+        ),
+        (
+            "properties",
+            'steering_rate" value="0.5"',
+            'steering_rate" value="-1"',
+            "<limit> velocity '-1' should be a finite number not below zero",
+        ),
+        (
+            "properties",
+            'steering_limit" value="0.6"',
+            'steering_limit" value="-0.6"',
+            "<limit> lower 0.6 is above upper -0.6",
+        ),
     ],
-)  # fmt: skip
+)
 def test_numbers_at_which_drake_would_abort_are_refused_with_their_line(
     copy: Path, file: str, old: str, new: str, message: str
 ) -> None:
-    replace(copy / file, old, new)
+    replace(copy / f"{file}.xacro", old, new)
     assert re.fullmatch(r"bolt/(structure|contact)\.xacro:\d+: " + re.escape(message), message_of(ModelError))
 
 
@@ -543,7 +568,7 @@ def test_loading_prints_nothing(capfd: pytest.CaptureFixture[str], copy: Path) -
 
 
 def test_a_tighter_software_limit_of_the_steering_wins(copy: Path) -> None:
-    replace(copy / "vehicle.yaml", "  law: ackermann\n", "  law: ackermann\n  limit: 30 deg\n  rate: 20 deg/s\n")
+    replace(copy / "vehicle.yaml", "  ratio: 16.8\n", "  ratio: 16.8\n  limit: 30 deg\n  rate: 20 deg/s\n")
     geometry = load_vehicle("bolt").geometry
     assert geometry.steering_limit == pytest.approx(math.pi / 6)
     assert geometry.steering_rate == pytest.approx(math.pi / 9)

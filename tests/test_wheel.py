@@ -54,10 +54,8 @@ def _run(*command: str | Path, cwd: Path) -> str:
 
 
 def test_every_data_file_is_in_the_wheel(contents: set[str]) -> None:
-    listed = subprocess.run(
-        ["git", "ls-files", "models", "worlds", "diagrams"], cwd=ROOT, capture_output=True, text=True
-    )
-    wanted = {line for line in listed.stdout.splitlines() if (ROOT / line).is_file()}
+    files = [file for kind in ("models", "worlds", "diagrams") for file in (ROOT / kind).rglob("*") if file.is_file()]
+    wanted = {str(file.relative_to(ROOT)) for file in files if "__pycache__" not in file.parts}
     assert wanted - {name.removeprefix("mirdrake/share/") for name in contents} == set()
     assert "mirdrake/share/models/bolt/vehicle.yaml" in contents
     assert "mirdrake/share/worlds/test_track.yaml" in contents

@@ -556,13 +556,13 @@ def _never_fails_otherwise(text: str) -> None:
     assert all(line.startswith("drive.yaml:") and line.isprintable() for line in lines)
 
 
-@settings(max_examples=300, deadline=2000)
+@settings(max_examples=200)
 @given(st.one_of(st.text(), st.lists(st.one_of(st.sampled_from(PIECES), st.text(max_size=3))).map("".join)))
 def test_any_text_is_read_or_refused_with_a_line(text: str) -> None:
     _never_fails_otherwise(text)
 
 
-@settings(max_examples=300, deadline=2000)
+@settings(max_examples=200)
 @given(st.data())
 def test_a_damaged_file_is_read_or_refused_with_a_line(data: st.DataObject) -> None:
     text = NESTED
@@ -573,14 +573,14 @@ def test_a_damaged_file_is_read_or_refused_with_a_line(data: st.DataObject) -> N
     _never_fails_otherwise(text)
 
 
-@settings(max_examples=200, deadline=2000)
+@settings(max_examples=100)
 @given(st.text(), st.text())
 def test_any_override_is_taken_or_refused_with_its_own_words(key: str, value: str) -> None:
     lines = _refusal(NESTED, f"{key}={value}")
     assert all(line.startswith(("--set ", "drive.yaml:")) for line in lines)
 
 
-@settings(max_examples=200, deadline=2000)
+@settings(max_examples=100)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),

@@ -9,8 +9,8 @@ of an ideal wheel at the front axle centre (L, 0). Written with t = tan(delta), 
     kingpin of the right wheel at (L, -Tk/2)   tan(right) = t / (1 + t Tk/(2 L))
 
 so that cot(outer) - cot(inner) = Tk/L. The normal of a steered wheel runs through its kingpin and the turning centre.
-The wheel centre lies on that normal, the scrub radius c = (Tf - Tk)/2 further out than the kingpin, so its distance from
-the turning centre is that of the kingpin, less c for the inner and plus c for the outer wheel. Speed of each wheel
+The wheel centre lies on that normal, the scrub radius c = (Tf - Tk)/2 further out than the kingpin, so its distance
+from the turning centre is that of the kingpin, less c for the inner and plus c for the outer wheel. Speed of each wheel
 centre over that of the rear axle centre::
 
     front left   sqrt((1 - t Tk/(2 L))^2 + t^2) - c t/L         rear left   1 - t Tr/(2 L)
@@ -135,7 +135,7 @@ class Ackermann:
 
         Divided by the wheel radius and times the speed they are the spin rates of free rolling at constant steering
         angle. While the angle changes, the front wheels also roll about their kingpins: scrub radius times rate, not
-            included here.
+        included here.
 
         Args:
             steering: bicycle angle [rad].

@@ -101,7 +101,7 @@ def command_step(
     Returns:
         The state for the next step, and the set-point.
     """
-    if math.isfinite(speed + steering) and state.stamp <= stamp <= time + TOLERANCE:
+    if math.isfinite(speed + steering + stamp) and state.stamp <= stamp <= time + TOLERANCE:
         state = CommandState(speed, steering, stamp)
     alive = time - state.stamp <= limits.timeout + TOLERANCE
     held = min(max(state.steering, -limits.steering), limits.steering)
@@ -120,8 +120,8 @@ class VelocityCommand(LeafSystem):  # type: ignore[misc, unused-ignore]
             is older than the timeout.
         alive (1) [1]: 1 while messages come, 0 while the dead-man holds.
 
-    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right after
-        t.
+    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right
+    after t.
 
     State: discrete, group 0 the set-point, group 1 alive, group 2 the last good message.
 

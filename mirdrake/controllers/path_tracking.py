@@ -276,13 +276,12 @@ class PathTracker(LeafSystem):  # type: ignore[misc, unused-ignore]
         command (3) [m/s, rad, s]: speed, steering, stamp.
         path_error (4) [m, rad, m, 1]: lateral, heading, progress, laps of the rear axle centre against the centre line.
 
-    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right after
-        t; initialisation
-    shows the first values, so they are right from t = 0.
+    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right
+    after t; initialisation shows the first values, so they are right from t = 0.
 
     Parameters of the Context: the six numbers of :class:`PathGains`. Change them with :meth:`set_gains`, also while
-        running. The line
-    is planned for the set-point rounded up to 0.25 m/s, when first needed (about 10 ms for 150 m), and remembered.
+    running. The line is planned for the set-point rounded up to 0.25 m/s, when first needed (about 10 ms for 150 m),
+    and remembered.
 
     State: discrete, group 0 the command, group 1 the path error, group 2 whether it has started.
 

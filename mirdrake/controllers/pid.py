@@ -203,8 +203,8 @@ class DiscretePid(LeafSystem):  # type: ignore[misc, unused-ignore]
             first inputs, so the port is right from t = 0; it leaves a controller that has run already as it is.
 
     Parameters of the Context: kp, ki, kd, filter_time, proportional_weight, derivative_weight, tracking_time (see
-        :class:`PidGains`;
-    a negative tracking_time stands for None). Change them with :meth:`set_gains`, at any time and without a bump.
+    :class:`PidGains`; a negative tracking_time stands for None). Change them with :meth:`set_gains`, at any time and
+    without a bump.
 
     State: discrete, group 0 the control, group 1 the rest of :class:`PidState`.
 

@@ -195,7 +195,8 @@ class _Indices:
         """Speed of the base frame's origin along its x axis [m/s]."""
         w, i, j, k = x[self.quaternion : self.quaternion + 4]
         vx, vy, vz = x[self.velocity : self.velocity + 3]
-        return vx * (1.0 - 2.0 * (j * j + k * k)) + vy * 2.0 * (i * j + w * k) + vz * 2.0 * (i * k - w * j)
+        half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the quaternion's norm drift from 1
+        return vx * (1.0 - (j * j + k * k) / half) + (vy * (i * j + w * k) + vz * (i * k - w * j)) / half
 
 
 def _vector(values: Sequence[float]) -> BasicVector:

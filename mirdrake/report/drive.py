@@ -53,7 +53,7 @@ def draw_drive(names: Sequence[str], signals: pandas.DataFrame, roads: Sequence[
             continue
         classes, scale = _colour_classes(vehicle) if len(names) == 1 else (None, {})
         lines.append(Line(vehicle["x"], vehicle["y"], VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)], classes))
-        places += _worst_places(vehicle, roads[0].width if roads else 3.0, count=3 if len(names) == 1 else 1)
+        places += _worst_places(vehicle, roads[0].width if roads else 3.0, places, count=3 if len(names) == 1 else 1)
     if not lines and not roads:
         return None
     spots = [place for place, _ in places]
@@ -86,22 +86,27 @@ def _colour_classes(vehicle: VehicleSignals) -> tuple[Any, dict[str, str]]:
     return classes, {"what": what, "low": tell(low, unit, digits=2), "high": tell(high, unit, digits=2)}
 
 
-def _worst_places(vehicle: VehicleSignals, road_width: float, *, count: int) -> list[tuple[Place, str]]:
-    """Where the lateral error is largest: at most `count` places that do not overlap, each with a caption."""
+def _worst_places(
+    vehicle: VehicleSignals, road_width: float, taken: Sequence[tuple[Place, str]], *, count: int
+) -> list[tuple[Place, str]]:
+    """Where the lateral error is largest: at most `count` places that overlap none, each with a caption."""
     if not vehicle.has("lateral_error", "x", "y"):
         return []
     error, x, y = vehicle["lateral_error"], vehicle["x"], vehicle["y"]
     size = np.where(np.isfinite(x) & np.isfinite(y), np.nan_to_num(np.abs(error)), 0.0)
     reach = min(max(2.5 * road_width, 4.0 * float(size.max())), 60.0)
+    for place, _ in taken:
+        size[np.hypot(x - place.x, y - place.y) < 3.0 * reach] = 0.0
     places: list[tuple[Place, str]] = []
     while len(places) < count and size.max() > 1e-3:
         worst = int(size.argmax())
-        caption = f"{tell(abs(float(error[worst])), 'm')} to the {'left' if error[worst] > 0.0 else 'right'}"
+        caption = f"{vehicle.name}: " if count == 1 else ""
+        caption += f"{tell(abs(float(error[worst])), 'm', digits=2)} to the {'left' if error[worst] > 0.0 else 'right'}"
         caption += f" at {clock(vehicle.time[worst])}"
         if vehicle.has("progress"):
             caption += f", {tell(float(vehicle['progress'][worst]), 'm')} along the track"
         places.append((Place(float(x[worst]), float(y[worst]), reach), caption + "."))
         size[np.hypot(x - x[worst], y - y[worst]) < 3.0 * reach] = 0.0
-        if size.max() < 0.3 * abs(float(error[worst])):
+        if size.max() < 0.5 * abs(float(error[worst])):
             break
     return places

@@ -35,8 +35,8 @@ class RunLike(Protocol):
     """What a report needs of a run."""
 
     @property
-    def folder(self) -> Path:
-        """Where the report goes; diagram.svg and recording.html are looked for here."""
+    def folder(self) -> Path | None:
+        """Where the report goes, and where diagram.svg and recording.html are looked for; None: only in memory."""
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -92,8 +92,10 @@ def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
         the path of the file. The same run gives the same bytes.
 
     Raises:
-        RunError: the folder cannot be written.
+        RunError: the run has no folder, or it cannot be written.
     """
+    if run.folder is None:
+        raise RunError("a run that is only in memory has no place for its report; simulate into a folder")
     page = render_report(run, diagram_svg=diagram_svg)
     path = run.folder / "report.html"
     temporary = ""
@@ -122,11 +124,13 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
     world = _world_name(spec, summary)
     roads = load_roads(world)
     names = _vehicle_names(run)
+    folder = run.folder.name if run.folder else ""
     with drawing_style():
         vehicles = [
             _make_vehicle_page(run, VehicleSignals(signals, name), index, roads) for index, name in enumerate(names)
         ]
         drive = draw_drive(names, signals, roads)
+    headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
     diagram, diagram_note = _diagram(run.folder, diagram_svg)
     events = sorted(run.events or [], key=lambda event: _number(event.get("time"), math.inf))
@@ -138,10 +142,11 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         lstrip_blocks=True,
     )
     return environment.get_template(_TEMPLATE).render(
-        title=str(summary.get("diagram") or run.folder.name),
-        folder=run.folder.name,
+        title=str(summary.get("diagram") or folder or "run"),
+        folder=folder,
         world=world,
-        headline=_headline(vehicles, world, simulated),
+        headline=headline,
+        sentences=sentences,
         stop_reason=str(summary.get("stop_reason") or ""),
         finished=bool(summary.get("stop_reason")),
         rows=len(signals),
@@ -158,7 +163,7 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         marked=bool(_marks(run)),
         diagram=diagram,
         diagram_note=diagram_note,
-        recording=(run.folder / "recording.html").is_file(),
+        recording=bool(run.folder and (run.folder / "recording.html").is_file()),
         light_scale=light,
         dark_scale=dark,
     )
@@ -231,21 +236,28 @@ def _sentence(figures: Mapping[str, float]) -> str:
     return ", ".join(parts)
 
 
-def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> str:
-    where = f" of {world}" if world else ""
+def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> tuple[str, list[str]]:
+    """What happened, in a sentence, and with several vehicles one more sentence for each."""
     during = f" in {lasting(simulated)}" if math.isfinite(simulated) else ""
     if not vehicles:
-        return f"{lasting(simulated)} of {world or 'simulation'}" if during else "A run without signals"
+        return (f"{lasting(simulated)} of {world or 'simulation'}" if during else "A run without signals"), []
+    several = len(vehicles) > 1
     sentences = []
     for page in vehicles:
-        drove = next((tile.value for tile in page.tiles if tile.label == "Laps"), "")
-        laps = f"{drove}\u00a0lap{'' if drove == '1.00' else 's'}{where}" if drove else ""
-        far = next((tile.value for tile in page.tiles if tile.label == "Distance"), "")
-        way = laps or (f"{far}{f' in {world}' if world else ''}" if far else "")
-        who = f"The {spoken(page.model)}" + (f" ({page.name})" if len(vehicles) > 1 else "")
-        text = f"{who} drove {way}{during}" if way else f"{who} left no signals"
-        sentences.append(text + (f"; {page.sentence}" if page.sentence else ""))
-    return ". ".join(sentences) + ("." if len(sentences) > 1 else "")
+        laps, way = (
+            next((tile.value for tile in page.tiles if tile.label == label), "") for label in ("Laps", "Distance")
+        )
+        if laps:
+            drove = f"{laps}\u00a0lap{'' if laps == '1.00' else 's'}" + (f" of {world}" if world else "") + during
+        else:
+            drove = f"{way}{during}" + (f" on {world}" if world else "")
+        who = f"{page.name}, the {spoken(page.model)}," if several else f"The {spoken(page.model)}"
+        sentence = f"{who} drove {drove}" if laps or way else f"{who} left no signals"
+        sentences.append(sentence + (f"; {page.sentence}" if page.sentence else ""))
+    if not several:
+        return sentences[0], []
+    during = f" for {lasting(simulated)}" if math.isfinite(simulated) else ""
+    return f"{len(vehicles)} vehicles drove" + (f" on {world}" if world else "") + during, sentences
 
 
 def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
@@ -292,10 +304,9 @@ def _facts(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> list[tuple[st
     return [(name, str(value)) for name, value in facts if value is not None]
 
 
-def _diagram(folder: Path, text: str | None) -> tuple[Markup | None, str]:
+def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]:
     """The drawing of the diagram, and a note when there is one that cannot be shown."""
-    path = folder / "diagram.svg"
-    if text is None and path.is_file():
+    if text is None and folder and (path := folder / "diagram.svg").is_file():
         text = path.read_text(encoding="utf-8", errors="replace")
     if not text:
         return None, ""

@@ -110,8 +110,8 @@ def draw_map(
 def _fill_map(axes: Axes, roads: Sequence[Road], lines: Sequence[Line], places: Sequence[Place], scale: float) -> None:
     for road in roads:
         _draw_road(axes, road, 0.25 / scale, edge_width=0.8)
-    for line in lines:
-        _draw_line(axes, line, 0.25 / scale, width=2.4 if scale > 1.5 else 1.7)
+    for line, width in zip(lines, _line_widths(len(lines), 2.4 if scale > 1.5 else 1.7), strict=True):
+        _draw_line(axes, line, 0.25 / scale, width=width)
         _draw_arrows(axes, line, scale)
     for line in lines:
         _draw_ends(axes, line, scale)
@@ -140,11 +140,11 @@ def draw_place(roads: Sequence[Road], lines: Sequence[Line], place: Place, prefi
         for begin, end in _stretches(road.centre, box):
             piece = _simplified(road.centre[begin:end], 0.1 / scale)
             axes.plot(piece[:, 0], piece[:, 1], color=THEME["muted"], linewidth=1.2, linestyle=(0, (6, 4)))
-    for line in lines:
+    for line, width in zip(lines, _line_widths(len(lines), 2.0), strict=True):
         points = np.column_stack((line.x, line.y))
         for begin, end in _stretches(points, box):  # NaN is in no box
             piece = _simplified(points[begin:end], 0.1 / scale)
-            axes.plot(piece[:, 0], piece[:, 1], color=THEME[line.colour], linewidth=2.0)
+            axes.plot(piece[:, 0], piece[:, 1], color=THEME[line.colour], linewidth=width)
     axes.plot(
         place.x,
         place.y,
@@ -298,6 +298,11 @@ def _simplified(points: Array, tolerance: float) -> Array:
     return np.asarray(
         shapely.get_coordinates(shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False))
     )
+
+
+def _line_widths(count: int, narrowest: float) -> list[float]:
+    """Widths [px] of lines that may lie on top of each other: the first one, at the bottom, is the widest."""
+    return [narrowest + 2.4 * (count - 1 - index) for index in range(count)]
 
 
 def _stretches(points: Array, box: Array | None) -> list[tuple[int, int]]:

@@ -156,7 +156,7 @@ def _plan_lateral_error(signals: VehicleSignals, road_width: float | None, body_
     size = abs(float(error[worst]))
     side = "left" if error[worst] > 0.0 else "right"
     caption = "Positive is to the left of the line. "
-    caption += f"Largest: {tell(size, 'm')} to the {side} at {clock(float(signals.time[worst]))}; "
+    caption += f"Largest: {tell(size, 'm', digits=2)} to the {side} at {clock(float(signals.time[worst]))}; "
     caption += f"root mean square {tell(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
     curve = Curve("lateral error", error, "main")
     if not road_width:

@@ -1,7 +1,7 @@
 """Ground truth: the exact state of a vehicle, as no sensor gives it."""
 
 from collections.abc import Sequence
-from math import asin, atan2
+from math import asin, atan2, sqrt
 from typing import TYPE_CHECKING
 
 from pydrake.multibody.plant import MultibodyPlant
@@ -65,6 +65,8 @@ def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
         the 12 numbers of :data:`mirdrake.controllers.vectors.STATE`; roll, pitch, yaw as in Drake's RollPitchYaw.
     """
     w, i, j, k, x, y, z = pose
+    norm = sqrt(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1
+    w, i, j, k = w / norm, i / norm, j / norm, k / norm
     ax, ay, az, vx, vy, vz = twist
     xx, xy, xz = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)  # rows of R_WB
     yx, yy, yz = 2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)

@@ -4,7 +4,7 @@
 
     vehicle.yaml  control.yaml  sensors.yaml          spec.py
     main.urdf.xacro ── render_xacro ──► Urdf          xacro_render.py
-    Urdf ── check_urdf, resolve_meshes ──► text       inspect_urdf.py
+    Urdf ── check_urdf, resolve_meshes ──► text       inspect_urdf.py, numbers_in_urdf.py
     text ── parse_urdf ──► throw-away plant           parse.py
     plant ── measure_geometry ──► VehicleGeometry     geometry.py
     all of it: load_vehicle ──► Vehicle               vehicle.py

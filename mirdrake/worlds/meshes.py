@@ -142,7 +142,8 @@ def make_gltf(surfaces: Sequence[Surface]) -> str:
 def _pieces(polygon: shapely.Geometry, *, size: float = 60.0) -> NDArray[np.object_]:
     """A polygon with holes cut along a grid, for the time to triangulate grows faster than the number of corners.
 
-    The grid is the same for all polygons, so that neighbours are cut at the same points and no crack opens between them.
+    The grid is the same for all polygons, so that neighbours are cut at the same points and no crack opens between
+    them.
     """
     if shapely.get_num_coordinates(polygon) < 200:
         return np.asarray(shapely.get_parts(polygon))

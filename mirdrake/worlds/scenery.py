@@ -1,8 +1,8 @@
 """What a world looks like: ground, roads and paint as meshes for Drake, sun and sky as data.
 
-Road, paint and ground are cut out of each other, so that no two surfaces lie close above one another: nothing flickers (z-fighting),
-however far away the camera is. The road's top is at z = 0, where the physical plane is; the ground beside it lies lower by the
-road's thickness.
+Road, paint and ground are cut out of each other, so that no two surfaces lie close above one another: nothing flickers
+(z-fighting), however far away the camera is. The road's top is at z = 0, where the physical plane is; the ground beside
+it lies lower by the road's thickness.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from mirdrake.paths import data_root
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.spec import MarkingSpec
 from mirdrake.worlds.tracks import Array, Track
-from mirdrake.worlds.world import World
+from mirdrake.worlds.world import World, verge
 
 TILES = {"asphalt": 4.0, "grass": 6.0, "concrete": 4.0, "gravel": 3.0, "ice": 8.0}
 """Side of a texture tile [m]."""
@@ -103,7 +103,14 @@ def scenery(world: World) -> list[SceneryItem]:
     plane = shapely.box(*world.ground.extent)
     ground = shapely.difference(plane, shapely.union_all(list(roads.values())))
     apron = shapely.difference(plane.buffer(_APRON, join_style="mitre"), plane)
-    parts = [_textured(part, world.ground.surface, z=-depth) for part in (ground, apron)]
+    parts = []
+    for name, track in world.tracks.items():
+        edges = world.spec.tracks[name].edges
+        if edges is not None and edges != world.ground.surface:
+            beside = shapely.intersection(verge(track), ground)
+            ground = shapely.difference(ground, beside)
+            parts.append(_textured(beside, edges, z=-depth))
+    parts += [_textured(part, world.ground.surface, z=-depth) for part in (ground, apron)]
     items.insert(0, _item("world/ground", parts))
     return items
 
@@ -123,11 +130,11 @@ def sky_colors(world: World) -> tuple[Array, Array]:
 
 
 def lights(world: World) -> list[LightParameter]:
-    """The lights of a world for Drake's renderers: the sun, and three weak ones from the sky and the ground as ambient light.
+    """The lights of a world for Drake's renderers: the sun, and three weak ones from sky and ground as ambient light.
 
-    Without a light of its own, Drake's VTK renderer puts one on the camera, and the ground seen by a driver is almost black.
-    Physically based shading, which a glTF mesh switches on, divides the light of a matt surface by π; the intensities are
-    multiplied by it, so that a white sheet which faces a sun of intensity 1 is just white.
+    Without a light of its own, Drake's VTK renderer puts one on the camera, and the ground seen by a driver is almost
+    black. Physically based shading, which a glTF mesh switches on, divides the light of a matt surface by π; the
+    intensities are multiplied by it, so that a white sheet which faces a sun of intensity 1 is just white.
     """
     sun, ambient = sun_light(world), world.spec.lights.ambient
     level = sun.direction * [1.0, 1.0, 0.0]
@@ -150,7 +157,8 @@ def lights(world: World) -> list[LightParameter]:
 def render_params(world: World) -> RenderEngineVtkParams:
     """Settings of Drake's VTK renderer for a world: its lights, and a sky of one colour.
 
-    An environment map would draw the sky's gradient too, but its preparation takes nearly two minutes without a graphics card.
+    An environment map would draw the sky's gradient too, but it takes nearly two minutes to prepare without a graphics
+    card.
     """
     return RenderEngineVtkParams(lights=lights(world), default_clear_color=sky_colors(world)[1], force_to_pbr=True)
 
@@ -178,7 +186,7 @@ def set_sky(meshcat: Meshcat, world: World) -> None:
 # --- the inner parts ---------------------------------------------------------------------------------------------
 
 
-def _patch(track: Track, stations: Array, begin: float, end: float, right: float, left: float) -> shapely.Geometry:
+def _patch(track: Track, stations: Array, begin: float, end: float, right: float, left: float) -> shapely.Polygon:
     """The part of a track from one s [m] to another and between two offsets [m], as a polygon."""
     between = stations[(stations > begin + 1e-6) & (stations < end - 1e-6)]
     s = np.concatenate(([begin], between, [end]))

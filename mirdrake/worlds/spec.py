@@ -8,9 +8,10 @@ One way of writing a track is understood: `segments`, which are laid end to end 
 * ``{line: 40}`` is a straight; ``{line: auto}`` lets the loader find the length. Two auto lines close a closed
   track; a third one makes its `length` too.
 * ``{arc: {radius: 20, angle: 90 deg}}`` is a circular arc; the sign of the angle says where it turns (+ left).
-  ``transition: 20 deg`` puts a clothoid at both ends, each turning that much of the angle, so that curvature is continuous.
-* ``{clothoid: {from_radius: straight, to_radius: -30, length: 25}}`` has a curvature that changes linearly. Its radii are
-  signed (+ left), `straight` (or `inf`) means no curvature. Instead of `length`, `angle` may be given: what it turns, signed.
+  ``transition: 20 deg`` puts a clothoid at both ends, each turning that much of the angle; curvature is then steady.
+* ``{clothoid: {from_radius: straight, to_radius: -30, length: 25}}`` has a curvature that changes linearly. Its radii
+  are signed (+ left), `straight` (or `inf`) means no curvature. Instead of `length`, `angle` may be given: what it
+  turns, signed.
 """
 
 import math
@@ -22,15 +23,17 @@ from pydantic import Field, PlainValidator, field_validator, model_validator
 from mirdrake.yaml_io import Angle, Length, Schema, Speed, to_si
 
 Surface = Literal["asphalt", "concrete", "grass", "gravel", "ice"]
-Point = tuple[Length, Length]
+Coordinate = Annotated[Length, Field(ge=-1e6, le=1e6)]
+Point = tuple[Coordinate, Coordinate]
+Heading = Annotated[Angle, Field(ge=-4.0 * math.pi, le=4.0 * math.pi)]
 
 
 def _length_or_auto(value: Any) -> float | Literal["auto"]:
     if value == "auto":
         return "auto"
     number = to_si(value, "m")
-    if isinstance(number, bool) or not isinstance(number, int | float) or not 0.0 < number < math.inf:
-        raise ValueError(f"{value!r} is not a positive length in m, nor 'auto'")
+    if isinstance(number, bool) or not isinstance(number, int | float) or not 1e-3 <= number < math.inf:
+        raise ValueError(f"{value!r} is not a length of at least 1 mm, nor 'auto'")
     return float(number)
 
 
@@ -38,8 +41,8 @@ def _radius_or_straight(value: Any) -> float | Literal["straight"]:
     if value in ("straight", "inf"):
         return "straight"
     number = to_si(value, "m")
-    if isinstance(number, bool) or not isinstance(number, int | float) or not 0.0 < abs(number) < math.inf:
-        raise ValueError(f"{value!r} is not a signed radius in m (+ turns left), nor 'straight'")
+    if isinstance(number, bool) or not isinstance(number, int | float) or not 0.01 <= abs(number) < math.inf:
+        raise ValueError(f"{value!r} is not a signed radius of at least 0.01 m (+ turns left), nor 'straight'")
     return float(number)
 
 
@@ -66,7 +69,7 @@ class SlopeSpec(Schema):
     """A uniform slope of the whole world. W stays on the road plane; gravity is tilted instead."""
 
     grade: float = Field(default=0.0, ge=-1.0, le=1.0, description="rise over run towards `heading` [-]")
-    heading: Angle = Field(default=0.0, description="uphill direction, from x towards y [rad]")
+    heading: Heading = Field(default=0.0, description="uphill direction, from x towards y [rad]")
 
 
 class GroundSpec(Schema):
@@ -76,7 +79,7 @@ class GroundSpec(Schema):
     mu: Friction | None = Field(default=None, description="friction coefficient; default: that of the surface [-]")
     size: tuple[Length, Length] | None = Field(
         default=None,
-        description="extent in x and y about the middle of the tracks; default: 50 m beyond the tracks, 400 m without any [m]",
+        description="extent in x and y about the middle of the tracks; default: 50 m beyond them, or 400 m [m]",
     )
     slope: SlopeSpec = Field(default_factory=SlopeSpec, description="uniform slope [-]")
 
@@ -91,7 +94,7 @@ class GroundSpec(Schema):
 class ArcSpec(Schema):
     """A circular arc, with clothoids at its ends if `transition` is given."""
 
-    radius: Annotated[Length, Field(gt=0.0, le=1e6)] = Field(description="radius of the centre line [m]")
+    radius: Annotated[Length, Field(ge=0.01, le=1e6)] = Field(description="radius of the centre line [m]")
     angle: Angle = Field(description="heading change over the whole, + left [rad]")
     transition: Annotated[Angle, Field(ge=0.0)] = Field(
         default=0.0, description="part of `angle` that the clothoid at each end turns, unsigned [rad]"
@@ -99,8 +102,10 @@ class ArcSpec(Schema):
 
     @model_validator(mode="after")
     def _turns(self) -> Self:
-        if not 0.0 < abs(self.angle) <= 4.0 * math.pi:
-            raise ValueError("angle must not be 0, nor above 720 deg")
+        if not 1e-6 <= abs(self.angle) <= 4.0 * math.pi:
+            raise ValueError("angle must not be 0, nor above 720 deg; write the unit: 90 deg")
+        if 0.0 < self.transition < 1e-6:
+            raise ValueError("transition must be 0 or at least 1e-6 rad")
         if 2.0 * self.transition > abs(self.angle) * (1.0 + 1e-12):
             raise ValueError("the two transitions turn more than the angle; make transition at most half of it")
         return self
@@ -111,7 +116,7 @@ class ClothoidSpec(Schema):
 
     from_radius: RadiusOrStraight = Field(default="straight", description="signed radius at its start [m]")
     to_radius: RadiusOrStraight = Field(default="straight", description="signed radius at its end [m]")
-    length: Annotated[Length, Field(gt=0.0, le=1e6)] | None = Field(default=None, description="arc length [m]")
+    length: Annotated[Length, Field(ge=1e-3, le=1e6)] | None = Field(default=None, description="arc length [m]")
     angle: Angle | None = Field(default=None, description="heading change, + left, instead of `length` [rad]")
 
     @property
@@ -131,7 +136,7 @@ class ClothoidSpec(Schema):
             raise ValueError("give exactly one of length and angle")
         if self.length is None:
             total = sum(self.curvatures)
-            if abs(total) < 1e-9 or (self.angle or 0.0) * total <= 0.0 or self.arc_length > 1e6:
+            if abs(total) < 1e-9 or (self.angle or 0.0) * total <= 0.0 or not 1e-3 <= self.arc_length <= 1e6:
                 raise ValueError("angle does not fit the radii; its sign must be theirs (+ left), or give length")
         if not abs(self.arc_length * sum(self.curvatures) / 2.0) <= 4.0 * math.pi:
             raise ValueError("it turns more than 720 deg")
@@ -156,7 +161,7 @@ class PoseSpec(Schema):
     """A place and a heading in the plane."""
 
     at: Point = Field(default=(0.0, 0.0), description="x and y [m]")
-    yaw: Angle = Field(default=0.0, description="heading, from x towards y [rad]")
+    yaw: Heading = Field(default=0.0, description="heading, from x towards y [rad]")
 
 
 class MarkingSpec(Schema):
@@ -166,7 +171,7 @@ class MarkingSpec(Schema):
         description="which; start lies across the road at s = 0 [-]"
     )
     kind: Literal["solid", "dashed"] = Field(default="solid", description="continuous or interrupted [-]")
-    width: Annotated[Length, Field(gt=0.0, le=2.0)] = Field(default=0.1, description="width of the paint [m]")
+    width: Annotated[Length, Field(ge=1e-3, le=2.0)] = Field(default=0.1, description="width of the paint [m]")
     dash: tuple[Length, Length] = Field(default=(3.0, 3.0), description="painted and open length of a dashed line [m]")
 
     @field_validator("dash")
@@ -185,13 +190,15 @@ class TrackSpec(Schema):
     )
     start: PoseSpec = Field(default_factory=PoseSpec, description="where s = 0 is [-]")
     closed: bool = Field(default=False, description="the end meets the start [-]")
-    width: Annotated[Length, Field(gt=0.0, le=100.0)] = Field(default=3.0, description="width of the road [m]")
+    width: Annotated[Length, Field(ge=0.01, le=100.0)] = Field(default=3.0, description="width of the road [m]")
     thickness: Annotated[Length, Field(ge=0.0, le=0.5)] = Field(
         default=0.01, description="height of the road above the surface beside it; seen, not felt [m]"
     )
     surface: Surface = Field(default="asphalt", description="what it looks like [-]")
     mu: Friction | None = Field(default=None, description="friction coefficient; default: that of the surface [-]")
-    edges: Surface | None = Field(default=None, description="surface beside the road; default: the ground's [-]")
+    edges: Surface | None = Field(
+        default=None, description="surface of a verge of 2 m on both sides; default: the ground's [-]"
+    )
     markings: list[MarkingSpec] = Field(default_factory=list, description="painted lines [-]")
     length: Annotated[Length, Field(gt=0.0, le=1e6)] | None = Field(
         default=None, description="wanted length: met by a third auto line, otherwise by scaling the centre line [m]"
@@ -202,7 +209,7 @@ class TrackSpec(Schema):
 class SunSpec(Schema):
     """The sun: a directional light."""
 
-    azimuth: Angle = Field(default=math.radians(135.0), description="direction to the sun, from x towards y [rad]")
+    azimuth: Heading = Field(default=math.radians(135.0), description="direction to the sun, from x towards y [rad]")
     elevation: Annotated[Angle, Field(gt=0.0, le=math.pi / 2.0 + 1e-9)] = Field(
         default=math.radians(50.0), description="height above the horizon [rad]"
     )
@@ -222,15 +229,15 @@ class OnTrackSpec(Schema):
     """A place on a track, heading along it."""
 
     track: str = Field(description="name of the track [-]")
-    s: Length = Field(default=0.0, description="along the centre line [m]")
-    offset: Length = Field(default=0.0, description="to the left of the centre line [m]")
+    s: Coordinate = Field(default=0.0, description="along the centre line [m]")
+    offset: Coordinate = Field(default=0.0, description="to the left of the centre line [m]")
 
 
 class StartSpec(Schema):
     """A place to start from: `at` and `yaw`, or `on_track`."""
 
     at: Point | None = Field(default=None, description="x and y of the vehicle's frame B, below the rear axle [m]")
-    yaw: Angle | None = Field(default=None, description="heading, from x towards y [rad]")
+    yaw: Heading | None = Field(default=None, description="heading, from x towards y [rad]")
     on_track: OnTrackSpec | None = Field(default=None, description="place on a track [-]")
     speed: Speed = Field(default=0.0, description="forward speed at the start [m/s]")
 
@@ -245,7 +252,7 @@ class GateSpec(Schema):
     """A line across a track."""
 
     track: str = Field(description="name of the track [-]")
-    s: Length = Field(default=0.0, description="along the centre line [m]")
+    s: Coordinate = Field(default=0.0, description="along the centre line [m]")
 
 
 class GoalSpec(Schema):

@@ -1,11 +1,12 @@
 """Centre lines of roads: exact curves of piecewise linear curvature, and the way back from points to them.
 
 Track coordinates: s [m] along the centre line, e_y [m] to its left. With curvature k(u) = k0 + c u over a piece, the
-heading is yaw(u) = yaw0 + k0 u + c u²/2 and the position is the integral of its cosine and sine: a straight line (k0 = c = 0),
-a circle (c = 0) or a clothoid (D. Walton, D. Meek, "A controlled clothoid spline", Computers & Graphics 29, 2005, section 2).
+heading is yaw(u) = yaw0 + k0 u + c u²/2 and the position is the integral of its cosine and sine: a straight line
+(k0 = c = 0), a circle (c = 0) or a clothoid (do Carmo, "Differential Geometry of Curves and Surfaces", section 1-5: a
+plane curve is found from its curvature by these two integrations).
 
-Each piece is cut into cells that turn at most 0.08 rad; within a cell three-point Gauss quadrature of the integral is exact
-to 1e-12 m, without the cancellation that the closed form by Fresnel integrals suffers when c is small.
+Each piece is cut into cells that turn at most 0.08 rad; within a cell three-point Gauss quadrature of the integral is
+exact to 1e-12 m, without the cancellation that the closed form by Fresnel integrals suffers when c is small.
 """
 
 import math
@@ -57,7 +58,7 @@ def advance(pose: Placement, piece: Piece) -> Placement:
         return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + piece.turn
     step, cells, rate = _cells_of(piece)
     u = step * np.arange(cells)
-    k = piece.start_curvature + rate * u
+    k = np.asarray(piece.start_curvature + rate * u)
     dx, dy = _displace(yaw + (piece.start_curvature + k) / 2.0 * u, k, np.full(cells, rate), np.full(cells, step))
     return x + math.fsum(dx), y + math.fsum(dy), yaw + piece.turn
 
@@ -120,7 +121,7 @@ class Track:
         for piece in self.pieces:
             step, cells, rate = _cells_of(piece)
             u = step * np.arange(cells)
-            k = piece.start_curvature + rate * u
+            k = np.asarray(piece.start_curvature + rate * u)
             yaw = pose[2] + (piece.start_curvature + k) / 2.0 * u
             c = np.full(cells, rate)
             dx, dy = _displace(yaw, k, c, np.full(cells, step))
@@ -147,12 +148,13 @@ class Track:
 
     def __repr__(self) -> str:
         shape = "closed" if self.closed else "open"
-        return f"Track({self.name!r}, {shape}, length={self.length:.3f}, width={self.width:g}, min_radius={self.min_radius:.3f})"
+        sizes = f"length={self.length:.3f}, width={self.width:g}, min_radius={self.min_radius:.3f}"
+        return f"Track({self.name!r}, {shape}, {sizes})"
 
     # --- along the centre line ------------------------------------------------------------------------------------
 
     def wrap(self, s: float) -> float:
-        """s [m] within [0, length) on a closed track; unchanged on an open one."""
+        """Fold s [m] into [0, length) on a closed track; unchanged on an open one."""
         if not self.closed or 0.0 <= s < self.length:
             return s
         s = math.fmod(s, self.length)
@@ -188,7 +190,7 @@ class Track:
         return self._evaluate(s)[:3]
 
     def curvature(self, s: ArrayLike) -> Array:
-        """Curvature [1/m] of the centre line at s [m], + left, of the shape of s; 0 beyond the ends of an open track."""
+        """Curvature [1/m] of the centre line at s [m], + left, in the shape of s; 0 beyond the ends if open."""
         s, shape = self._flat(s)
         i, u = self._locate(s)
         k, c = self._extended(i, u)
@@ -221,12 +223,12 @@ class Track:
         Args:
             x: world x [m], a float or an array.
             y: world y [m], like x.
-            near: s [m] close to the answer, for example the last one of a moving vehicle. The nearest point of that stretch
-                of road is then taken, even if another stretch passes closer. Without it the whole track is searched.
+            near: s [m] close to the answer, for example the last one of a moving vehicle. The nearest point of that
+                stretch of road is then taken, even if another stretch passes closer. Without it all is searched.
 
         Returns:
-            s [m] within [0, length) (open: [0, length]) and e_y [m], + left of the centre line; floats for floats. Beyond
-            the ends of an open track s stays at the end and e_y is the lateral part of the distance.
+            s [m] within [0, length) (open: [0, length]) and e_y [m], + left of the centre line; floats for floats.
+            Beyond the ends of an open track s stays at the end and e_y is the lateral part of the distance.
         """
         if isinstance(x, float | int) and isinstance(y, float | int):
             if near is not None:
@@ -259,14 +261,14 @@ class Track:
             sharpest = max(abs(piece.start_curvature), abs(piece.end_curvature))
             if sharpest:
                 radius = 1.0 / sharpest + self.width / 2.0
-                step = min(longest, 2.0 * math.acos(max(0.0, 1.0 - sagitta / radius)) / sharpest)
+                step = min(longest, 2.0 * math.acos(1.0 - min(sagitta / radius, 0.01)) / sharpest)
             else:
                 step = longest
             values.append(begin + piece.length * np.arange(n := max(1, math.ceil(piece.length / step))) / n)
         return np.append(np.concatenate(values), self.length)
 
     def boundaries(self, *, sagitta: float = 1e-3) -> tuple[Array, Array]:
-        """The left and the right edge of the road as polylines, each N x 2 [m], true to `sagitta` [m]; closed: last = first."""
+        """The left and the right edge of the road, N x 2 [m] each, true to `sagitta`; last = first if closed."""
         s = self.stations(sagitta=sagitta)
         if self.closed:
             s[-1] = 0.0
@@ -282,7 +284,7 @@ class Track:
         return self._area
 
     def band(self, right: float, left: float, *, sagitta: float = 1e-3) -> shapely.Geometry:
-        """The strip between two offsets [m, + left] over the whole length, as a shapely polygon true to `sagitta` [m]."""
+        """The strip between two offsets [m, + left] over the whole length, as a polygon true to `sagitta` [m]."""
         s = self.stations(sagitta=sagitta)
         if self.closed:
             s[-1] = 0.0
@@ -304,7 +306,7 @@ class Track:
     # --- the inner parts ------------------------------------------------------------------------------------------
 
     def _flat(self, s: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-        """s as a flat array, folded into one lap when closed, and its shape."""
+        """The values of s as a flat array, folded into one lap when closed, and their shape."""
         values = np.asarray(s, dtype=float)
         flat = values.ravel()
         if self.closed:
@@ -344,8 +346,8 @@ class Track:
     def _descend(self, x: float, y: float, near: float) -> tuple[float, float] | None:
         """Newton's method from `near` to the nearest point; None when it wanders more than 20 m off or does not settle.
 
-        d(distance²/2)/ds = -f with f the component of the distance along the tangent, and df/ds = -(1 - k e_y). Keeping that
-        slope above 0.2 makes every step go downhill, also beyond the centre of curvature.
+        d(distance²/2)/ds = -f with f the component of the distance along the tangent, and df/ds = -(1 - k e_y). Keeping
+        that slope above 0.2 makes every step go downhill, also beyond the centre of curvature.
         """
         s, last = near, self.length
         for _ in range(40):
@@ -388,7 +390,7 @@ class Track:
         return s.reshape(shape), lateral.reshape(shape)
 
     def _nearest_cell(self, x: Array, y: Array) -> Array:
-        """s [m] of the start of the cell nearest to each point."""
+        """Where [m] the cell nearest to each point starts."""
         if self._tree is None:
             self._tree = cKDTree(np.column_stack((self._x, self._y)))
         points = np.nan_to_num(np.column_stack((x, y)), nan=0.0, posinf=0.0, neginf=0.0)

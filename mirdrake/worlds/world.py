@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
@@ -20,14 +21,16 @@ from mirdrake.worlds.tracks import Array, Piece, Track
 from mirdrake.yaml_io import load_yaml, where
 
 SURFACE_MU = {"asphalt": 0.85, "concrete": 0.85, "gravel": 0.6, "grass": 0.5, "ice": 0.1}
-"""Friction coefficients of dry surfaces [-]: asphalt, concrete (0.8 .. 0.9), gravel and ice are peak values of J. Y. Wong,
-"Theory of Ground Vehicles", table of average values of road adhesion (after Taborek); grass is an estimate."""
+"""Friction coefficients of dry surfaces [-]: asphalt and concrete (0.8 .. 0.9), gravel and ice are peak values of
+J. Y. Wong, "Theory of Ground Vehicles", table of average road adhesion (after Taborek); grass is an estimate."""
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
 _GAP_LENGTH, _GAP_ANGLE = 1e-3, math.radians(0.01)
 _MARGIN = 50.0  # [m] ground beyond the tracks
+_VERGE = 2.0  # [m]
+_LONGEST = 1e5  # [m] longest track
 _BARE_SIZE = 400.0  # [m] side of the ground of a world without tracks
 
 
@@ -40,7 +43,7 @@ class Start:
     y: float
     """[m]"""
     yaw: float
-    """[rad], in (-π, π]"""
+    """[rad], within ±π"""
     speed: float = 0.0
     """[m/s]"""
     track: str | None = None
@@ -66,7 +69,7 @@ class Ground:
 
     @property
     def gravity(self) -> Array:
-        """Gravity vector in W [m/s²]: W stays on the road plane, so a slope of angle a tilts it by a, away from uphill."""
+        """Gravity in W [m/s²]: W stays on the road plane; a slope of angle a tilts gravity by a, towards downhill."""
         angle = math.atan(self.grade)
         downhill = GRAVITY * math.sin(angle)
         return np.array(
@@ -94,9 +97,16 @@ class World:
         return track_mu(next(iter(self.spec.tracks.values()))) if self.tracks else self.ground.mu
 
     def mu(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Friction coefficient [-] at points (world x, y [m], any shape): of the last track they are on, else the ground's."""
+        """Friction coefficient [-] at points (world x, y [m], any shape).
+
+        That of the last track they are on, else of a verge (`edges`), else of the ground.
+        """
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         value = np.full(x.shape, self.ground.mu)
+        for name, track in self.tracks.items():
+            edges = self.spec.tracks[name].edges
+            if edges is not None and edges != self.ground.surface:
+                value[shapely.contains_xy(verge(track), x, y)] = SURFACE_MU[edges]
         for name, track in self.tracks.items():
             value[track.inside(x, y)] = track_mu(self.spec.tracks[name])
         return value
@@ -156,8 +166,8 @@ def make_world(spec: WorldSpec, *, path: Path | None = None) -> World:
         path: the file it came from.
 
     Raises:
-        WorldError: a track does not close or is too narrow in its bends, a length is wrong, a start is outside the world;
-            all faults, one per line.
+        WorldError: a track does not close or folds in its bends, a length is wrong, a start is outside the world; all
+            faults, one per line.
     """
     faults: list[str] = []
 
@@ -181,9 +191,11 @@ def make_world(spec: WorldSpec, *, path: Path | None = None) -> World:
             starts[name] = _make_start(start_spec, tracks, ground)
         except WorldError as error:
             faults.append(str(error))
-    for name, goal in spec.goals.items():
-        if goal.gate is not None and goal.gate.track not in tracks:
-            faults.append(f"{where(goal, 'gate', 'track')}: unknown track; {did_you_mean(goal.gate.track, tracks)}")
+    faults += [
+        f"{where(gate, 'track')}: unknown track '{gate.track}'; {did_you_mean(gate.track, tracks)}"
+        for gate in (goal.gate for goal in spec.goals.values())
+        if gate is not None and gate.track not in tracks
+    ]
     if faults:
         raise WorldError("\n".join(faults))
     return World(spec.name or (path.stem if path else "world"), spec, path, tracks, starts, ground)
@@ -202,28 +214,28 @@ def make_track(spec: TrackSpec, *, name: str = "track") -> Track:
     start = (*spec.start.at, spec.start.yaw)
     pieces = _solve_auto_lines(spec, _pieces_of(spec))
     total = math.fsum(piece.length for piece in pieces)
+    if not 0.1 <= (spec.length or total) <= _LONGEST:
+        raise WorldError(f"{where(spec)}: {spec.length or total:g} m long; a track may have from 0.1 m to 100 km")
     if spec.length is not None and abs(spec.length / total - 1.0) > 1e-12:
         scale = spec.length / total
         pieces = [Piece(p.length * scale, p.start_curvature / scale, p.end_curvature / scale) for p in pieces]
-    if total > 1e6:
-        raise WorldError(f"{where(spec)}: {total / 1e3:.0f} km long; at most 1000 km are allowed; check the segments")
     track = Track(pieces, start=start, closed=spec.closed, width=spec.width, name=name)
     gap, angle = track.gap
     if spec.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):
         raise WorldError(
-            f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and 0.01 deg; "
-            "make the turns add up to 360 deg and two lines that are not parallel `auto`, or set closed: false"
+            f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
+            "0.01 deg; make the turns add up to 360 deg and two lines `auto` that are not parallel, or say closed: false"
         )
     if track.min_radius <= spec.width / 2.0:
         raise WorldError(
-            f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m, width {spec.width:.3g} m; "
-            "make the radius larger than half the width"
+            f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m, width "
+            f"{spec.width:.3g} m; make the radius larger than half the width"
         )
     if spec.check_length is not None and abs(track.length - spec.check_length[0]) > spec.check_length[1]:
         wanted, tolerance = spec.check_length
         raise WorldError(
-            f"{where(spec, 'check_length')}: the track is {track.length:.6f} m long; {wanted:g} +- {tolerance:g} m was asked; "
-            "change a segment, or let `length` scale it"
+            f"{where(spec, 'check_length')}: the track is {track.length:.6f} m long; {wanted:g} +- {tolerance:g} m was "
+            "asked; change a segment, or let `length` scale it"
         )
     return track
 
@@ -256,8 +268,8 @@ def _pieces_of(spec: TrackSpec) -> list[Piece]:
 def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     """Lengths of the auto lines: position closure is linear in them, and so is the total length.
 
-    With unit vectors t_i of the auto lines and the gap g that the other pieces leave: sum of a_i t_i = -g, and with a third
-    line sum of a_i = length - rest.
+    With unit vectors t_i of the auto lines and the gap g that the other pieces leave: sum of a_i t_i = -g, and with a
+    third line sum of a_i = length - rest.
     """
     unknown = [i for i, piece in enumerate(pieces) if piece.length == 0.0]
     if not unknown:
@@ -266,9 +278,13 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     wanted = 2 if spec.length is None else 3
     if not spec.closed or len(unknown) not in (2, wanted):
         raise WorldError(
-            f"{place}: {len(unknown)} auto lines; a closed track takes two, or three when `length` is given; an open one none"
+            f"{place}: {len(unknown)} auto lines; a closed track takes two, or three when `length` is given; "
+            "an open one none"
         )
-    track = Track([piece for piece in pieces if piece.length > 0.0])
+    rest = [piece for piece in pieces if piece.length > 0.0]
+    if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
+        raise WorldError(f"{place}: besides the auto lines there must be bends, and at most 100 km")
+    track = Track(rest)
     yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[unknown]
     gap_x, gap_y, _ = track._end
     matrix, target = np.vstack((np.cos(yaws), np.sin(yaws))), np.array([-gap_x, -gap_y])
@@ -309,24 +325,26 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
         xmin, ymin, xmax, ymax = ground.extent
         if not (xmin <= x <= xmax and ymin <= y <= ymax):
             raise WorldError(
-                f"{where(spec, 'at')}: start outside the world: ({x:g}, {y:g}) m; the ground reaches from ({xmin:g}, {ymin:g}) "
-                f"to ({xmax:g}, {ymax:g}) m; move the start or set ground.size"
+                f"{where(spec, 'at')}: start outside the world: ({x:g}, {y:g}) m; the ground reaches from "
+                f"({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; move the start or set ground.size"
             )
         return Start(x, y, _folded(spec.yaw or 0.0), spec.speed)
     on_track = spec.on_track
     if on_track.track not in tracks:
         raise WorldError(
-            f"{where(spec, 'on_track', 'track')}: unknown track '{on_track.track}'; {did_you_mean(on_track.track, tracks)}"
+            f"{where(spec, 'on_track', 'track')}: unknown track '{on_track.track}'; "
+            f"{did_you_mean(on_track.track, tracks)}"
         )
     track = tracks[on_track.track]
     if not 0.0 <= on_track.s <= track.length:
         raise WorldError(
-            f"{where(spec, 'on_track', 's')}: start outside the world: s = {on_track.s:g} m; the track is {track.length:g} m long"
+            f"{where(spec, 'on_track', 's')}: start outside the world: s = {on_track.s:g} m; the track is "
+            f"{track.length:g} m long"
         )
     if abs(on_track.offset) > track.width / 2.0:
         raise WorldError(
-            f"{where(spec, 'on_track', 'offset')}: start outside the world: {on_track.offset:g} m beside the centre line; "
-            f"the road is {track.width:g} m wide; make it at most {track.width / 2.0:g} m"
+            f"{where(spec, 'on_track', 'offset')}: start outside the world: {on_track.offset:g} m beside the centre "
+            f"line; the road is {track.width:g} m wide; make it at most {track.width / 2.0:g} m"
         )
     x, y, yaw = track.pose_at(on_track.s)
     x, y = x - on_track.offset * math.sin(yaw), y + on_track.offset * math.cos(yaw)
@@ -336,6 +354,11 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
 def _folded(angle: float) -> float:
     """The angle within [-π, π]."""
     return math.remainder(angle, 2.0 * math.pi)
+
+
+def verge(track: Track) -> shapely.Geometry:
+    """The road and a verge of 2 m on both sides, as a polygon."""
+    return shapely.buffer(track.area, _VERGE)
 
 
 def track_mu(spec: TrackSpec) -> float:

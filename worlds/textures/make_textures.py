@@ -1,6 +1,6 @@
 """Draw the ground textures of the worlds: run it to make the JPG files beside it again.
 
-Own work, made of filtered noise only. A texture repeats without a seam, because its noise is filtered on a torus (by FFT).
+Own work, made of filtered noise only. A texture repeats without a seam, because its noise is filtered on a torus (FFT).
 """
 
 from pathlib import Path
