@@ -26,7 +26,7 @@ from mirdrake.controllers import VehicleControl
 from mirdrake.controllers.vectors import COMMAND
 from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
-from mirdrake.plant import PlantParts, VehicleInPlant, hold_wheels, make_plant, set_start
+from mirdrake.plant import PlantParts, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors import GroundTruth
 from mirdrake.signals import Signal, signals_of
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
@@ -36,8 +36,8 @@ from mirdrake.yaml_io import Source, where
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
 
-_SPLIT = ("speed_command", "steering_command", "command_stamp")
-_JOIN = ("speed_reference", "steering_reference", "reference_stamp")
+SPLIT = ("speed_command", "steering_command", "command_stamp")
+JOIN = ("speed_reference", "steering_reference", "reference_stamp")
 
 
 @dataclass(frozen=True)
@@ -80,15 +80,13 @@ class Assembly:
     visualizer: MeshcatVisualizer | None = None
 
     def make_context(self) -> Any:
-        """A new Context with every vehicle at its start, wheels held where the spec says so."""
+        """A new Context with every vehicle at its start."""
         context = self.diagram.CreateDefaultContext()
         plant = self.parts.plant
         plant_context = plant.GetMyMutableContextFromRoot(context)
         for name, part in self.parts.vehicles.items():
             start = self.starts[name]
             set_start(plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
-            if self.spec.vehicles[name].wheels == "held":
-                hold_wheels(plant, plant_context, part)
         return context
 
 
@@ -129,7 +127,8 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
 
     # The plant, and per vehicle its control unit, driver and ground truth.
     builder = DiagramBuilder()
-    parts = make_plant(builder, world, vehicles, spec=spec.plant)
+    parked = {name for name, entry in spec.vehicles.items() if entry.parked}
+    parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
     wiring = _Wiring(builder, spec)
     rolling = _add_rolling_resistance(wiring, parts, spec)
     tracks = {}
@@ -210,7 +209,7 @@ def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPl
     wiring.link(control.desired_state, plant.get_desired_state_input_port(part.instance))
     wiring.link(control.actuation, plant.get_actuation_input_port(part.instance))
     wiring.link(join.get_output_port(), control.command)
-    for index, (port, signal) in enumerate(zip(_JOIN, COMMAND, strict=True)):
+    for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
         wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
     for port in (truth.state, truth.wheel_speeds, truth.steering_angles, control.status):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
@@ -228,9 +227,9 @@ def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPl
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())
     wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)
-    for index, (port, signal) in enumerate(zip(_SPLIT, COMMAND, strict=True)):
+    for index, (port, signal) in enumerate(zip(SPLIT, COMMAND, strict=True)):
         wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
-        wiring.defaults.append((f"{name}.{port}", f"{name}.{_JOIN[index]}"))
+        wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
     for index in range(driver.num_output_ports()):
         port = driver.get_output_port(index)
         wiring.sources.setdefault(f"{name}.{port.get_name()}", (port, signals_of(port)))
@@ -352,7 +351,7 @@ class _Wiring:
         """Export what the outside may need, refuse inputs that are open, name the outputs that nothing reads."""
         for name in parts.vehicles:
             self.builder.ExportOutput(self.sources[f"{name}.state"][0], f"{name}.state")
-            for port in _JOIN:
+            for port in JOIN:
                 sink = self.sinks[f"{name}.{port}"][0]
                 if not self.builder.IsConnectedOrExported(sink):
                     self.builder.ExportInput(sink, f"{name}.{port}")

@@ -23,7 +23,7 @@ class VehicleEntry(Schema):
     start: str | None = Field(None, description="a start of the world; its first one if left out [-]")
     speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
-    wheels: str = Field("free", pattern="^(free|held)$", description="free, or held by parking brakes [-]")
+    parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
 
 
 class SystemEntry(Schema):

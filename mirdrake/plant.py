@@ -5,9 +5,9 @@ before it is finalised. The road is one half space; what the eye sees lies on to
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
-from math import cos, sin
+from math import cos, sin, sqrt
 from typing import Literal
 
 from pydantic import Field
@@ -47,6 +47,9 @@ logging.getLogger("drake").addFilter(
 
 SIDES = ("left", "right")
 
+PARKING_STIFFNESS = 1e7
+"""Of a held wheel [N m/rad]: a car of 2 t on a slope of 5 degrees moves it by a hundredth of a millimetre."""
+
 ROAD_STIFFNESS = 1e9
 """Point-contact stiffness of the road [N/m]: so much stiffer than a tyre that the tyre's own counts."""
 
@@ -80,6 +83,7 @@ class VehicleInPlant:
         wheel_actuators: actuators of the wheel joints.
         steering_actuators: actuators of the steering joints.
         tyres: collision geometry of each wheel's tyre.
+        compression: how far a tyre under a load [N] is pressed in at rest [m].
     """
 
     name: str
@@ -91,6 +95,7 @@ class VehicleInPlant:
     wheel_actuators: tuple[JointActuator, ...]
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
+    compression: Callable[[float], float]
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,12 @@ class PlantParts:
 
 
 def make_plant(
-    builder: DiagramBuilder, world: World, vehicles: Mapping[str, Vehicle], *, spec: PlantSpec | None = None
+    builder: DiagramBuilder,
+    world: World,
+    vehicles: Mapping[str, Vehicle],
+    *,
+    spec: PlantSpec | None = None,
+    parked: Container[str] = (),
 ) -> PlantParts:
     """Add a finalised plant with a world and vehicles to a diagram under construction.
 
@@ -122,6 +132,7 @@ def make_plant(
         world: the world.
         vehicles: vehicles by the name they shall have.
         spec: step and contact settings.
+        parked: names of the vehicles whose wheels are held by parking brakes.
     """
     spec = spec or PlantSpec()
     config = MultibodyPlantConfig(
@@ -133,7 +144,10 @@ def make_plant(
     defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.5)  # Drake's own default is 50 s/m
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
     ground = add_world(plant, world)
-    parts = {name: add_vehicle(plant, vehicle, name=name, contact=spec.contact) for name, vehicle in vehicles.items()}
+    parts = {
+        name: add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked)
+        for name, vehicle in vehicles.items()
+    }
     plant.Finalize()
     return PlantParts(plant, scene_graph, world, parts, ground)
 
@@ -144,6 +158,7 @@ def add_vehicle(
     *,
     name: str | None = None,
     contact: ContactModel = "hydroelastic",
+    parked: bool = False,
 ) -> VehicleInPlant:
     """Put a vehicle into a plant that is not finalised yet.
 
@@ -155,6 +170,8 @@ def add_vehicle(
         vehicle: a loaded vehicle, or its name.
         name: name in the plant; the vehicle's own if left out.
         contact: the contact the tyres shall be shaped for.
+        parked: hold every wheel at its present angle with up to the brakes' torque, for good. (Drake's joint locking
+            would do, but with wheels on the ground it reads out of bounds in 1.51.)
 
     Raises:
         ModelError: the plant has no scene graph, or a wheel has no cylinder to roll on.
@@ -183,10 +200,11 @@ def add_vehicle(
 
     control = vehicle.control
     driven = vehicle.spec.driven_wheels()
-    if control.wheel_speed.kind == "servo":
-        for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
-            if wheel in driven:
-                actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
+    for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
+        if parked:
+            actuator.set_controller_gains(PdControllerGains(p=PARKING_STIFFNESS, d=PARKING_STIFFNESS / 100.0))
+        elif control.wheel_speed.kind == "servo" and wheel in driven:
+            actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
     if control.steering.kind == "servo":
         for actuator in steering_actuators:
             gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
@@ -204,6 +222,7 @@ def add_vehicle(
             source_id=plant.get_source_id(), geometry_id=geometries[0], shape=shape, X_FG=RigidTransform()
         )
         tyres.append(geometries[0])
+    material = scene_graph.model_inspector().GetProximityProperties(tyres[0])
     return VehicleInPlant(
         name=name,
         vehicle=vehicle,
@@ -214,7 +233,22 @@ def add_vehicle(
         wheel_actuators=wheel_actuators,
         steering_actuators=steering_actuators,
         tyres=tuple(tyres),
+        compression=_compression(material, contact, vehicle),
     )
+
+
+def _compression(material: ProximityProperties, contact: ContactModel, vehicle: Vehicle) -> Callable[[float], float]:
+    """Compression [m] of a tyre at rest under a load [N].
+
+    Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
+    2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5.
+    """
+    radius, width = vehicle.geometry.wheel_radius, vehicle.geometry.wheel_width
+    if contact == "point":
+        stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
+        return lambda load: float(load / stiffness)
+    modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
+    return lambda load: float((0.75 * load / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0))
 
 
 def add_world(plant: MultibodyPlant, world: World | str) -> tuple[GeometryId, ...]:
@@ -242,7 +276,7 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[GeometryId, ..
 def set_start(
     plant: MultibodyPlant, context: Context, part: VehicleInPlant, *, x: float, y: float, yaw: float, speed: float = 0.0
 ) -> None:
-    """Put a vehicle on the road, rolling freely straight ahead.
+    """Put a vehicle on the road, its tyres compressed as at rest, rolling freely straight ahead.
 
     Args:
         plant: the finalised plant.
@@ -253,17 +287,15 @@ def set_start(
         yaw: heading [rad].
         speed: forward speed [m/s]; the wheels turn with it.
     """
-    X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
+    wheelbase, weight = part.vehicle.geometry.wheelbase, plant.CalcTotalMass(context, [part.instance]) * 9.80665
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    ahead = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / wheelbase
+    front, rear = part.compression(weight * ahead / 2.0), part.compression(weight * (1.0 - ahead) / 2.0)
+    X_WB = RigidTransform(RollPitchYaw(0.0, (front - rear) / wheelbase, yaw), [x, y, -rear])
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
     velocities = plant.GetVelocities(context).copy()
     start = part.base.floating_velocities_start_in_v()
     velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
     for joint in part.wheels:
-        velocities[joint.velocity_start()] = speed / part.vehicle.geometry.wheel_radius
+        velocities[joint.velocity_start()] = speed / (part.vehicle.geometry.wheel_radius - rear)
     plant.SetVelocities(context, velocities)
-
-
-def hold_wheels(plant: MultibodyPlant, context: Context, part: VehicleInPlant) -> None:
-    """Lock all wheels of a vehicle, as a parking brake on each would; ``joint.Unlock(context)`` releases one."""
-    for joint in part.wheels:
-        joint.Lock(context)

@@ -10,7 +10,7 @@ A cylinder is what a vehicle file states. Simulated as it stands it has two faul
 """
 
 from itertools import pairwise
-from math import cos, pi, sin
+from math import cos, pi, sin, sqrt
 from typing import Literal
 
 from pydrake.common import MemoryFile
@@ -50,8 +50,10 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int) -> str:
         width: width along y [m].
         segments: number of equal sectors around the axle.
     """
-    angles = [2.0 * pi * (i + 0.5) / segments for i in range(segments)]
-    right: list[Point] = [(radius * cos(a), -width / 2.0, radius * sin(a)) for a in angles]
+    sector = 2.0 * pi / segments
+    corner = radius * sqrt(sector / sin(sector))  # the polygon has the area of the circle
+    angles = [sector * (i + 0.5) for i in range(segments)]
+    right: list[Point] = [(corner * cos(a), -width / 2.0, corner * sin(a)) for a in angles]
     left: list[Point] = [(x, -y, z) for x, y, z in right]
     axle: list[Point] = [(0.0, -width / 4.0, 0.0), (0.0, width / 4.0, 0.0)]
     caps: list[Point] = [(0.0, -width / 2.0, 0.0), (0.0, width / 2.0, 0.0)]

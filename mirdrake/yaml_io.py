@@ -55,7 +55,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": 2.0 * math.pi / 60.0},
     "kg": {"kg": 1.0, "lb": 0.45359237, "t": 1000.0},
     "N": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
-    "N m": {"N m": 1.0, "Nm": 1.0, "kN m": 1e3},
+    "N m": {"N m": 1.0, "Nm": 1.0, "kN m": 1e3, "kNm": 1e3},
     "W": {"W": 1.0, "kW": 1e3},
     "Hz": {"Hz": 1.0, "kHz": 1e3},
     "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665},
@@ -290,7 +290,7 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
     for depth, key in enumerate(keys, start=1):
         step: Any = key
         if isinstance(node, list):
-            if not (key.isdecimal() and int(key) < len(node)):
+            if not (key.isdecimal() and len(key) < 7 and int(key) < len(node)):
                 raise ConfigError(f"{told}: {dotted(full)} is a list of {len(node)}; '{key}' is not an index of it")
             step = int(key)
         full = (*full, step)
@@ -331,7 +331,10 @@ def _attach(value: Any, source: Source, path: Key) -> None:
     if isinstance(value, Schema):
         value._source = source._replace(prefix=path)
         for name, field in type(value).model_fields.items():
-            _attach(getattr(value, name), source, (*path, field.alias or name))
+            item = getattr(value, name)
+            if isinstance(item, Schema) and item is field.default:  # pydantic shares frozen defaults between specs
+                item = value.__dict__[name] = item.model_copy(deep=True)
+            _attach(item, source, (*path, field.alias or name))
     elif isinstance(value, dict):
         for key, item in value.items():
             _attach(item, source, (*path, key))

@@ -192,7 +192,7 @@ def test_system_without_period_follows_at_once_and_has_no_state():
     system, _, context = steer(0.2)
     np.testing.assert_allclose(system.wheel_angles.Eval(context), Ackermann(BOLT).wheel_angles(0.2))
     assert context.num_total_states() == 0
-    assert [signal.name for signal in signals_of(system.wheel_angles)] == ["left", "right"]
+    assert [signal.name for signal in signals_of(system.wheel_angles) or ()] == ["left", "right"]
 
 
 def test_system_with_period_needs_0_4_s_for_0_2_rad():
@@ -230,7 +230,7 @@ def test_unior_linkage_is_limited_by_its_inner_wheel_too():
             "steering geometry: steering_limit must be below pi/2 rad, got 35 rad; is it in degrees?",
         ),
         (
-            lambda: AckermannSteering(BOLT, linkage="akermann"),
+            lambda: AckermannSteering(BOLT, linkage="akermann"),  # type: ignore[arg-type]
             "AckermannSteering: unknown linkage 'akermann'; did you mean 'ackermann'? "
             "(allowed: ackermann, unior, unior_printed)",
         ),

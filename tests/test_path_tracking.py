@@ -83,9 +83,9 @@ def make_circle(radius):
 
 
 class KinematicCar(LeafSystem):
-    """Bicycle whose steering moves at a limited rate and whose speed follows the command; Runge-Kutta, 2 ms.
+    """Bicycle whose steering moves at a limited rate and whose speed follows the command; Runge-Kutta, 5 ms.
 
-    State: x, y, yaw, speed, steering. `delay` steps of 2 ms pass before a command arrives; the speed lags `lag` seconds.
+    State: x, y, yaw, speed, steering. A command arrives `delay` steps of 5 ms late; the speed lags `lag` seconds.
     """
 
     def __init__(self, *, rate=0.5, wheelbase=2.6, lag=0.0, delay=0, start=(0.0, 0.0, 0.0), speed=0.0, slip=0.0):
@@ -95,7 +95,7 @@ class KinematicCar(LeafSystem):
         self.index = self.DeclareDiscreteState([*start, speed, 0.0])
         self.queue = self.DeclareDiscreteState([0.0] * (2 * (delay + 1)))
         self.state = self.DeclareVectorOutputPort("state", BasicVector(12), self._calc, {self.all_state_ticket()})
-        self.DeclarePeriodicDiscreteUpdateEvent(0.002, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(0.005, 0.0, self._update)
 
     def _calc(self, context, output):
         x, y, yaw, speed, steering = context.get_discrete_state(self.index).value()
@@ -107,7 +107,7 @@ class KinematicCar(LeafSystem):
         queue = context.get_discrete_state(self.queue).value().tolist()
         queue = queue[2:] + self.command.Eval(context)[:2].tolist()
         wanted_speed, wanted = queue[:2]
-        h = 0.002
+        h = 0.005
         speed = wanted_speed if self.lag == 0.0 else speed + h / self.lag * (wanted_speed - speed)
         steering += min(max(wanted - steering, -self.rate * h), self.rate * h)
         turn = speed * math.tan(steering) / (self.wheelbase + self.slip * speed**2)
@@ -241,14 +241,15 @@ def test_the_line_stays_within_tolerance_and_within_the_steering_rate(track, spe
     assert line.offset[0] == pytest.approx(line.offset[-1], abs=1e-9)
 
 
-def test_curvature_of_the_line_is_that_of_its_points():
+def test_the_points_of_the_line_turn_as_its_curvature_says():
     centre, line = plan(make_rounded_rectangle(), 5.0)
     x = centre.x - line.offset * np.sin(centre.yaw)
     y = centre.y + line.offset * np.cos(centre.yaw)
     yaw = np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
-    curvature = np.diff(yaw) / np.hypot(np.diff(x), np.diff(y))[1:]
-    # First order in the offset: kappa^2 e = 0.04 / 36 is left out; the corners' kinks smear over one spacing.
-    np.testing.assert_allclose(curvature, line.curvature[1:-1], atol=0.006)
+    turned = np.cumsum(line.curvature[1:-1]) * centre.spacing
+    # Left out for small e: e' kappa e, at most 0.085 * 0.04 / 6 rad, and the third power of e'. Where an interval h
+    # holds the start of a corner, a fraction f into it, its chord is off by kappa h f (1 - f)/2, at most kappa h/8.
+    np.testing.assert_allclose(turned, yaw[1:] - yaw[0], atol=1e-3 + centre.spacing / 6.0 / 8.0)
 
 
 def test_a_tighter_tolerance_is_bought_with_speed():
@@ -287,6 +288,7 @@ def test_projection_finds_arc_length_and_offset_of_a_point_set_beside_the_track(
     for s in np.linspace(0.05, track.length - 0.05, 57):
         x, y, yaw = track.pose(s)
         place = tables.project(x - lateral * math.sin(yaw), y + lateral * math.cos(yaw), near=s - 1.0)
+        assert place is not None
         assert place.s == pytest.approx(s, abs=2e-3)  # intervals with a corner's kink are off by a little
         assert place.lateral == pytest.approx(lateral, abs=2e-4)
 
@@ -295,6 +297,7 @@ def test_projection_on_a_circle_is_exact_and_wraps_at_the_start_line():
     tables = PathTables(make_centre_line(make_circle(10.0)))
     x, y = 10.5 * math.sin(-0.01), 10.0 - 10.5 * math.cos(-0.01)  # 0.1 m before the start, 0.5 m to the right
     place = tables.project(x, y, near=0.2)
+    assert place is not None
     assert place.s == pytest.approx(2.0 * math.pi * 10.0 - 0.1, abs=1e-6)
     assert place.lateral == pytest.approx(-0.5, abs=1e-9)
     assert place.curvature == pytest.approx(0.1, rel=1e-9)
@@ -316,13 +319,13 @@ def test_the_car_stays_within_6_cm_of_a_track_with_6_m_corners_without_clothoids
         assert np.mean(log["speed"][driving]) == pytest.approx(5.0, rel=0.002)
 
 
-def test_with_a_delay_of_60_ms_and_a_lagging_speed_the_car_stays_within_6_cm():
-    drive = Drive(make_rounded_rectangle(), PathGains(5.0), delay=20, lag=0.15)
+def test_with_a_delay_of_40_ms_and_a_lagging_speed_the_car_stays_within_6_cm():
+    drive = Drive(make_rounded_rectangle(), PathGains(5.0), delay=8, lag=0.15)
     log = drive.run(38.0)
     assert np.max(np.abs(log["lateral"])) < 0.06
 
 
-@pytest.mark.parametrize("delay", [0, 10, 20, 40])
+@pytest.mark.parametrize("delay", [0, 4, 8, 16])
 @pytest.mark.parametrize("speed", [3.0, 8.0])
 def test_a_wrong_guess_of_the_delay_costs_accuracy_but_never_stability(speed, delay):
     drive = Drive(make_rounded_rectangle(), PathGains(speed), delay=delay, lag=0.15)
@@ -332,7 +335,7 @@ def test_a_wrong_guess_of_the_delay_costs_accuracy_but_never_stability(speed, de
 
 @pytest.mark.parametrize(("offset", "turn"), [(2.0, 0.0), (-4.0, 0.3), (0.0, 0.6), (3.0, -2.0), (0.0, math.pi)])
 def test_the_car_finds_back_to_the_line_from_anywhere(offset, turn):
-    drive = Drive(make_rounded_rectangle(), PathGains(5.0), start=(0.0, offset, turn), speed=4.0, delay=10)
+    drive = Drive(make_rounded_rectangle(), PathGains(5.0), start=(0.0, offset, turn), speed=4.0, delay=4)
     log = drive.run(45.0)
     assert np.max(np.abs(log["lateral"][-500:])) < 0.06
 
@@ -441,9 +444,14 @@ def test_a_vehicle_put_elsewhere_is_found_again():
 
 def test_ports_carry_names_and_units():
     tracker = PathTracker(make_stadium(), BOLT, gains=PathGains(5.0))
-    assert [signal.name for signal in signals_of(tracker.path_error)] == ["lateral", "heading", "progress", "laps"]
-    assert [signal.unit for signal in signals_of(tracker.command)] == ["m/s", "rad", "s"]
-    assert len(signals_of(tracker.state)) == 12
+    assert [signal.name for signal in signals_of(tracker.path_error) or ()] == [
+        "lateral",
+        "heading",
+        "progress",
+        "laps",
+    ]
+    assert [signal.unit for signal in signals_of(tracker.command) or ()] == ["m/s", "rad", "s"]
+    assert len(signals_of(tracker.state) or ()) == 12
 
 
 def test_an_unstable_vehicle_ends_the_run_with_one_line():

@@ -13,7 +13,7 @@ from mirdrake.controllers import DiscretePid, PidGains, PidLimits, PidState, Spe
 from mirdrake.controllers.ackermann import AxleGeometry
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.errors import ConfigError
-from mirdrake.signals import signals_of
+from mirdrake.signals import signals, signals_of
 
 H = 0.01
 
@@ -150,9 +150,8 @@ def test_a_change_of_any_gain_does_not_move_the_control(changed):
     before = {"kp": 2.0, "ki": 1.0, "kd": 0.2, "filter_time": 0.05, "proportional_weight": 0.7}
     measurements = np.linspace(0.0, 0.5, 100).tolist()  # rising, so that the derivative part counts
     _, state = run_law(PidGains(**before), [1.0] * 100, measurements)
-    next_input = {"reference": 1.0, "measurement": 0.505, "period": H}
-    _, old = pid_step(state, gains=PidGains(**before), **next_input)
-    _, new = pid_step(state, gains=PidGains(**{**before, **changed}), **next_input)
+    _, old = pid_step(state, 1.0, 0.505, gains=PidGains(**before), period=H)
+    _, new = pid_step(state, 1.0, 0.505, gains=PidGains(**{**before, **changed}), period=H)
     assert abs(new - old) < 1e-12
 
 
@@ -179,7 +178,10 @@ def test_without_integral_action_a_new_kp_acts_at_once():
         (lambda: PidLimits(1.0, 0.0), "PidLimits: maximum must be >= 1, got 0"),
         (lambda: PidLimits(rate=0.0), "PidLimits: rate must be > 0, got 0"),
         (lambda: DiscretePid(PidGains(1.0), period=0.0), "DiscretePid: period must be > 0 and finite [s], got 0 s"),
-        (lambda: DiscretePid(PidGains(1.0), period="x"), "DiscretePid: period must be a number, got 'x'"),
+        (
+            lambda: DiscretePid(PidGains(1.0), period="x"),  # type: ignore[arg-type]
+            "DiscretePid: period must be a number, got 'x'",
+        ),
     ],
 )
 def test_settings_that_make_no_sense_are_refused_in_one_line(make, message):
@@ -234,9 +236,9 @@ def test_control_is_right_at_time_zero_and_the_first_update_counts_once():
 def test_ports_carry_names_and_units():
     pid = DiscretePid(PidGains(1.0), period=H, signal_unit="rad/s", control_unit="N m", feedforward=True)
     assert [pid.get_input_port(i).get_name() for i in range(3)] == ["reference", "measurement", "feedforward"]
-    assert signals_of(pid.measurement)[0].unit == "rad/s"
-    assert signals_of(pid.control)[0].unit == "N m"
-    assert signals_of(pid.feedforward)[0].unit == "N m"
+    assert signals_of(pid.measurement) == signals(("measurement", "rad/s"))
+    assert signals_of(pid.control) == signals(("control", "N m"))
+    assert signals_of(pid.feedforward) == signals(("feedforward", "N m"))
 
 
 def test_gains_change_in_the_context_without_a_rebuild_and_without_a_bump():

@@ -159,8 +159,14 @@ def short_run(folder: Path, **changes: Any) -> FakeRun:
 
 def test_the_headline_says_in_words_what_happened(lap_page):
     # 200 s at 5 m/s, less the 0.9 s that the launch costs, are 995.5 m: 1.03 laps of 965 m
-    headline = re.search("<h1>(.*)</h1>", lap_page).group(1).replace("\u00a0", " ")
+    headline = "".join(re.findall("<h1>(.*)</h1>", lap_page)).replace("\u00a0", " ")
     assert headline == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, speed 0.1 % off"
+
+
+def test_a_drive_of_a_few_metres_is_told_in_metres(tmp_path):
+    run = short_run(tmp_path)
+    run.summary["vehicles"]["ego"].update(laps=0.0065, distance_m=6.26)
+    assert "The Bolt drove 6.26\u00a0m in 20.0\u00a0s on test_track" in render_report(run)
 
 
 def test_one_lap_is_singular(tmp_path):
@@ -183,7 +189,7 @@ def test_the_page_is_well_formed_and_its_ids_are_unique(lap_page):
     assert page.open == []
     ids = Counter(attributes["id"] for _, attributes in page.elements if "id" in attributes)
     assert max(ids.values()) == 1
-    wanted = {a["href"][1:] for _, a in page.elements if (a.get("href") or "").startswith("#")}
+    wanted = {(a.get("href") or "")[1:] for _, a in page.elements if (a.get("href") or "").startswith("#")}
     assert wanted <= set(ids)
 
 

@@ -401,6 +401,23 @@ def test_a_part_of_a_file_can_be_checked_later_and_still_points_into_it() -> Non
     ]
 
 
+class Frozen(Schema, frozen=True):
+    gain: float = 1.0
+
+
+class Holder(Schema, frozen=True):
+    inner: Frozen = Frozen()
+
+
+def test_the_default_of_one_file_does_not_point_into_another() -> None:
+    one, two = parse_yaml("", Holder, name="one"), parse_yaml("", Holder, name="two")
+    assert where(one.inner) == "one: inner"
+    assert where(two.inner) == "two: inner"
+    assert where(Holder().inner) == "Frozen"
+    assert one == two
+    assert hash(one) == hash(two)
+
+
 def test_a_spec_made_in_python_names_its_class() -> None:
     assert where(Drive(), "plant", "contact") == "Drive: plant.contact"
     assert where(Plant()) == "Plant"
@@ -479,6 +496,7 @@ def test_an_override_sets_one_place(override: str, key: str, value: Any) -> None
         ("control.ego={kind: pdi}", ": control.ego.kind: unknown kind 'pdi'; did you mean 'pid'? (allowed: off, pid)"),
         ("control.other.kp=1", ": control.other: needs a 'kind'"),
         ("parts.2.contact=point", ": parts is a list of 2; '2' is not an index of it"),
+        (f"parts.{'9' * 20}=", ": parts is a list of 2; '99999999999999999999' is not an index of it"),
         ("parts.-1.contact=point", ": parts is a list of 2; '-1' is not an index of it"),
         ("parts.time_step=1", ": parts is a list of 2; 'time_step' is not an index of it"),
         ("parts.1.time_step=x", ": parts.1.time_step: 'x' is not a number"),

@@ -215,7 +215,7 @@ class Ackermann:
         return math.atan2(tangent, 1.0 + abs(tangent) * self._kingpin) / factor
 
 
-class AckermannSteering(LeafSystem):  # type: ignore[misc, unused-ignore]
+class AckermannSteering(LeafSystem):
     """Bicycle steering angle to the angles of the two front wheels.
 
     Input ports:

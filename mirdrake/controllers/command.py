@@ -109,7 +109,7 @@ def command_step(
     return state, CommandResult(Setpoint(wanted, held), alive)
 
 
-class VelocityCommand(LeafSystem):  # type: ignore[misc, unused-ignore]
+class VelocityCommand(LeafSystem):
     """The door through which every driver, human or not, commands a vehicle.
 
     Input ports:

@@ -65,7 +65,7 @@ def cruise_step(
     return state, reference + trim
 
 
-class SpeedControl(LeafSystem):  # type: ignore[misc, unused-ignore]
+class SpeedControl(LeafSystem):
     """Speed and steering set-point to wheel-speed set-points.
 
     Input ports:

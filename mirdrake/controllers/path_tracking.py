@@ -72,6 +72,12 @@ class PathGains:
     understeer_gradient: float = 0.0
 
     def __post_init__(self) -> None:
+        total = self.speed + self.convergence_distance + self.convergence_time + self.damping + self.preview_time
+        lowest = min(self.speed, self.convergence_time, self.preview_time)
+        if lowest >= 0.0 < min(self.convergence_distance, self.damping) and math.isfinite(
+            total + self.understeer_gradient
+        ):
+            return  # the quick way: gains are read from the Context at every update
         owner = "PathGains"
         check_number(owner, "speed", self.speed, unit="m/s", at_least=0.0)
         check_number(owner, "convergence_distance", self.convergence_distance, unit="m", above=0.0)
@@ -265,7 +271,7 @@ def _wrap(angle: float) -> float:
     return math.remainder(angle, 2.0 * math.pi)
 
 
-class PathTracker(LeafSystem):  # type: ignore[misc, unused-ignore]
+class PathTracker(LeafSystem):
     """A driver that follows a track.
 
     Input ports:

@@ -189,7 +189,7 @@ def pid_step(
     return PidState(control, integral, filtered, kp, kd, tf, b, c, 1.0), control
 
 
-class DiscretePid(LeafSystem):  # type: ignore[misc, unused-ignore]
+class DiscretePid(LeafSystem):
     """A PID controller that runs every `period`.
 
     Input ports:

@@ -63,7 +63,7 @@ class Schedule:
         return Setpoint(speed + part * (speed1 - speed), steering + part * (steering1 - steering))
 
 
-class CommandSchedule(LeafSystem):  # type: ignore[misc, unused-ignore]
+class CommandSchedule(LeafSystem):
     """A driver that follows a :class:`Schedule`.
 
     Output ports:

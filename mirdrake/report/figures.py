@@ -82,7 +82,7 @@ def drawing_style() -> AbstractContextManager[None]:
         name: matplotlib.rcParamsDefault[name]
         for name in ("font.family", "font.sans-serif", "path.simplify", "path.simplify_threshold", "axes.unicode_minus")
     }
-    style: dict[str, Any] = {
+    style: Any = {  # Matplotlib 3.11 lists every key as a literal type, 3.8 knows none
         **kept,
         "svg.fonttype": "none",
         "svg.hashsalt": "mirdrake",

@@ -247,7 +247,7 @@ def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> 
         laps, way = (
             next((tile.value for tile in page.tiles if tile.label == label), "") for label in ("Laps", "Distance")
         )
-        if laps:
+        if laps and (float(laps) >= 0.1 or not way):
             drove = f"{laps}\u00a0lap{'' if laps == '1.00' else 's'}" + (f" of {world}" if world else "") + during
         else:
             drove = f"{way}{during}" + (f" on {world}" if world else "")

@@ -13,6 +13,7 @@ from mirdrake.report.figures import Array, Curve, Panel, draw_chart
 from mirdrake.report.words import clock, tell
 
 _AXLES = ("front", "rear")
+_NO_ERROR = 1e-3  # [m]: below this a lateral error is not worth a close look
 _SIDES = ("left", "right")
 _WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: where both coincide, both are seen
 
@@ -156,8 +157,11 @@ def _plan_lateral_error(signals: VehicleSignals, road_width: float | None, body_
     size = abs(float(error[worst]))
     side = "left" if error[worst] > 0.0 else "right"
     caption = "Positive is to the left of the line. "
-    caption += f"Largest: {tell(size, 'm', digits=2)} to the {side} at {clock(float(signals.time[worst]))}; "
-    caption += f"root mean square {tell(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
+    if size < _NO_ERROR:
+        caption += f"Below {tell(1e3 * _NO_ERROR, 'mm', digits=1)} throughout."
+    else:
+        caption += f"Largest: {tell(size, 'm', digits=2)} to the {side} at {clock(float(signals.time[worst]))}; "
+        caption += f"root mean square {tell(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
     curve = Curve("lateral error", error, "main")
     if not road_width:
         return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True)], caption
@@ -171,7 +175,7 @@ def _plan_lateral_error(signals: VehicleSignals, road_width: float | None, body_
     caption += f" Shaded: beyond {tell(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
     caption += middle
     on_road = Panel("The same across the road", "m", [curve], limits=(-top, top), bands=bands, relative_height=0.62)
-    if size > 0.5 * room:
+    if size > 0.5 * room or size < _NO_ERROR:
         return (
             "lateral-error",
             "Lateral error",

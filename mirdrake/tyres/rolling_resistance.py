@@ -14,7 +14,8 @@ short filter, which averages over the facets of the wheel, and the cancelling to
 At standstill, where the ratio has no meaning, the measured moment itself is cancelled: it is the restoring moment of
 a faceted wheel, which would otherwise roll the car onto a facet.
 
-The tyre's own torque is -Crr N R tanh(ω/ω_0): Coulomb-like, smooth through standstill.
+The tyre's own torque is -Crr N h tanh(ω/ω_0), with h the height of the axle above the road, so that the road pushes
+back with Crr N: Coulomb-like, smooth through standstill.
 """
 
 from collections.abc import Sequence
@@ -49,7 +50,6 @@ class RollingWheel(NamedTuple):
         geometry: its collision geometry.
         body: index of its body in the plant.
         velocity_index: index of its spin rate in the plant's generalised velocities.
-        radius: effective radius [m].
         coefficient: rolling-resistance coefficient Crr of the tyre.
     """
 
@@ -58,7 +58,6 @@ class RollingWheel(NamedTuple):
     geometry: GeometryId
     body: int
     velocity_index: int
-    radius: float
     coefficient: float
 
 
@@ -71,7 +70,6 @@ def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
             geometry=tyre,
             body=int(joint.child_body().index()),
             velocity_index=joint.velocity_start(),
-            radius=part.vehicle.geometry.wheel_radius,
             coefficient=part.vehicle.spec.tyres.rolling_resistance,
         )
         for wheel, tyre, joint in zip(WHEELS, part.tyres, part.wheels, strict=True)
@@ -143,14 +141,16 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        loads, moments, others = self._measure(context)
+        poses = self.body_poses.Eval(context)
+        loads, moments, others = self._measure(context, poses)
         velocities = self.plant_state.Eval(context)[self._positions :].tolist()
         memory = context.get_discrete_state(self._moment_filter).value().tolist()
         force = [0.0] * len(velocities)
         torques = []
         for i, wheel in enumerate(self._wheels):
             load, spin = loads[i], velocities[wheel.velocity_index]
-            torque = -wheel.coefficient * load * wheel.radius * tanh(spin / SMOOTH_SPEED)
+            height = float(poses[wheel.body].translation()[2])
+            torque = -wheel.coefficient * load * height * tanh(spin / SMOOTH_SPEED)
             if self._cancel:
                 memory[2 * i] += self._blend * (moments[i] - memory[2 * i])
                 memory[2 * i + 1] += self._blend * (load * spin - memory[2 * i + 1])
@@ -166,7 +166,7 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
         state.get_mutable_vector(self._moment_filter).SetFromVector(memory)
         state.get_mutable_vector(self._others).SetFromVector([others])
 
-    def _measure(self, context: Context) -> tuple[list[float], list[float], int]:
+    def _measure(self, context: Context, poses: Sequence[RigidTransform]) -> tuple[list[float], list[float], int]:
         """Normal load [N] and pressure moment about the axle [N m] of each wheel, and the number of other contacts.
 
         All from the contact of the last step.
@@ -184,7 +184,6 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
         count = results.num_hydroelastic_contacts()
         if not count:
             return loads, moments, others
-        poses = self.body_poses.Eval(context)
         spatial_velocities = self.body_spatial_velocities.Eval(context) if self._cancel else None
         for k in range(count):
             info = results.hydroelastic_contact_info(k)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 
@@ -18,8 +19,15 @@ from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.plant import PlantSpec, make_plant
 from mirdrake.vehicles import WHEELS, load_vehicle
-from mirdrake.viewer.meshcat import make_meshcat, place_camera
+from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_meshcat, place_camera
 from mirdrake.worlds import load_world
+
+Array = NDArray[np.float64]
+
+CAMERA_SWING = 1.6
+"""Time over which the following camera averages the heading [s]."""
+
+_ENDLESS = 10**6  # times that a recording is repeated
 
 
 def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
@@ -34,7 +42,7 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
     """
     if run.folder is None or run.signals.empty:
         raise RunError("recording: the run has no folder or no samples")
-    meshcat = make_meshcat(world=load_world(run.spec["world"]))
+    meshcat = make_meshcat(port=0, world=load_world(run.spec["world"]))
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     path = run.folder / "recording.html"
     write_file(path, meshcat.StaticHtml())
@@ -66,10 +74,9 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     rows = range(0, times.size, stride)
     readers = [_Reader(run, part) for part in parts.vehicles.values()]
 
-    first = readers[0]
-    place_camera(meshcat, x=first.pose[0, 0], y=first.pose[0, 1], yaw=first.pose[0, 5])
-    # Setting the camera moves it within /Cameras/default; animating that parent's position makes it follow.
-    origin = first.pose[0, :3].copy()
+    place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
+    followed = readers[0].pose
+    headings = smooth_headings(times, followed[:, 5])
     visualizer.StartRecording(set_transforms_while_recording=False)
     animation = visualizer.get_mutable_recording()
     for row in rows:
@@ -78,11 +85,33 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
             reader.pose_at(plant_context, row)
         diagram.ForcedPublish(context)
         frame = animation.frame(context.get_time())
-        shift = first.pose[row, :3] - origin
-        animation.SetTransform(frame, "/Cameras/default", RigidTransform([shift[0], shift[1], 0.0]))
+        X_CW, X_CL = chase(x=followed[row, 0], y=followed[row, 1], yaw=headings[row])
+        animation.SetTransform(frame, WORLD_PATH, X_CW)
+        animation.SetTransform(frame, LIGHTS_PATH, X_CL)
     visualizer.StopRecording()
     animation.set_autoplay(True)
+    animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
+    animation.set_repetitions(_ENDLESS)
     visualizer.PublishRecording()
+
+
+def smooth_headings(times: Array, yaw: Array) -> Array:
+    """The heading that a camera follows: the mean over :data:`CAMERA_SWING` around each moment, so that it swings softly.
+
+    Args:
+        times: [s] (n), equally spaced.
+        yaw: [rad] (n), within ±π or not.
+
+    Returns:
+        heading [rad] (n), without jumps.
+    """
+    heading = np.unwrap(yaw)
+    if times.size < 3:
+        return heading
+    half = min(round(0.5 * CAMERA_SWING / float(np.median(np.diff(times)))), times.size - 1)
+    padded = np.concatenate([np.full(half, heading[0]), heading, np.full(half, heading[-1])])
+    total = np.cumsum(np.concatenate([[0.0], padded]))
+    return (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
 
 
 class _Reader:

@@ -27,6 +27,7 @@ _NODES = (0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15))
 _WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _CELL_ANGLE = 0.08  # [rad] largest turn of a cell
 _CELL_LENGTH = 0.5  # [m] longest cell
+_FAR = 20.0  # [m] a hint that is worse than this is not used
 _CELLS = 8  # fewest cells of a piece
 
 
@@ -224,7 +225,8 @@ class Track:
             x: world x [m], a float or an array.
             y: world y [m], like x.
             near: s [m] close to the answer, for example the last one of a moving vehicle. The nearest point of that
-                stretch of road is then taken, even if another stretch passes closer. Without it all is searched.
+                stretch of road is then taken, even if another stretch passes closer. Without it, and when the point
+                turns out to be more than 20 m away, the whole track is searched.
 
         Returns:
             s [m] within [0, length) (open: [0, length]) and e_y [m], + left of the centre line; floats for floats.
@@ -233,7 +235,7 @@ class Track:
         if isinstance(x, float | int) and isinstance(y, float | int):
             if near is not None:
                 found = self._descend(x, y, float(near))  # type: ignore[arg-type]
-                if found is not None:
+                if found is not None and abs(found[1]) < _FAR:
                     return found
             nearest = int(np.argmin((self._x - x) ** 2 + (self._y - y) ** 2))
             found = self._descend(x, y, self._starts[nearest])
@@ -344,7 +346,7 @@ class Track:
         return x, y, yaw + (k + half * u) * u, k + c * u
 
     def _descend(self, x: float, y: float, near: float) -> tuple[float, float] | None:
-        """Newton's method from `near` to the nearest point; None when it wanders more than 20 m off or does not settle.
+        """Newton's method from `near` to the nearest point; None when it wanders far off or does not settle.
 
         d(distance²/2)/ds = -f with f the component of the distance along the tangent, and df/ds = -(1 - k e_y). Keeping
         that slope above 0.2 makes every step go downhill, also beyond the centre of curvature.
@@ -362,7 +364,7 @@ class Track:
             s += step
             if abs(step) < 1e-9:
                 return self.wrap(s), lateral
-            if abs(s - near) > 20.0:
+            if abs(s - near) > _FAR:
                 return None
         return None
 
@@ -372,13 +374,17 @@ class Track:
         shape = x.shape
         x, y = x.ravel(), y.ravel()
         finite = np.isfinite(x) & np.isfinite(y)
+        if not finite.all():
+            s, lateral = np.full(len(x), np.nan), np.full(len(x), np.nan)
+            hints = None if near is None else np.broadcast_to(np.asarray(near, dtype=float), shape).ravel()[finite]
+            s[finite], lateral[finite] = self._project_many(x[finite], y[finite], hints)
+            return s.reshape(shape), lateral.reshape(shape)
         if near is None:
-            s = self._nearest_cell(x, y)
-            s, lateral, _ = self._descend_many(x, y, s)
+            s, lateral, _ = self._descend_many(x, y, self._nearest_cell(x, y))
         else:
             first = np.broadcast_to(np.asarray(near, dtype=float), shape).ravel()
             s, lateral, settled = self._descend_many(x, y, first)
-            again = ~settled | (np.abs(s - first) > 20.0)
+            again = ~settled | (np.abs(s - first) > _FAR) | (np.abs(lateral) > _FAR)
             if again.any():
                 s[again], lateral[again], _ = self._descend_many(
                     x[again], y[again], self._nearest_cell(x[again], y[again])
@@ -386,15 +392,13 @@ class Track:
         if self.closed:
             s = np.mod(s, self.length)
             s = np.where(s < self.length, s, 0.0)
-        s, lateral = np.where(finite, s, np.nan), np.where(finite, lateral, np.nan)
         return s.reshape(shape), lateral.reshape(shape)
 
     def _nearest_cell(self, x: Array, y: Array) -> Array:
         """Where [m] the cell nearest to each point starts."""
         if self._tree is None:
             self._tree = cKDTree(np.column_stack((self._x, self._y)))
-        points = np.nan_to_num(np.column_stack((x, y)), nan=0.0, posinf=0.0, neginf=0.0)
-        return np.asarray(self._s[self._tree.query(points)[1]])
+        return np.asarray(self._s[self._tree.query(np.column_stack((x, y)))[1]])
 
     def _descend_many(self, x: Array, y: Array, s: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Steps of :meth:`_descend` for arrays; also says which points settled."""

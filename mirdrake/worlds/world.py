@@ -224,7 +224,7 @@ def make_track(spec: TrackSpec, *, name: str = "track") -> Track:
     if spec.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):
         raise WorldError(
             f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
-            "0.01 deg; make the turns add up to 360 deg and two lines `auto` that are not parallel, or say closed: false"
+            "0.01 deg; make the turns add up to 360 deg and two lines that are not parallel auto, or set closed: false"
         )
     if track.min_radius <= spec.width / 2.0:
         raise WorldError(

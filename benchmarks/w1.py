@@ -1,0 +1,218 @@
+"""Job W1: the car drives a straight and a circle, and stands parked; the whole diagram and the bare plant."""
+
+from collections.abc import Mapping, Sequence
+from math import tan
+from statistics import median
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from benchmarks.timing import Times, rates, timed
+from mirdrake.controllers.ackermann import Ackermann
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import DiagramSpec, load_diagram
+from mirdrake.plant import make_plant, set_start
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import load_world
+
+Array = NDArray[np.float64]
+
+SPEED, STEERING, WHEELBASE = 5.0, 0.2, 2.6
+"""The circle: speed of the rear axle's centre [m/s], bicycle steering angle [rad], wheelbase [m]."""
+
+DURATION, STEADY = 35.0, 10.0
+"""The whole job, and its end over which the figures are taken [s]."""
+
+SETTLING, PARKED = 2.0, 10.0
+"""Standing still before and while creep is measured [s]."""
+
+STEPS = {"point": (0.002, 0.005, 0.010), "hydroelastic": (0.002, 0.005, 0.010)}
+"""Plant steps [s] per contact setting."""
+
+
+def make_spec(contact: str, step: float, *, left: bool = True) -> DiagramSpec:
+    """The diagram of the job with a contact setting, a plant step [s] and a direction of the circle."""
+    spec = load_diagram("w1", overrides=[f"plant.contact={contact}", f"plant.time_step={step}"])
+    if not left:
+        rows = spec.control["ego"].rows  # type: ignore[union-attr]
+        rows[-1].steering = -rows[-1].steering
+    return spec
+
+
+def circle_figures(vx: Array, wz: Array) -> dict[str, float]:
+    """Accuracy in the steady circle.
+
+    Args:
+        vx: speed of the rear axle's centre along the car [m/s] (n).
+        wz: yaw rate [rad/s] (n).
+
+    Returns:
+        yaw rate against v tan(δ)/L with the speed that the car had, its standard deviation, and the speed against
+        the wanted one, all in %.
+    """
+    speed, rate = float(np.mean(vx)), float(np.mean(wz))
+    kinematic = speed * tan(STEERING) / WHEELBASE * (1.0 if rate > 0.0 else -1.0)
+    return {
+        "yaw_error_percent": 100.0 * (rate / kinematic - 1.0),
+        "yaw_ripple_percent": 100.0 * float(np.std(wz)) / abs(kinematic),
+        "speed_error_percent": 100.0 * (speed / SPEED - 1.0),
+    }
+
+
+class BarePlant:
+    """The plant of a diagram, driven by C++ blocks alone, with the motion that the diagram wants.
+
+    Wheel speeds and steering angles come from a trajectory and go to the joints' servos; there is no speed loop, no
+    driver, no rolling resistance, no log.
+
+    Args:
+        spec: the diagram.
+    """
+
+    def __init__(self, spec: DiagramSpec) -> None:
+        entry = spec.vehicles["ego"]
+        vehicle = load_vehicle(entry.model, arguments=entry.arguments)
+        builder = DiagramBuilder()
+        self.parts = make_plant(builder, load_world(spec.world), {"ego": vehicle}, spec=spec.plant)
+        plant, self._part = self.parts.plant, self.parts.vehicles["ego"]
+        count = plant.num_actuators(self._part.instance)
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices())
+
+        law, radius = Ackermann(vehicle.geometry), vehicle.geometry.wheel_radius
+        times = [*np.linspace(0.0, 6.0, 61), 1e4]
+        rows = []
+        for time in times:
+            speed, steering = min(time, SPEED), STEERING * min(max(time - 5.0, 0.0), 1.0)
+            row = [0.0] * (2 * count)
+            for actuator, angle in zip(self._part.steering_actuators, law.wheel_angles(steering), strict=True):
+                row[actuator.input_start() - first] = angle
+            ratios = law.wheel_speed_ratios(steering)
+            for actuator, ratio in zip(self._part.wheel_actuators, ratios, strict=True):
+                row[count + actuator.input_start() - first] = speed * ratio / radius
+            rows.append(row)
+        path = PiecewisePolynomial.FirstOrderHold(times, np.array(rows).T)
+        wanted = builder.AddSystem(TrajectorySource(path))
+        zero = builder.AddSystem(ConstantVectorSource([0.0] * count))
+        builder.Connect(wanted.get_output_port(), plant.get_desired_state_input_port(self._part.instance))
+        builder.Connect(zero.get_output_port(), plant.get_actuation_input_port(self._part.instance))
+        self._simulator = Simulator(builder.Build())
+
+    def run(self, duration: float) -> Context:
+        """Drive from the start for a time [s]; the context at the end."""
+        simulator = self._simulator
+        context = simulator.get_system().CreateDefaultContext()
+        plant = self.parts.plant
+        set_start(plant, plant.GetMyMutableContextFromRoot(context), self._part, x=0.0, y=0.0, yaw=0.0)
+        simulator.reset_context(context)
+        simulator.Initialize()
+        simulator.AdvanceTo(duration)
+        return context
+
+    def steady(self, duration: float) -> dict[str, float]:
+        """Accuracy of the bare drive, from samples of its last seconds."""
+        context = self.run(max(duration - STEADY, 0.01))
+        plant, base = self.parts.plant, self._part.base
+        vx, wz = [], []
+        for time in np.arange(context.get_time(), duration, 0.02):
+            self._simulator.AdvanceTo(time)
+            plant_context = plant.GetMyContextFromRoot(context)
+            velocity = plant.EvalBodySpatialVelocityInWorld(plant_context, base)
+            R_WB = plant.EvalBodyPoseInWorld(plant_context, base).rotation()
+            vx.append((R_WB.inverse() @ velocity.translational())[0])
+            wz.append(velocity.rotational()[2])
+        return circle_figures(np.array(vx), np.array(wz))
+
+
+def contact_faces(bare: BarePlant, duration: float) -> list[int]:
+    """Polygons of each hydroelastic contact at the end of a bare drive."""
+    context = bare.run(duration)
+    plant = bare.parts.plant
+    results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
+    infos = [results.hydroelastic_contact_info(i) for i in range(results.num_hydroelastic_contacts())]
+    return [info.contact_surface().num_faces() for info in infos]
+
+
+def drive(contact: str, step: float, *, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
+    """One row of W1: accuracy of the whole diagram, its speed, and what it costs over the bare plant.
+
+    Whole diagram and bare plant run by turns in this process; the ratio is taken pair by pair, from processor times,
+    and the median of the pairs is given.
+
+    Args:
+        contact: "hydroelastic" or "point".
+        step: of the plant [s].
+        duration: simulated time [s].
+        repeat: number of pairs.
+    """
+    spec = make_spec(contact, step)
+    whole, bare = Simulation(assemble(spec)), BarePlant(spec)
+    runs = [whole.run(duration=duration)]  # warms up
+    bare.run(min(duration, 1.0))
+    whole_times: list[Times] = []
+    bare_times: list[Times] = []
+    for _ in range(repeat):
+        whole_times.append(timed(lambda: runs.append(whole.run(duration=duration))))
+        bare_times.append(timed(lambda: bare.run(duration)))
+        del runs[1:]
+
+    left = runs[0].signals
+    right = Simulation(assemble(make_spec(contact, step, left=False))).run(duration=duration).signals
+    since = max(duration - STEADY, 0.0) + 1e-3
+    left, right = left[left.index > since], right[right.index > since]
+    rate_left, rate_right = float(left["ego.wz"].mean()), float(right["ego.wz"].mean())
+    return {
+        "contact": contact,
+        "step_ms": 1e3 * step,
+        **rates(whole_times, duration=duration, step=step),
+        **circle_figures(left["ego.vx"].to_numpy(), left["ego.wz"].to_numpy()),
+        "mirror_difference_percent": 100.0 * (rate_left + rate_right) / abs(rate_left) if rate_left else None,
+        "height_std_mm": 1e3 * float(left["ego.z"].std()),
+        "faces_per_wheel": contact_faces(bare, duration),
+        "bare": rates(bare_times, duration=duration, step=step) | bare.steady(duration),
+        "overhead": median(w.cpu / b.cpu for w, b in zip(whole_times, bare_times, strict=True)),
+        "overhead_wall": median(w.wall / b.wall for w, b in zip(whole_times, bare_times, strict=True)),
+    }
+
+
+def park(contact: str, step: float, *, world: str, wheels: str, seconds: float = PARKED) -> dict[str, Any]:
+    """Creep of a parked car.
+
+    Args:
+        contact: "hydroelastic" or "point".
+        step: of the plant [s].
+        world: flat or slope.
+        wheels: "free" (the speed loop holds the car) or "held".
+        seconds: how long, after the settling.
+    """
+    overrides = [f"world={world}", f"vehicles.ego.wheels={wheels}"]
+    overrides += [f"plant.contact={contact}", f"plant.time_step={step}"]
+    run = Simulation(assemble(load_diagram("w1_parked", overrides=overrides))).run(duration=SETTLING + seconds)
+    still = run.signals[run.signals.index >= SETTLING - 1e-6]
+    first, last = still.iloc[0], still.iloc[-1]
+    creep = np.hypot(last["ego.x"] - first["ego.x"], last["ego.y"] - first["ego.y"])
+    return {
+        "contact": contact,
+        "step_ms": 1e3 * step,
+        "world": world,
+        "wheels": wheels,
+        "creep_mm": 1e3 * float(creep),
+        "yaw_drift_mrad": 1e3 * float(last["ego.yaw"] - first["ego.yaw"]),
+    }
+
+
+def run_w1(*, duration: float, parked: float, repeat: int, steps: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Job W1 of mirdrake: all drives and all parked cars."""
+    drives = [drive(contact, step, duration=duration, repeat=repeat) for contact in steps for step in steps[contact]]
+    places = (("empty", "free"), ("empty", "held"), ("slope_5_deg", "held"))
+    still = [
+        park(contact, 0.005, world=world, wheels=wheels, seconds=parked)
+        for contact in steps
+        for world, wheels in places
+    ]
+    return {"drives": drives, "parked": still}
