@@ -198,11 +198,17 @@ def _make_own(kind: str, parameters: Mapping[str, Any], *, where: str, folder: P
             sys.path.remove(path)
     maker = getattr(module, class_name, None)
     if not isinstance(maker, type) or not issubclass(maker, System):
-        classes = [name for name, value in vars(module).items() if isinstance(value, type) and issubclass(value, System)]
-        raise ConfigError(f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}")
+        classes = [
+            name for name, value in vars(module).items() if isinstance(value, type) and issubclass(value, System)
+        ]
+        raise ConfigError(
+            f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}"
+        )
     try:
         signature = inspect.signature(maker)
-        allowed = [name for name, p in signature.parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+        allowed = [
+            name for name, p in signature.parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
+        ]
         any_keyword = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
         for name in parameters:
             if name not in allowed and not any_keyword:

@@ -5,7 +5,7 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake draw bolt_test_track         the block diagram as SVG
 
 Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of
-mirdrake itself; a path works as well. Exit codes: 0 done, 1 a check failed, 2 bad input.
+mirdrake itself; a path works as well. Exit codes: 0 done, 1 a check failed or a run diverged, 2 bad input.
 """
 
 
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: without the program's name; those of the process if left out.
 
     Returns:
-        0 done, 1 a check failed, 2 bad input.
+        0 done, 1 a run diverged or a check failed, 2 bad input, 130 interrupted before there was anything to keep.
     """
     options = _parser().parse_args(arguments)
     try:
@@ -53,11 +53,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"error: {place}{error.strerror or error}", file=sys.stderr)
+        return 2
     return code
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("mirdrake", description=_TEXT, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        "mirdrake", description=_TEXT, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--version", action="version", version=_version())
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
 
@@ -72,7 +78,10 @@ def _parser() -> argparse.ArgumentParser:
         _run,
         "simulate a diagram and write a run folder",
         "The folder holds spec.yaml, signals.parquet, events.jsonl, summary.json, recording.html, report.html.\n"
-        "Ctrl-C stops early and keeps what is done. In a terminal a Meshcat page shows the run live.",
+        "Ctrl-C stops early and keeps what is done. In a terminal a Meshcat page shows the run live.\n\n"
+        "examples:\n"
+        "  mirdrake run bolt_test_track --set control.ego.speed=8 --set duration=60 --out runs/faster\n"
+        "  mirdrake run runs/faster/spec.yaml      the same again, to the last bit",
     )
     run.add_argument("diagram", help="name or path of a diagram file")
     _add_set(run)
@@ -84,23 +93,39 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--report", action=argparse.BooleanOptionalAction, help="write report.html")
     run.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
-    listing = add("list", _list, "list vehicles, worlds, diagrams, and the kinds of blocks")
+    listing = add(
+        "list", _list, "list vehicles, worlds, diagrams, and the kinds of blocks", "example:\n  mirdrake list worlds"
+    )
     listing.add_argument("what", nargs="?", choices=["models", "worlds", "diagrams", "blocks"], help="only these")
 
     view = add(
         "view",
         _view,
-        "look at a vehicle, a world or a run in Meshcat",
-        "For a vehicle there is a slider for every joint; Escape in the page, or Ctrl-C here, ends it.",
+        "look at a vehicle, a world, a diagram or a run in Meshcat",
+        "For a vehicle there is a slider for every joint; Escape in the page, or Ctrl-C here, ends it.\n\n"
+        "examples:\n"
+        "  mirdrake view bolt\n"
+        "  mirdrake view test_track --out track.html      a page that opens offline",
     )
-    view.add_argument("name", help="name or path of a vehicle, a world or a run folder")
+    view.add_argument("name", help="name or path of a vehicle, a world, a diagram or a run folder")
     view.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
 
-    check = add("check", _check, "check diagrams, vehicles and worlds without running them")
+    check = add(
+        "check",
+        _check,
+        "check diagrams, vehicles and worlds without running them",
+        "Every fault is one line with file and line number; the exit code is 2 if there is one.\n\n"
+        "example:\n  mirdrake check bolt test_track my_diagram.yaml",
+    )
     check.add_argument("names", nargs="+", metavar="NAME", help="names or paths")
     _add_set(check)
 
-    draw = add("draw", _draw, "draw a diagram's blocks and connections as SVG (needs Graphviz)")
+    draw = add(
+        "draw",
+        _draw,
+        "draw a diagram's blocks and connections as SVG (needs Graphviz)",
+        "example:\n  mirdrake draw bolt_test_track --out blocks.svg",
+    )
     draw.add_argument("diagram", help="name or path of a diagram file")
     _add_set(draw)
     draw.add_argument("--out", type=Path, metavar="FILE", help=".svg or .dot (default: <name>.svg)")
@@ -163,14 +188,29 @@ def _run(options: argparse.Namespace) -> int:
         )
     if not options.quiet:
         _print_summary(run)
+    if run.summary["stop_reason"] == "diverged":
+        place = f"{shown(run.folder)}: " if run.folder else ""
+        time = run.summary["simulated_s"]
+        print(
+            f"error: {place}the run diverged before t = {time:g} s: a position or velocity is no number any more; look for the "
+            "first NaN in signals.parquet, or try a smaller plant.time_step",
+            file=sys.stderr,
+        )
+        return 1
     return 0
 
 
 def _print_summary(run: "Run") -> None:
     summary = run.summary
-    factor = summary["real_time_factor"]
+    factor = summary["real_time_factor"] or 0.0
     print(f"{summary['diagram']}: {summary['simulated_s']:g} s in {summary['wall_s']:g} s ({factor:g} x real time)")
-    print(f"  stopped by {summary['stop_reason']}")
+    reason = summary["stop_reason"]
+    texts = {
+        "duration": "its whole duration",
+        "interrupted": "interrupted; what was done is kept",
+        "laps": "all laps done",
+    }
+    print(f"  {texts.get(reason, reason)}")
     for name, figures in summary["vehicles"].items():
         print(f"  {name}: {figures['model']}, {figures['distance_m'] or 0.0:.1f} m driven")
         for key, text in (
@@ -205,9 +245,10 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
+    from mirdrake.diagram_spec import load_diagram
     from mirdrake.logs import load_run
     from mirdrake.vehicles import load_vehicle
-    from mirdrake.viewer import make_meshcat, show_vehicle, show_world
+    from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
     from mirdrake.viewer.recording import draw_run
     from mirdrake.viewer.show import write_page
     from mirdrake.worlds import load_world
@@ -219,6 +260,10 @@ def _view(options: argparse.Namespace) -> int:
         run = load_run(options.name)
         meshcat = make_meshcat(world=load_world(run.spec["world"]))
         draw_run(run, meshcat)
+    elif kind == "diagrams":
+        spec = load_diagram(options.name)
+        meshcat = make_meshcat(world=load_world(spec.world))
+        diagram = show_diagram(spec, meshcat)
     elif kind == "worlds":
         world = load_world(options.name)
         meshcat = make_meshcat(world=world)
@@ -253,7 +298,7 @@ def _kind_of(name: str) -> str:
     if path.suffix in {".yaml", ".yml"} and path.is_file():
         from mirdrake.yaml_io import parse_tree
 
-        data, _ = parse_tree(path.read_text(encoding="utf-8"), shown(path))
+        data, _ = parse_tree(path.read_text(encoding="utf-8", errors="replace"), shown(path))
         return "worlds" if isinstance(data, dict) and "mirdrake" in data else "diagrams"
     for kind in ("worlds", "diagrams"):
         if name in names(kind):
@@ -322,11 +367,14 @@ def _positive(text: str) -> float:
 
 
 @contextlib.contextmanager
-def _terminated_like_interrupted() -> Any:
+def _terminated_like_interrupted() -> Iterator[None]:
     """While inside, SIGTERM ends a run as Ctrl-C does: what is done is kept."""
 
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
+    def interrupt(number: int, frame: Any) -> None:
+        handler = signal.getsignal(signal.SIGINT)  # a running simulation has its own, which waits for the end of a step
+        if not callable(handler):
+            raise KeyboardInterrupt
+        handler(number, frame)
 
     before = signal.signal(signal.SIGTERM, interrupt)
     try:

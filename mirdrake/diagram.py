@@ -38,6 +38,9 @@ __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_d
 
 SPLIT = ("speed_command", "steering_command", "command_stamp")
 JOIN = ("speed_reference", "steering_reference", "reference_stamp")
+"""What the ports between a driver and a vehicle's control unit are called, where a user's blocks may stand."""
+
+_RESERVED = {"plant", "scene_graph", "meshcat_visualizer"}  # Drake gives its own systems these names
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,11 @@ class Assembly:
     tracks: dict[str, str | None]
     unread: tuple[str, ...] = ()
     visualizer: MeshcatVisualizer | None = None
+
+    def own_systems(self) -> dict[str, System]:
+        """The user's own systems, those written as ``module:Class``, by name."""
+        own = {name for name, entry in self.spec.systems.items() if ":" in entry.kind}
+        return {system.get_name(): system for system in self.diagram.GetSystems() if system.get_name() in own}
 
     def make_context(self) -> Any:
         """A new Context with every vehicle at its start."""
@@ -123,7 +131,9 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         for index, sensor in enumerate(names):
             if sensor not in mounts:
                 place = where(spec, "sensors", name, index)
-                raise ConfigError(f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}")
+                raise ConfigError(
+                    f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}"
+                )
 
     # The plant, and per vehicle its control unit, driver and ground truth.
     builder = DiagramBuilder()
@@ -136,7 +146,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         tracks[part.name] = _add_vehicle_systems(wiring, parts, part, spec)
 
     # The user's own blocks, then all connections.
-    folder = _folder_of(spec)
+    folder = Path(spec.folder) if spec.folder is not None else None
     for name, entry in spec.systems.items():
         source = entry._source or Source("diagram", {}, ("systems", name))
         wiring.add(name, make_block(entry.kind, entry.parameters(), source=source, folder=folder))
@@ -241,9 +251,7 @@ def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPl
     return track
 
 
-def _add_taps(
-    wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec
-) -> dict[str, Tap]:
+def _add_taps(wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> dict[str, Tap]:
     """Log sinks, which are C++ and cost nothing to speak of, on what a run writes down."""
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),
@@ -292,7 +300,7 @@ class _Wiring:
 
     def add(self, name: str, system: System) -> None:
         """Add a system under a name; the ports of a user's own become known as ``name.port``."""
-        if name in self.systems or name in self.spec.vehicles:
+        if name in self.systems or name in self.spec.vehicles or name in _RESERVED:
             place = where(self.spec, "systems", name)
             raise ConfigError(f"{place}: the name '{name}' is taken; choose another")
         system.set_name(name)
@@ -361,18 +369,12 @@ class _Wiring:
             if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
                 place = where(self.spec, "systems", system)
                 choices = ", ".join(sorted(self.sources)[:12])
-                raise ConfigError(f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices}, …)")
+                raise ConfigError(
+                    f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices}, …)"
+                )
         return tuple(
             source for source in self.sources if source.split(".")[0] in self.spec.systems and source not in self.read
         )
-
-
-def _folder_of(spec: DiagramSpec) -> Path | None:
-    """Folder of the diagram file, if it came from one."""
-    if spec._source is None:
-        return None
-    path = Path(spec._source.name)
-    return path.resolve().parent if path.is_file() else None
 
 
 def _first_line(error: Exception) -> str:

@@ -3,7 +3,9 @@
 A diagram file replaces a launch file. It names things and sets numbers; what it does not say has a default.
 """
 
+import os
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, field_validator
@@ -63,6 +65,9 @@ class DiagramSpec(Schema):
     laps: float | None = Field(None, gt=0.0, description="stop after so many laps of the first vehicle [-]")
     seed: int = Field(0, ge=0, description="of every random stream [-]")
 
+    folder: str | None = Field(
+        None, description="where modules of the user's own blocks lie; the file's folder if left out [-]"
+    )
     provenance: dict[str, Any] | None = Field(None, description="written into spec.yaml by a run; not read [-]")
     name: str = Field("diagram", description="name in run folders; the file's own if left out [-]")
 
@@ -90,7 +95,21 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     spec = load_yaml(path, DiagramSpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem
+    if spec.folder is None and any(":" in entry.kind for entry in spec.systems.values()):
+        spec.folder = str(path.parent)
+    for holder, key in ((spec, "world"), *((entry, "model") for entry in spec.vehicles.values())):
+        setattr(holder, key, _absolute(getattr(holder, key), path.parent))
     return spec
+
+
+def _absolute(name: str, folder: Path) -> str:
+    """A path as an absolute one, taken from the folder if it leads somewhere there; a bare name as it is."""
+    if os.sep not in name and not name.endswith((".yaml", ".yml")):
+        return name
+    for path in (folder / name, Path(name)):
+        if path.exists():
+            return str(path.resolve())
+    return name
 
 
 def make_spec(data: Mapping[str, Any]) -> DiagramSpec:

@@ -91,7 +91,9 @@ def _node(name: str, system: object, assembly: Assembly) -> str:
         return f'  "{name}" [label="", shape=box, style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
     title = name.removeprefix(f"{vehicle}.") if vehicle else name
     kind = html.escape(type(system).__name__.split("_")[0])
-    group = "user" if name in assembly.spec.systems else "vehicle" if vehicle else "plant" if name == "plant" else "other"
+    group = (
+        "user" if name in assembly.spec.systems else "vehicle" if vehicle else "plant" if name == "plant" else "other"
+    )
     label = f'<<b>{html.escape(title)}</b><br/><font point-size="9">{kind}</font>>'
     return f'  "{name}" [label={label}, fillcolor="{_COLOURS[group]}"];'
 

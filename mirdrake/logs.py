@@ -18,6 +18,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -109,7 +110,8 @@ def write_file(path: Path, content: str | bytes) -> None:
             temporary.write_bytes(content)
         os.replace(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # below a file, or in a folder that is not there
+            temporary.unlink(missing_ok=True)
         raise RunError(f"{path}: cannot be written: {error.strerror}; choose another folder with --out") from None
 
 
@@ -127,13 +129,19 @@ class RunWriter:
     def __init__(self, folder: Path, spec: Mapping[str, Any]) -> None:
         self.folder = folder
         self._parts = 0
+        new = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
                 raise RunError(f"{folder}: is not empty; choose another folder with --out")
         except OSError as error:
             raise RunError(f"{folder}: cannot be made: {error.strerror}; choose another folder with --out") from None
-        write_file(folder / SPEC, yaml.safe_dump(dict(spec), sort_keys=False, allow_unicode=True, width=100))
+        try:
+            write_file(folder / SPEC, yaml.safe_dump(dict(spec), sort_keys=False, allow_unicode=True, width=100))
+        except RunError:
+            if new:
+                folder.rmdir()
+            raise
 
     def write_signals(self, times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> None:
         """Add a block of samples."""
@@ -177,7 +185,9 @@ def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Ma
     fields = [pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in names]
     attributes = json.dumps({"units": {name: units.get(name, "") for name in names}})
     schema = pa.schema(fields, metadata={"PANDAS_ATTRS": attributes})
-    return pa.Table.from_arrays([pa.array(np.asarray(a, dtype=float)) for a in (times, *columns.values())], schema=schema)
+    return pa.Table.from_arrays(
+        [pa.array(np.asarray(a, dtype=float)) for a in (times, *columns.values())], schema=schema
+    )
 
 
 def _read_table(path: Path) -> pa.Table:

@@ -3,8 +3,12 @@
 import math
 import os
 import platform
+import signal
+import sys
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,15 +17,19 @@ import numpy as np
 import pandas as pd
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, System
 
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run, RunWriter, spec_hash
 from mirdrake.telemetry import Array, Columns, Telemetry
+from mirdrake.yaml_io import shown
 
 BLOCK = 0.5
 """Simulated time between two looks at the logs [s]: what a kill can lose, and the grain of the progress bar."""
+
+SLICE = 0.125
+"""Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
 
 STRAIGHT = 1e-4
 """Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
@@ -95,24 +103,23 @@ class Simulation:
         if not (math.isfinite(end) and end > 0.0):
             raise ConfigError(f"duration {end} s is not allowed; it must be a positive time")
         data = resolved_spec(assembly, duration=end)
-        writer = RunWriter(Path(folder), data) if folder is not None else None
-
         context = assembly.make_context()
         if change is not None:
             change(context)
+        writer = RunWriter(Path(folder), data) if folder is not None else None
         simulator.reset_context(context)
         simulator.set_target_realtime_rate(realtime_rate)
         telemetry, blocks, events = Telemetry(assembly), _Blocks(writer), _Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
         try:
-            simulator.Initialize()
-            reason = self._advance(context, end, telemetry, blocks, events, progress)
+            with _interrupt() as interrupted:
+                simulator.Initialize()
+                reason = self._advance(context, end, telemetry, blocks, events, progress, interrupted)
         except KeyboardInterrupt:
             reason = "interrupted"
         except Exception as error:
-            text = str(error).strip().splitlines()
-            failure = f"{type(error).__name__}: {text[0] if text else ''}"
+            failure = _failure(error)
             reason = f"failed: {failure}"
         times, columns = telemetry.read(context)
         blocks.add(times, columns, telemetry.units)
@@ -142,6 +149,7 @@ class Simulation:
         blocks: "_Blocks",
         events: "_Events",
         progress: Progress | None,
+        interrupted: threading.Event,
     ) -> str:
         """Advance block by block until something stops the run; returns the reason."""
         plant = self.assembly.parts.plant
@@ -149,9 +157,12 @@ class Simulation:
         laps = self.assembly.spec.laps
         first = next(iter(self.assembly.parts.vehicles))
         count = 0
+        slices = round(BLOCK / SLICE)
         while context.get_time() < end - 1e-9:
             count += 1
-            self._simulator.AdvanceTo(min(count * BLOCK, end))
+            self._simulator.AdvanceTo(min(count * SLICE, end))
+            if count % slices and not interrupted.is_set() and context.get_time() < end - 1e-9:
+                continue
             times, columns = telemetry.read(context)
             blocks.add(times, columns, telemetry.units)
             events.look(times, columns, list(self.assembly.parts.vehicles))
@@ -162,7 +173,47 @@ class Simulation:
             lap = columns.get(f"{first}.lap")
             if laps is not None and lap is not None and lap.size and lap[-1] >= laps:
                 return "laps"
+            if interrupted.is_set() and context.get_time() < end - 1e-9:
+                return "interrupted"
         return "duration"
+
+
+@contextmanager
+def _interrupt() -> Iterator[threading.Event]:
+    """While inside, Ctrl-C sets the event, and the run stops between two slices; a second Ctrl-C stops it at once.
+
+    An exception in the middle of a step would leave logs of unequal length. Outside the main thread, and where somebody
+    else handles Ctrl-C, everything stays as it is.
+    """
+    event = threading.Event()
+    mine = threading.current_thread() is threading.main_thread()
+    if not mine or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield event
+        return
+
+    def handle(number: int, frame: Any) -> None:
+        if event.is_set():
+            signal.default_int_handler(number, frame)
+        event.set()
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _failure(error: Exception) -> str:
+    """An exception of a block as one line, with the file and line that raised it if these are the user's."""
+    lines = str(error).strip().splitlines()
+    text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    if frame is None:
+        return text
+    file = Path(frame.tb_frame.f_code.co_filename)
+    return text if file.is_relative_to(Path(__file__).parent) else f"{shown(file)}:{frame.tb_lineno}: {text}"
 
 
 def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
@@ -170,6 +221,7 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
     data = assembly.spec.model_dump(mode="json")
     data["duration"] = duration
     data.pop("provenance", None)
+    folder = data.pop("folder", None)  # the hash is that of the contents, wherever they lie
     world = assembly.parts.world
     content = {
         name: spec_hash(
@@ -182,10 +234,21 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
         for name, part in assembly.parts.vehicles.items()
     }
     content["world"] = spec_hash(world.spec.model_dump(mode="json"))
+    for name, system in assembly.own_systems().items():
+        content[name] = spec_hash({"source": _source_text(system)})
     versions = {name: version(name) for name in ("mirdrake", "drake", "numpy")} | {"python": platform.python_version()}
     digest = spec_hash({"spec": data, "content": content})
+    if folder is not None:
+        data["folder"] = folder
     data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
     return data
+
+
+def _source_text(system: System) -> str:
+    """The file that defines a user's class; empty for a class without one."""
+    module = sys.modules.get(type(system).__module__)
+    file = getattr(module, "__file__", None)
+    return Path(file).read_text(encoding="utf-8", errors="replace") if file and file.endswith(".py") else ""
 
 
 def make_summary(

@@ -2,6 +2,6 @@
 
 from mirdrake.viewer.meshcat import make_meshcat, place_camera
 from mirdrake.viewer.recording import write_recording
-from mirdrake.viewer.show import show_vehicle, show_world
+from mirdrake.viewer.show import show_diagram, show_vehicle, show_world
 
-__all__ = ["make_meshcat", "place_camera", "show_vehicle", "show_world", "write_recording"]
+__all__ = ["make_meshcat", "place_camera", "show_diagram", "show_vehicle", "show_world", "write_recording"]

@@ -7,6 +7,7 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.meshcat import JointSliders
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from mirdrake.diagram import DiagramSpec, assemble
 from mirdrake.logs import write_file
 from mirdrake.plant import make_plant, set_start
 from mirdrake.vehicles import Vehicle
@@ -46,6 +47,15 @@ def show_world(world: World, meshcat: Meshcat, *, vehicles: dict[str, Vehicle] |
             set_start(parts.plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw)
     diagram.ForcedPublish(context)
     return diagram
+
+
+def show_diagram(spec: DiagramSpec, meshcat: Meshcat) -> Diagram:
+    """A diagram's vehicles in its world, at their starts."""
+    assembly = assemble(spec, meshcat=meshcat)
+    start = next(iter(assembly.starts.values()))
+    place_camera(meshcat, x=start.x, y=start.y, yaw=start.yaw)
+    assembly.diagram.ForcedPublish(assembly.make_context())
+    return assembly.diagram
 
 
 def write_page(meshcat: Meshcat, path: Path) -> None:
