@@ -73,9 +73,11 @@ class BarePlant:
 
     Args:
         spec: the diagram.
+        rolling_radius: speed over spin rate of a wheel that bears its load [m]; the diagram's speed loop finds it, so
+            that both drive at the same speed.
     """
 
-    def __init__(self, spec: DiagramSpec) -> None:
+    def __init__(self, spec: DiagramSpec, *, rolling_radius: float) -> None:
         entry = spec.vehicles["ego"]
         vehicle = load_vehicle(entry.model, arguments=entry.arguments)
         builder = DiagramBuilder()
@@ -84,7 +86,7 @@ class BarePlant:
         count = plant.num_actuators(self._part.instance)
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices())
 
-        law, radius = Ackermann(vehicle.geometry), vehicle.geometry.wheel_radius
+        law = Ackermann(vehicle.geometry)
         times = [*np.linspace(0.0, 6.0, 61), 1e4]
         rows = []
         for time in times:
@@ -94,7 +96,7 @@ class BarePlant:
                 row[actuator.input_start() - first] = angle
             ratios = law.wheel_speed_ratios(steering)
             for actuator, ratio in zip(self._part.wheel_actuators, ratios, strict=True):
-                row[count + actuator.input_start() - first] = speed * ratio / radius
+                row[count + actuator.input_start() - first] = speed * ratio / rolling_radius
             rows.append(row)
         path = PiecewisePolynomial.FirstOrderHold(times, np.array(rows).T)
         wanted = builder.AddSystem(TrajectorySource(path))
@@ -129,6 +131,12 @@ class BarePlant:
         return circle_figures(np.array(vx), np.array(wz))
 
 
+def _rolling_radius(signals: Any) -> float:
+    """Speed over spin rate of the rear wheels at the end of a drive [m]."""
+    last = signals.iloc[-1]
+    return float(2.0 * last["ego.vx"] / (last["ego.wheel_speed.rear_left"] + last["ego.wheel_speed.rear_right"]))
+
+
 def contact_faces(bare: BarePlant, duration: float) -> list[int]:
     """Polygons of each hydroelastic contact at the end of a bare drive."""
     context = bare.run(duration)
@@ -151,8 +159,9 @@ def drive(contact: str, step: float, *, duration: float = DURATION, repeat: int 
         repeat: number of pairs.
     """
     spec = make_spec(contact, step)
-    whole, bare = Simulation(assemble(spec)), BarePlant(spec)
+    whole = Simulation(assemble(spec))
     runs = [whole.run(duration=duration)]  # warms up
+    bare = BarePlant(spec, rolling_radius=_rolling_radius(runs[0].signals))
     bare.run(min(duration, 1.0))
     whole_times: list[Times] = []
     bare_times: list[Times] = []

@@ -64,7 +64,7 @@ class GainBlock(Schema):
 
 
 class AdderBlock(Schema):
-    """sum = u0 + u1 + …"""
+    """The sum of inputs u0, u1 and so on; its output is called sum."""
 
     inputs: int = Field(2, ge=2, description="input ports [-]")
     size: int = Field(1, ge=1, description="elements [-]")
@@ -187,8 +187,10 @@ def _make_own(kind: str, parameters: Mapping[str, Any], *, where: str, folder: P
     module_name, _, class_name = kind.partition(":")
     extra = [str(path) for path in (folder, Path.cwd()) if path is not None and str(path) not in sys.path]
     sys.path[:0] = extra
+    _forget_namesake(module_name, [path for path in (folder, Path.cwd()) if path is not None])
     try:
         module = importlib.import_module(module_name)
+        _FOREIGN.add(module_name)
     except ImportError as error:
         raise ConfigError(f"{where}: module '{module_name}' cannot be imported: {error}") from None
     except Exception as error:
@@ -222,3 +224,16 @@ def _make_own(kind: str, parameters: Mapping[str, Any], *, where: str, folder: P
     except Exception as error:
         text = str(error).splitlines()[0] if str(error) else ""
         raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None
+
+
+_FOREIGN: set[str] = set()  # modules that were imported here
+
+
+def _forget_namesake(module: str, folders: list[Path]) -> None:
+    """Let a module be imported anew if the one of that name was imported for a diagram in another folder."""
+    loaded = sys.modules.get(module)
+    file = getattr(loaded, "__file__", None)
+    wanted = [path for folder in folders if (path := folder / f"{module.replace('.', '/')}.py").is_file()]
+    if module in _FOREIGN and file and wanted and not Path(file).samefile(wanted[0]):
+        del sys.modules[module]
+        importlib.invalidate_caches()

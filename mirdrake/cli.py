@@ -192,8 +192,8 @@ def _run(options: argparse.Namespace) -> int:
         place = f"{shown(run.folder)}: " if run.folder else ""
         time = run.summary["simulated_s"]
         print(
-            f"error: {place}the run diverged before t = {time:g} s: a position or velocity is no number any more; look for the "
-            "first NaN in signals.parquet, or try a smaller plant.time_step",
+            f"error: {place}the run diverged before t = {time:g} s: a position or velocity is no number any more; "
+            "look for the first NaN in signals.parquet, or try a smaller plant.time_step",
             file=sys.stderr,
         )
         return 1

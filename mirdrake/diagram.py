@@ -5,9 +5,9 @@ Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every po
 
 ::
 
-    ego.driver ─ ego.command ─ ego.split ─ ego.speed_command    ─►  ego.speed_reference    ─ ego.join ─► ego.control ─► plant
-                                           ego.steering_command ─►  ego.steering_reference
-                                           ego.command_stamp    ─►  ego.reference_stamp
+    ego.driver ─ ego.command ─ ego.split ─ ego.speed_command    ─► ego.speed_reference    ─ ego.join ─ ego.control
+                                           ego.steering_command ─► ego.steering_reference
+                                           ego.command_stamp    ─► ego.reference_stamp
 
 and a connection of the user's to an input replaces the one drawn here.
 """
@@ -264,9 +264,11 @@ def _add_taps(wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, 
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
     for name in spec.systems:
-        for full, (port, contents) in wiring.sources.items():
-            if full.startswith(f"{name}.") and port.get_data_type() == PortDataType.kVectorValued:
-                wanted[full] = (port, contents)
+        wanted |= {
+            full: source
+            for full, source in wiring.sources.items()
+            if full.startswith(f"{name}.") and source[0].get_data_type() == PortDataType.kVectorValued
+        }
     taps = {}
     for name, (port, contents) in wanted.items():
         sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))
@@ -344,9 +346,8 @@ class _Wiring:
         (output, contents), (port, wanted) = self.sources[source], self.sinks[sink]
         if output.get_data_type() != port.get_data_type():
             kinds = {PortDataType.kVectorValued: "a vector", PortDataType.kAbstractValued: "an abstract value"}
-            raise ConfigError(
-                f"{place}: '{source}' gives {kinds[output.get_data_type()]}, '{sink}' takes {kinds[port.get_data_type()]}"
-            )
+            given, taken = kinds[output.get_data_type()], kinds[port.get_data_type()]
+            raise ConfigError(f"{place}: '{source}' gives {given}, '{sink}' takes {taken}")
         if output.get_data_type() == PortDataType.kVectorValued and output.size() != port.size():
             raise ConfigError(f"{place}: '{source}' has {output.size()} elements, '{sink}' takes {port.size()}")
         for have, want in zip(contents or (), wanted or (), strict=False):
@@ -368,9 +369,9 @@ class _Wiring:
             optional = getattr(self.systems.get(system), "optional_inputs", ())
             if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
                 place = where(self.spec, "systems", system)
-                choices = ", ".join(sorted(self.sources)[:12])
+                choices = ", ".join([*sorted(self.sources)[:12], *(["…"] if len(self.sources) > 12 else [])])
                 raise ConfigError(
-                    f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices}, …)"
+                    f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices})"
                 )
         return tuple(
             source for source in self.sources if source.split(".")[0] in self.spec.systems and source not in self.read

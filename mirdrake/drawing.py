@@ -1,8 +1,8 @@
 """A diagram as a picture: blocks, and what flows between them.
 
-Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks of
-a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is no Python package; without it there is the
-text in its language.
+Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks
+of a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is no Python package; without it there is
+the text in its language.
 """
 
 import html
@@ -51,7 +51,7 @@ def write_dot(assembly: Assembly) -> str:
         if tail in shown and head in shown:
             output, given = source.get_output_port(source_index).get_name(), sink.get_input_port(sink_index).get_name()
             edges[tail, head].append(_edge_label(_bar_port(tail, output), _bar_port(head, given)))
-    lines += [_edge(tail, head, labels, assembly) for (tail, head), labels in edges.items()]
+    lines += [_edge(tail, head, labels) for (tail, head), labels in edges.items()]
     for index in range(diagram.num_input_ports()):
         port = diagram.get_input_port(index)
         (system, _), *_ = diagram.GetInputPortLocators(port.get_index())
@@ -88,7 +88,7 @@ def _node(name: str, system: object, assembly: Assembly) -> str:
     """A block; a bar for what splits or joins a command."""
     vehicle = _vehicle_of(name, assembly)
     if vehicle and name.endswith((".split", ".join")):
-        return f'  "{name}" [label="", shape=box, style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
+        return f'  "{name}" [label="", style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
     title = name.removeprefix(f"{vehicle}.") if vehicle else name
     kind = html.escape(type(system).__name__.split("_")[0])
     group = (
@@ -98,12 +98,12 @@ def _node(name: str, system: object, assembly: Assembly) -> str:
     return f'  "{name}" [label={label}, fillcolor="{_COLOURS[group]}"];'
 
 
-def _edge(tail: str, head: str, labels: list[str], assembly: Assembly) -> str:
+def _edge(tail: str, head: str, labels: list[str]) -> str:
     """All connections from one block to another as one arrow; measurements run back and do not order the blocks."""
     text = "\\n".join(dict.fromkeys(label for label in labels if label))
     if {tail, head} == {"plant", "scene_graph"}:
         text = "poses" if tail == "plant" else "contact"
-    if tail == "scene_graph" or head == "plant" and tail in _SERVANTS:
+    if tail == "scene_graph" or (head == "plant" and tail in _SERVANTS):
         return f'  "{head}" -> "{tail}" [label="{text}", dir=back];'
     back = tail == "plant" and head not in _SERVANTS
     return f'  "{tail}" -> "{head}" [label="{text}"{", constraint=false" if back else ""}];'

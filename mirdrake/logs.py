@@ -180,7 +180,7 @@ class RunWriter:
 
 
 def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> pa.Table:
-    """An Arrow table of samples; each column's metadata has its ``unit``, and pandas finds all in ``attrs["units"]``."""
+    """An Arrow table of samples: each column's metadata has its ``unit``; pandas finds all in ``attrs["units"]``."""
     names = ["time", *columns]
     fields = [pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in names]
     attributes = json.dumps({"units": {name: units.get(name, "") for name in names}})

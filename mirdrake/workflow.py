@@ -23,7 +23,7 @@ def run_diagram(
     meshcat: Meshcat | None = None,
     realtime_rate: float = 0.0,
     progress: Progress | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    say: Callable[[str], None] | None = None,
 ) -> Run:
     """Run a diagram into a run folder with all its files.
 
@@ -39,6 +39,7 @@ def run_diagram(
     Raises:
         MirdrakeError: what is wrong, on one line.
     """
+    tell = say or (lambda _: None)
     assembly = assemble(spec, meshcat=meshcat)
     folder = folder or default_folder(assembly.spec.name)
     run = Simulation(assembly).run(duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress)
@@ -49,11 +50,11 @@ def run_diagram(
         svg = draw_svg(assembly)
         write_file(folder / "diagram.svg", svg)
     except MissingDependencyError as error:
-        say(str(error))
+        tell(str(error))
     if record.meshcat and not run.signals.empty:
-        say("writing the recording")
+        tell("writing the recording")
         write_recording(run, frames_per_second=record.frames)
     if record.report:
-        say("writing the report")
+        tell("writing the report")
         write_report(run, diagram_svg=svg)
     return run

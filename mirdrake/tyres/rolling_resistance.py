@@ -1,24 +1,29 @@
 """Rolling resistance: the numerical one of discrete hydroelastic contact out, the tyre's own in.
 
 A discrete step of Drake computes the contact patch at the old position and predicts the pressure at the new time.
-The centre of pressure of a rolling wheel therefore runs ahead of the axle by about v·dt, and the normal load brakes
-the wheel with the moment N·v·dt, many times a tyre's own. What the solver really applied can be read from the contact
-results, so it is measured and cancelled instead of modelled: per wheel, with the contact surface's centroid C and the
-wheel centre A where it was when the patch was computed,
+The centre of pressure of a rolling wheel therefore runs ahead of the axle by about v·dt. The normal load then brakes
+the wheel with the moment N·v·dt, many times a tyre's own, shifts load from the front axle to the rear one, and friction
+forces gain a lever about the kingpins. What the solver really applied can be read from the contact results, so it is
+measured and cancelled instead of modelled: per wheel, with the contact surface's centroid C and the wheel centre A
+where it was when the patch was computed,
 
-    M = (p_C - (p_A - v_A dt)) × N n + τ_t,        T_numerical = M · axle,
+    M = [(p_C - (p_A - v_A dt)) × N n + τ_t] · axle,        e = -M / N,
 
-with n the road normal and τ_t the part of the contact torque parallel to the road (on a plane friction has no such
-moment about C). T_numerical is proportional to N·ω for given step and shape, so the ratio is estimated with a
-short filter, which averages over the facets of the wheel, and the cancelling torque follows N·ω without lag.
-At standstill, where the ratio has no meaning, the measured moment itself is cancelled: it is the restoring moment of
-a faceted wheel, which would otherwise roll the car onto a facet.
+with n the road normal, τ_t the part of the contact torque parallel to the road (on a plane friction has no such
+moment about C) and e the distance by which the load acts ahead of the axle. The wheel gets the opposite moments from
+outside, -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the force of the road.
 
-The tyre's own torque is -Crr N h tanh(ω/ω_0), with h the height of the axle above the road, so that the road pushes
-back with Crr N: Coulomb-like, smooth through standstill.
+M is proportional to N·ω for given step and shape, so their ratio is estimated with a short filter, which averages over
+the facets of the wheel, and what is cancelled follows N·ω without lag. At standstill, where the ratio has no meaning,
+the measured moment itself is cancelled: it is the restoring moment of a faceted wheel, which would otherwise roll the
+car onto a facet.
+
+The tyre's own moment is -Crr N h tanh(ω/ω_0), with h the height of the axle above the road, so that the road pushes
+back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import exp, tanh
 from typing import NamedTuple
 
@@ -49,7 +54,9 @@ class RollingWheel(NamedTuple):
         name: its place, for example "front_left".
         geometry: its collision geometry.
         body: index of its body in the plant.
-        velocity_index: index of its spin rate in the plant's generalised velocities.
+        spin: index of its spin rate in the plant's generalised velocities.
+        steering: index of the rate of its steering joint, or None.
+        base: index of the three angular velocities of its vehicle's floating base.
         coefficient: rolling-resistance coefficient Crr of the tyre.
     """
 
@@ -57,7 +64,9 @@ class RollingWheel(NamedTuple):
     name: str
     geometry: GeometryId
     body: int
-    velocity_index: int
+    spin: int
+    steering: int | None
+    base: int
     coefficient: float
 
 
@@ -69,10 +78,12 @@ def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
             name=wheel,
             geometry=tyre,
             body=int(joint.child_body().index()),
-            velocity_index=joint.velocity_start(),
+            spin=joint.velocity_start(),
+            steering=part.steering[i].velocity_start() if i < len(part.steering) else None,
+            base=part.base.floating_velocities_start_in_v(),
             coefficient=part.vehicle.spec.tyres.rolling_resistance,
         )
-        for wheel, tyre, joint in zip(WHEELS, part.tyres, part.wheels, strict=True)
+        for i, (wheel, tyre, joint) in enumerate(zip(WHEELS, part.tyres, part.wheels, strict=True))
     ]
 
 
@@ -142,49 +153,53 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         poses = self.body_poses.Eval(context)
-        loads, moments, others = self._measure(context, poses)
+        contacts, others = self._measure(context, poses)
         velocities = self.plant_state.Eval(context)[self._positions :].tolist()
         memory = context.get_discrete_state(self._moment_filter).value().tolist()
         force = [0.0] * len(velocities)
         torques = []
-        for i, wheel in enumerate(self._wheels):
-            load, spin = loads[i], velocities[wheel.velocity_index]
-            height = float(poses[wheel.body].translation()[2])
-            torque = -wheel.coefficient * load * height * tanh(spin / SMOOTH_SPEED)
+        for i, (wheel, contact) in enumerate(zip(self._wheels, contacts, strict=True)):
+            load, spin = contact.load, velocities[wheel.spin]
+            pose = poses[wheel.body]
+            torque = -wheel.coefficient * load * float(pose.translation()[2]) * tanh(spin / SMOOTH_SPEED)
+            ax, ay, _ = pose.rotation().matrix()[:, 1].tolist()
             if self._cancel:
-                memory[2 * i] += self._blend * (moments[i] - memory[2 * i])
+                memory[2 * i] += self._blend * (contact.moment - memory[2 * i])
                 memory[2 * i + 1] += self._blend * (load * spin - memory[2 * i + 1])
                 moment, flow = memory[2 * i], memory[2 * i + 1]
                 ratio = moment * flow / (flow * flow + (SMOOTH_SPEED * load) ** 2 + 1.0)
                 slow = 1.0 / (1.0 + (spin / SMOOTH_SPEED) ** 4)
-                torque -= slow * moments[i] + (1.0 - slow) * ratio * load * spin
-            force[wheel.velocity_index] = torque
+                moment = slow * contact.moment + (1.0 - slow) * ratio * load * spin
+                torque -= moment
+                if load > 0.0:  # f = axle × n = (ay, -ax, 0)
+                    yaw = moment / load * (ay * contact.fy + ax * contact.fx)
+                    force[wheel.base + 2] += yaw
+                    if wheel.steering is not None:
+                        force[wheel.steering] += yaw
+            force[wheel.spin] += torque
+            force[wheel.base] += torque * ax
+            force[wheel.base + 1] += torque * ay
             torques.append(torque)
         state.get_mutable_vector(self._force).SetFromVector(force)
-        state.get_mutable_vector(self._load).SetFromVector(loads)
+        state.get_mutable_vector(self._load).SetFromVector([contact.load for contact in contacts])
         state.get_mutable_vector(self._torque).SetFromVector(torques)
         state.get_mutable_vector(self._moment_filter).SetFromVector(memory)
         state.get_mutable_vector(self._others).SetFromVector([others])
 
-    def _measure(self, context: Context, poses: Sequence[RigidTransform]) -> tuple[list[float], list[float], int]:
-        """Normal load [N] and pressure moment about the axle [N m] of each wheel, and the number of other contacts.
-
-        All from the contact of the last step.
-        """
+    def _measure(self, context: Context, poses: Sequence[RigidTransform]) -> tuple[list["_Contact"], int]:
+        """The road's contact with each wheel in the last step, and the number of other contacts."""
         results, others = self.contact_results.Eval(context), 0
-        loads, moments = [0.0] * len(self._wheels), [0.0] * len(self._wheels)
+        contacts = [_Contact() for _ in self._wheels]
         for k in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(k)
             pair = info.point_pair()
             row = self._row.get(pair.id_A, self._row.get(pair.id_B))
             if row is not None and (pair.id_A in self._ground or pair.id_B in self._ground):
-                loads[row] += abs(float(info.contact_force()[2]))
+                contacts[row].load += abs(float(info.contact_force()[2]))
             else:
                 others += 1
         count = results.num_hydroelastic_contacts()
-        if not count:
-            return loads, moments, others
-        spatial_velocities = self.body_spatial_velocities.Eval(context) if self._cancel else None
+        spatial_velocities = self.body_spatial_velocities.Eval(context) if count and self._cancel else None
         for k in range(count):
             info = results.hydroelastic_contact_info(k)
             surface = info.contact_surface()
@@ -193,19 +208,31 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
             if row is None or not (id_M in self._ground or id_N in self._ground):
                 others += 1
                 continue
+            contact = contacts[row]
             wrench = info.F_Ac_W()
             sign = 1.0 if id_M in self._row else -1.0  # the force is given on the body of M
-            load = sign * float(wrench.translational()[2])
-            loads[row] += load
+            fx, fy, fz = (sign * wrench.translational()).tolist()
+            contact.load += fz
+            contact.fx += fx
+            contact.fy += fy
             if spatial_velocities is None:
                 continue
-            tx, ty, _ = wrench.rotational().tolist()
+            tx, ty, _ = (sign * wrench.rotational()).tolist()
             cx, cy, _ = surface.centroid().tolist()
             pose = poses[self._wheels[row].body]
             px, py, _ = pose.translation().tolist()
             vx, vy, _ = spatial_velocities[self._wheels[row].body].translational().tolist()
             ax, ay = pose.rotation().matrix()[:2, 1].tolist()
             rx, ry = cx - px + vx * self._step, cy - py + vy * self._step
-            # r × (0, 0, load) = (r_y, -r_x, 0)·load
-            moments[row] += (ry * load + sign * tx) * ax + (-rx * load + sign * ty) * ay
-        return loads, moments, others
+            contact.moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
+        return contacts, others
+
+
+@dataclass(slots=True)
+class _Contact:
+    """The road on one wheel: normal load and horizontal force in the world [N], pressure moment about the axle [N m]."""
+
+    load: float = 0.0
+    fx: float = 0.0
+    fy: float = 0.0
+    moment: float = 0.0

@@ -59,8 +59,8 @@ def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: 
 def chase(*, x: float, y: float, yaw: float) -> tuple[RigidTransform, RigidTransform]:
     """Where world and lights have to be for a camera at rest to follow a vehicle.
 
-    Meshcat's camera looks at a fixed point, whatever happens to the scene tree above it. So the world is moved under the
-    camera, until the vehicle is at the origin and heads along x; a hand on the mouse can still turn the view around it.
+    Meshcat's camera looks at a fixed point, whatever happens to the scene tree above it. So the world is moved under
+    the camera, until the vehicle is at the origin and heads along x; the mouse can still turn the view around it.
 
     Args:
         x: position of the vehicle [m].

@@ -96,7 +96,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
 
 
 def smooth_headings(times: Array, yaw: Array) -> Array:
-    """The heading that a camera follows: the mean over :data:`CAMERA_SWING` around each moment, so that it swings softly.
+    """The heading that a camera follows: the mean over :data:`CAMERA_SWING` around each moment, for a soft swing.
 
     Args:
         times: [s] (n), equally spaced.
