@@ -116,9 +116,9 @@ class BarePlant:
         simulator.AdvanceTo(duration)
         return context
 
-    def steady(self, duration: float) -> dict[str, float]:
+    def steady(self, duration: float, *, last: float = STEADY) -> dict[str, float]:
         """Accuracy of the bare drive, from samples of its last seconds."""
-        context = self.run(max(duration - STEADY, 0.01))
+        context = self.run(max(duration - last, 0.01))
         plant, base = self.parts.plant, self._part.base
         vx, wz = [], []
         for time in np.arange(context.get_time(), duration, 0.02):

@@ -41,7 +41,7 @@ class ConstantBlock(Schema):
 
 
 class SineBlock(Schema):
-    """amplitude · sin(2π frequency t + phase). Output y0."""
+    """amplitude · sin(2π frequency t + phase). Outputs y0, and its two derivatives y1, y2."""
 
     amplitude: float = Field(1.0, description="[-]")
     frequency: float = Field(gt=0.0, description="[Hz]")
@@ -178,7 +178,10 @@ def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, fold
         words = did_you_mean(kind, BLOCKS)
         raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")
     spec = validate(dict(parameters), BLOCKS[kind], source)
-    system: System = spec.make()  # type: ignore[attr-defined]
+    try:
+        system: System = spec.make()  # type: ignore[attr-defined]
+    except ConfigError as error:
+        raise ConfigError(f"{source.where()}: {error}") from None
     return system
 
 
@@ -200,9 +203,8 @@ def _make_own(kind: str, parameters: Mapping[str, Any], *, where: str, folder: P
             sys.path.remove(path)
     maker = getattr(module, class_name, None)
     if not isinstance(maker, type) or not issubclass(maker, System):
-        classes = [
-            name for name, value in vars(module).items() if isinstance(value, type) and issubclass(value, System)
-        ]
+        own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
+        classes = [name for name, value in own.items() if isinstance(value, type) and issubclass(value, System)]
         raise ConfigError(
             f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}"
         )

@@ -12,8 +12,11 @@ Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every po
 and a connection of the user's to an input replaces the one drawn here.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
+from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +125,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     world = load_world(spec.world, where=where(spec, "world"))
     vehicles = {name: _load(spec, name) for name in spec.vehicles}
     starts = {name: _start(spec, name, world) for name in spec.vehicles}
+    _check_starts(spec, vehicles, starts)
     for key in ("control", "sensors"):
         for name in getattr(spec, key):
             if name not in vehicles:
@@ -161,7 +165,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     try:
         diagram = builder.Build()
     except RuntimeError as error:
-        raise DiagramError(f"{wiring.file}: the blocks cannot be built together: {_first_line(error)}") from None
+        raise DiagramError(f"{where(spec, 'connect')}: {_build_fault(error)}") from None
     diagram.set_name(spec.name)
     return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer)
 
@@ -182,6 +186,17 @@ def _start(spec: DiagramSpec, name: str, world: Any) -> Start:
         start = world.start(entry.start or next(iter(world.starts)), where=where(spec, "vehicles", name, "start"))
     speed = start.speed if entry.speed is None else entry.speed
     return Start(start.x, start.y, start.yaw, speed, start.track, start.s)
+
+
+def _check_starts(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], starts: Mapping[str, Start]) -> None:
+    """Refuse vehicles that start inside one another: nearer than a track width, however they are turned."""
+    for (first, a), (second, b) in combinations(starts.items(), 2):
+        width = min(vehicles[name].geometry.rear_track for name in (first, second))
+        if hypot(a.x - b.x, a.y - b.y) < width:
+            raise ConfigError(
+                f"{where(spec, 'vehicles', second, 'start')}: '{second}' starts where '{first}' stands, at "
+                f"({b.x:g}, {b.y:g}) m; give each vehicle a start of its own"
+            )
 
 
 def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
@@ -296,10 +311,6 @@ class _Wiring:
     systems: dict[str, System] = field(default_factory=dict)
     read: set[str] = field(default_factory=set)
 
-    @property
-    def file(self) -> str:
-        return self.spec._source.name if self.spec._source else self.spec.name
-
     def add(self, name: str, system: System) -> None:
         """Add a system under a name; the ports of a user's own become known as ``name.port``."""
         if name in self.systems or name in self.spec.vehicles or name in _RESERVED:
@@ -309,12 +320,10 @@ class _Wiring:
         self.builder.AddSystem(system)
         self.systems[name] = system
         if name in self.spec.systems:
-            for index in range(system.num_output_ports()):
-                port = system.get_output_port(index)
-                self.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
-            for index in range(system.num_input_ports()):
-                port = system.get_input_port(index)
-                self.sinks[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+            outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
+            inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+            self.sources |= {f"{name}.{_short(port, outputs)}": (port, signals_of(port)) for port in outputs}
+            self.sinks |= {f"{name}.{_short(port, inputs)}": (port, signals_of(port)) for port in inputs}
 
     def link(self, source: OutputPort, sink: InputPort) -> None:
         """Connect two ports of ours."""
@@ -326,11 +335,13 @@ class _Wiring:
         for index, (source, sink) in enumerate(self.spec.connect):
             place = where(self.spec, "connect", index)
             if source not in self.sources:
-                hint = "is an input; write it second" if source in self.sinks else did_you_mean(source, self.sources)
-                raise ConfigError(f"{place}: unknown output '{source}'; {hint}")
+                if source in self.sinks:
+                    raise ConfigError(f"{place}: '{source}' is an input; write it second")
+                raise ConfigError(f"{place}: unknown output '{source}'; {did_you_mean(source, self.sources)}")
             if sink not in self.sinks:
-                hint = "is an output; write it first" if sink in self.sources else did_you_mean(sink, self.sinks)
-                raise ConfigError(f"{place}: unknown input '{sink}'; {hint}")
+                if sink in self.sources:
+                    raise ConfigError(f"{place}: '{sink}' is an output; write it first")
+                raise ConfigError(f"{place}: unknown input '{sink}'; {did_you_mean(sink, self.sinks)}")
             if sink in taken:
                 raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[sink]}'; remove one of the two")
             self._check(source, sink, place)
@@ -378,5 +389,17 @@ class _Wiring:
         )
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0]
+def _short(port: InputPort | OutputPort, ports: Sequence[InputPort | OutputPort]) -> str:
+    """The name of a port in diagram files: u or y where Drake numbers the only one there is."""
+    name: str = port.get_name()
+    return name[0] if len(ports) == 1 and name in {"u0", "y0"} else name
+
+
+def _build_fault(error: Exception) -> str:
+    """What Drake says when it cannot build a diagram, on one line; an algebraic loop as the ports it runs through."""
+    text = str(error).strip()
+    if "algebraic loop" not in text:
+        return f"the blocks cannot be built together: {text.splitlines()[0]}"
+    ports = re.findall(r"putPort\[\d+\] \((.*?)\) of System (?:\S*::)?(\S+) \(", text)
+    circle = " → ".join(f"{system}.{port}" for port, system in ports)
+    return f"algebraic loop {circle}: put a block with memory into it, for example kind: hold or delay"

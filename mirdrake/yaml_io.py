@@ -257,6 +257,8 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
                 following.append(node["properties"][step])
             elif isinstance(node.get("additionalProperties"), dict):
                 following.append(node["additionalProperties"])
+            else:  # a mapping whose keys must match a pattern
+                following += node.get("patternProperties", {}).values()
         if following:  # a step that is not in the schema is the tag of a union: keep the candidates with that tag
             nodes = following
         else:

@@ -11,7 +11,12 @@ where it was when the patch was computed,
 
 with n the road normal, τ_t the part of the contact torque parallel to the road (on a plane friction has no such
 moment about C) and e the distance by which the load acts ahead of the axle. The wheel gets the opposite moments from
-outside, -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the force of the road.
+outside: -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the force of the road.
+
+What is left of the road's moment about the vertical through the wheel centre is turn slip: under Coulomb friction a
+patch that follows a curve scrubs with nearly its whole load, where the tread of a tyre bends along; a car on a circle of
+13 m would turn in 2 % too little. Of a rolling wheel it is cancelled, too; at standstill it is the steering's friction
+and stays.
 
 M is proportional to N·ω for given step and shape, so their ratio is estimated with a short filter, which averages over
 the facets of the wheel, and what is cancelled follows N·ω without lag. At standstill, where the ratio has no meaning,
@@ -140,7 +145,7 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._force = self.DeclareDiscreteState(plant.num_velocities())
         self._load = self.DeclareDiscreteState(count)
         self._torque = self.DeclareDiscreteState(count)
-        self._moment_filter = self.DeclareDiscreteState(2 * count)  # filtered moment and N·ω, interleaved
+        self._moment_filter = self.DeclareDiscreteState(3 * count)  # per wheel: filtered M, N·ω, M_z
         self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
         load = [Signal(f"{wheel.vehicle}.wheel_load.{wheel.name}", "N", "normal load of the road") for wheel in wheels]
         torque = [Signal(f"{wheel.vehicle}.resistance_torque.{wheel.name}", "N m", "torque about the axle") for wheel in wheels]
@@ -164,18 +169,20 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
             torque = -wheel.coefficient * load * float(pose.translation()[2]) * tanh(spin / SMOOTH_SPEED)
             ax, ay, _ = pose.rotation().matrix()[:, 1].tolist()
             if self._cancel:
-                memory[2 * i] += self._blend * (contact.moment - memory[2 * i])
-                memory[2 * i + 1] += self._blend * (load * spin - memory[2 * i + 1])
-                moment, flow = memory[2 * i], memory[2 * i + 1]
+                row = 3 * i
+                memory[row] += self._blend * (contact.moment - memory[row])
+                memory[row + 1] += self._blend * (load * spin - memory[row + 1])
+                moment, flow = memory[row], memory[row + 1]
                 ratio = moment * flow / (flow * flow + (SMOOTH_SPEED * load) ** 2 + 1.0)
                 slow = 1.0 / (1.0 + (spin / SMOOTH_SPEED) ** 4)
                 moment = slow * contact.moment + (1.0 - slow) * ratio * load * spin
                 torque -= moment
-                if load > 0.0:  # f = axle × n = (ay, -ax, 0)
-                    yaw = moment / load * (ay * contact.fy + ax * contact.fx)
-                    force[wheel.base + 2] += yaw
-                    if wheel.steering is not None:
-                        force[wheel.steering] += yaw
+                lever = (ay * contact.fy + ax * contact.fx) / load if load > 0.0 else 0.0  # (f × F)·n / N
+                memory[row + 2] += self._blend * (contact.yaw + contact.moment * lever - memory[row + 2])
+                yaw = moment * lever - (1.0 - slow) * memory[row + 2]
+                force[wheel.base + 2] += yaw
+                if wheel.steering is not None:
+                    force[wheel.steering] += yaw
             force[wheel.spin] += torque
             force[wheel.base] += torque * ax
             force[wheel.base + 1] += torque * ay
@@ -217,22 +224,24 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
             contact.fy += fy
             if spatial_velocities is None:
                 continue
-            tx, ty, _ = (sign * wrench.rotational()).tolist()
+            tx, ty, tz = (sign * wrench.rotational()).tolist()
             cx, cy, _ = surface.centroid().tolist()
             pose = poses[self._wheels[row].body]
             px, py, _ = pose.translation().tolist()
             vx, vy, _ = spatial_velocities[self._wheels[row].body].translational().tolist()
             ax, ay = pose.rotation().matrix()[:2, 1].tolist()
             rx, ry = cx - px + vx * self._step, cy - py + vy * self._step
+            contact.yaw += rx * fy - ry * fx + tz
             contact.moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
         return contacts, others
 
 
 @dataclass(slots=True)
 class _Contact:
-    """The road on one wheel: normal load and horizontal force in the world [N], pressure moment about the axle [N m]."""
+    """The road on one wheel: force in the world [N], pressure moment about the axle, moment about the vertical [N m]."""
 
     load: float = 0.0
     fx: float = 0.0
     fy: float = 0.0
     moment: float = 0.0
+    yaw: float = 0.0

@@ -1,0 +1,310 @@
+"""Diagrams: a file and its Python twin, named ports, a user's own blocks, two vehicles, the drawing."""
+
+import math
+import shutil
+from pathlib import Path
+from textwrap import dedent
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+import mirdrake as mir
+from mirdrake.diagram import assemble, make_spec
+from mirdrake.drawing import draw_svg, write_dot
+from mirdrake.errors import ConfigError, MissingDependencyError
+from mirdrake.simulation import simulate
+
+POINT: dict[str, Any] = {"contact": "point"}
+QUIET = {"meshcat": False, "report": False}
+
+OWN_BLOCKS = dedent(
+    """\
+    from pydrake.systems.framework import LeafSystem
+
+    from mirdrake.signals import declare_vector_input, declare_vector_output, signals
+
+
+    class Scale(LeafSystem):
+        def __init__(self, *, gain: float = {gain}):
+            super().__init__()
+            self._gain = gain
+            self._u = declare_vector_input(self, "u", signals(("steering", "rad")))
+            declare_vector_output(self, "y", signals(("steering", "rad")), self._calc)
+
+        def _calc(self, context, output):
+            output.SetFromVector(self._gain * self._u.Eval(context))
+    """
+)
+
+OWN_DRIVE = dedent(
+    """\
+    world: empty
+    vehicles: {ego: {model: bolt, start: origin}}
+    control: {ego: {kind: constant, speed: 3, steering: 0.2}}
+    systems:
+      scale: {kind: "own_blocks:Scale"}
+    connect:
+      - [ego.steering_command, scale.u]
+      - [scale.y, ego.steering_reference]
+    plant: {contact: point}
+    duration: 2
+    """
+)
+
+
+def drive(**changes: Any) -> dict[str, Any]:
+    """A Bolt that is asked for 3 m/s and 0.2 rad for two seconds, as plain data."""
+    return {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "bolt"}},
+        "control": {"ego": {"kind": "constant", "speed": 3.0, "steering": 0.2}},
+        "plant": POINT,
+        "duration": 2.0,
+    } | changes
+
+
+def port_names(diagram: Diagram) -> tuple[list[str], list[str]]:
+    """Names of a diagram's inputs and outputs."""
+    inputs = [diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())]
+    return inputs, [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
+
+
+# --- file and twin ---------------------------------------------------------------------------------------------------
+
+
+def test_a_file_and_its_data_give_the_same_spec() -> None:
+    spec = mir.load_diagram("bolt_test_track")
+    assert make_spec(spec.model_dump()) == spec
+    assert make_spec(spec.model_dump(mode="json")) == spec
+
+
+def test_units_in_a_file_and_si_numbers_in_data_mean_the_same(tmp_path: Path) -> None:
+    text = "world: empty\nvehicles: {ego: {model: bolt, speed: 36 km/h}}\nduration: 1 min\n"
+    (tmp_path / "fast.yaml").write_text(text, encoding="utf-8")
+    data = {"world": "empty", "vehicles": {"ego": {"model": "bolt", "speed": 10.0}}, "duration": 60.0, "name": "fast"}
+    assert mir.load_diagram(str(tmp_path / "fast.yaml")) == make_spec(data)
+
+
+def test_building_a_diagram_leaves_its_spec_alone() -> None:
+    spec = make_spec(drive(systems={"wave": {"kind": "sine", "frequency": 1.0}}))
+    before = spec.model_dump()
+    simulate(spec, duration=0.1)
+    assert spec.model_dump() == before
+
+
+def test_data_given_to_a_diagram_are_left_alone() -> None:
+    data = drive()
+    mir.make_diagram(data)
+    assert data == drive()
+
+
+def test_a_world_beside_the_diagram_file_is_found_from_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "field.yaml").write_text("mirdrake: world/1\nname: field\n", encoding="utf-8")
+    (tmp_path / "mine" / "drive.yaml").write_text("world: field.yaml\nvehicles: {ego: {model: bolt}}\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    spec = mir.load_diagram("mine/drive.yaml")
+    assert spec.world == str(tmp_path / "mine" / "field.yaml")
+    assert assemble(spec).parts.world.name == "field"
+
+
+# --- an ordinary Drake diagram ----------------------------------------------------------------------------------------
+
+
+def test_a_diagram_has_named_ports_and_systems() -> None:
+    diagram = mir.make_diagram(drive())
+    assert diagram.get_name() == "diagram"
+    assert port_names(diagram) == ([], ["ego.state"])
+    names = {system.get_name() for system in diagram.GetSystems()}
+    assert {"plant", "scene_graph", "ego.driver", "ego.control", "ego.truth", "rolling_resistance"} <= names
+
+
+def test_a_plain_drake_simulator_steps_a_diagram() -> None:
+    diagram = mir.make_diagram(drive())
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(2.0)
+    state = diagram.GetOutputPort("ego.state").Eval(simulator.get_context())
+    assert state[6] > 2.0  # vx [m/s], accelerating at 1.5 m/s² or more
+    assert state[5] > 0.0  # yaw [rad], to the left
+
+
+def test_a_vehicle_without_driver_obeys_the_inputs_of_the_diagram() -> None:
+    diagram = mir.make_diagram(drive(control={}))
+    assert port_names(diagram)[0] == ["ego.speed_reference", "ego.steering_reference", "ego.reference_stamp"]
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    for port, value in (("speed_reference", 2.0), ("steering_reference", -0.2), ("reference_stamp", 0.0)):
+        diagram.GetInputPort(f"ego.{port}").FixValue(context, [value])
+    stamp = diagram.GetInputPort("ego.reference_stamp")
+    for tenth in range(20):  # a message every 0.1 s keeps the dead-man of 0.2 s awake
+        stamp.FixValue(context, [0.1 * tenth])
+        simulator.AdvanceTo(0.1 * (tenth + 1))
+    state = diagram.GetOutputPort("ego.state").Eval(context)
+    assert 1.0 < state[6] < 2.5  # [m/s]
+    assert state[5] < -0.01  # [rad], to the right
+
+
+def test_a_vehicle_whose_messages_stop_is_stopped_by_the_dead_man() -> None:
+    diagram = mir.make_diagram(drive(control={}, vehicles={"ego": {"model": "bolt", "speed": 2.0}}))
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    for port, value in (("speed_reference", 2.0), ("steering_reference", 0.0), ("reference_stamp", 0.0)):
+        diagram.GetInputPort(f"ego.{port}").FixValue(context, [value])
+    simulator.AdvanceTo(4.0)
+    assert abs(diagram.GetOutputPort("ego.state").Eval(context)[6]) < 0.1
+
+
+def test_two_vehicles_do_what_each_of_them_does_alone(tmp_path: Path) -> None:
+    world = "mirdrake: world/1\nname: two\nstart: {left: {at: [0, 20], yaw: 0}, right: {at: [0, -20], yaw: 90 deg}}\n"
+    (tmp_path / "two.yaml").write_text(world, encoding="utf-8")
+    vehicles = {"one": {"model": "bolt", "start": "left"}, "two": {"model": "bolt", "start": "right"}}
+    control: dict[str, dict[str, Any]] = {
+        "one": {"kind": "constant", "speed": 2.0, "steering": 0.3},
+        "two": {"kind": "constant", "speed": 4.0, "steering": -0.1},
+    }
+
+    def run(*names: str) -> mir.Run:
+        chosen = {name: vehicles[name] for name in names}
+        drivers = {name: control[name] for name in names}
+        return simulate(drive(world=str(tmp_path / "two.yaml"), vehicles=chosen, control=drivers))
+
+    both = run("one", "two")
+    for name in vehicles:
+        alone = run(name)
+        for signal in ("x", "y", "yaw", "vx", "speed_setpoint", "wheel_torque.front_left", "wheel_speed.rear_right"):
+            np.testing.assert_allclose(both[f"{name}.{signal}"], alone[f"{name}.{signal}"], atol=1e-6, err_msg=signal)
+
+
+def test_two_vehicles_at_one_place_are_refused() -> None:
+    vehicles = {"one": {"model": "bolt"}, "two": {"model": "bolt"}}
+    with pytest.raises(ConfigError, match=r"vehicles\.two\.start: .*'one'"):
+        mir.make_diagram(drive(vehicles=vehicles, control={}))
+
+
+# --- blocks of the user's ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def own_drive(tmp_path: Path) -> Path:
+    """A diagram file with a block of the user's beside it, in a folder that is not the working directory."""
+    (tmp_path / "own_blocks.py").write_text(OWN_BLOCKS.format(gain=1.0), encoding="utf-8")
+    (tmp_path / "own.yaml").write_text(OWN_DRIVE, encoding="utf-8")
+    return tmp_path / "own.yaml"
+
+
+def test_a_gain_of_one_in_the_steering_line_changes_nothing(own_drive: Path) -> None:
+    with_block = simulate(str(own_drive))
+    without = simulate(mir.load_diagram(str(own_drive)).model_copy(update={"systems": {}, "connect": []}))
+    assert set(with_block.signals) - set(without.signals) == {"scale.y"}
+    for name in without.signals:
+        np.testing.assert_allclose(with_block[name], without[name], rtol=0.0, atol=1e-12, err_msg=name)
+
+
+def test_the_parameters_of_an_own_block_are_data(own_drive: Path) -> None:
+    run = simulate(mir.load_diagram(str(own_drive), overrides=["systems.scale.gain=0.5"]))
+    assert run.units["scale.y"] == "rad"
+    assert run["scale.y"].iloc[-1] == 0.1
+    assert math.isclose(run["ego.steering_setpoint"].iloc[-1], 0.1, abs_tol=1e-9)
+
+
+def test_an_own_block_is_found_again_from_plain_data_alone(own_drive: Path, tmp_path: Path) -> None:
+    data = mir.load_diagram(str(own_drive)).model_dump(mode="json")
+    assert data["folder"] == str(tmp_path)
+    assert simulate(data, duration=0.2)["scale.y"].iloc[-1] == 0.2
+
+
+def test_own_blocks_of_one_name_in_two_folders_are_not_mixed_up(own_drive: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "own_blocks.py").write_text(OWN_BLOCKS.format(gain=0.5), encoding="utf-8")
+    shutil.copy(own_drive, other)
+    first, second = simulate(str(own_drive), duration=0.2), simulate(str(other / "own.yaml"), duration=0.2)
+    assert (first["scale.y"].iloc[-1], second["scale.y"].iloc[-1]) == (0.2, 0.1)
+    assert first.summary["spec_sha256"] != second.summary["spec_sha256"]
+
+
+def test_our_own_blocks_compute_what_they_are_called() -> None:
+    systems = {
+        "half": {"kind": "constant", "value": [0.5]},
+        "wave": {"kind": "sine", "amplitude": 2.0, "frequency": 1.0, "phase": math.pi / 2.0},
+        "twice": {"kind": "gain", "gain": 2.0},
+        "sum": {"kind": "adder"},
+        "cut": {"kind": "saturation", "minimum": -1.0, "maximum": 1.0},
+        "slow": {"kind": "low_pass", "time_constant": 0.5},
+        "late": {"kind": "delay", "delay": 0.2, "period": 0.02},
+        "held": {"kind": "hold", "period": 0.5},
+        "loop": {"kind": "pid", "kp": 3.0, "ki": 2.0, "period": 0.02},
+    }
+    connect = [
+        ["half.y", "twice.u"],
+        ["half.y", "sum.u0"],
+        ["wave.y0", "sum.u1"],
+        ["wave.y0", "cut.u"],
+        ["half.y", "slow.u"],
+        ["wave.y0", "late.u"],
+        ["wave.y0", "held.u"],
+        ["half.y", "loop.reference"],
+        ["slow.y", "loop.measurement"],
+    ]
+    run = simulate(drive(systems=systems, connect=connect))
+    t = run.signals.index.to_numpy()
+    wave = 2.0 * np.cos(2.0 * np.pi * t)
+    own = run.signals[[name for name in run.signals if name.split(".")[0] in systems]]
+    by_system = {name.split(".")[0]: own[name].to_numpy() for name in own}
+    assert set(by_system) == set(systems)
+    np.testing.assert_allclose(by_system["wave"], wave, atol=1e-9)
+    np.testing.assert_allclose(by_system["twice"], 1.0)
+    np.testing.assert_allclose(by_system["sum"], 0.5 + wave, atol=1e-9)
+    np.testing.assert_allclose(by_system["cut"], np.clip(wave, -1.0, 1.0), atol=1e-9)
+    np.testing.assert_allclose(by_system["slow"], 0.5 * (1.0 - np.exp(-t / 0.5)), atol=1e-3)
+    np.testing.assert_allclose(by_system["late"][11:], wave[:-11], atol=0.3)  # 0.2 s and up to one sample
+    assert len(np.unique(by_system["held"].round(9))) <= 5
+    assert by_system["loop"][1] > 1.0  # 3 · 0.5 at first
+
+
+def test_an_own_block_may_stand_in_for_the_driver() -> None:
+    systems = {"speed": {"kind": "constant", "value": [2.0]}, "wave": {"kind": "sine", "frequency": 0.5, "amplitude": 0.1}}
+    connect = [["speed.y", "ego.speed_reference"], ["wave.y0", "ego.steering_reference"]]
+    run = simulate(drive(systems=systems, connect=connect, duration=3.0))
+    assert math.isclose(run["ego.speed_setpoint"].iloc[-1], 2.0, abs_tol=1e-6)
+    assert 0.09 < run["ego.steering_setpoint"].max() <= 0.1
+
+
+def test_outputs_that_nothing_reads_are_named() -> None:
+    assert assemble(drive(systems={"wave": {"kind": "sine", "frequency": 1.0}})).unread == ("wave.y0", "wave.y1", "wave.y2")
+
+
+# --- the drawing ------------------------------------------------------------------------------------------------------
+
+
+def test_the_drawing_leads_from_driver_to_control_to_plant(own_drive: Path) -> None:
+    text = write_dot(assemble(str(own_drive)))
+    for arrow in ('"ego.driver" -> "ego.split"', '"ego.split" -> "scale"', '"scale" -> "ego.join"'):
+        assert arrow in text
+    assert '"ego.join" -> "ego.control"' in text
+    assert '"ego.control" -> "plant" [label="actuation\\ndesired_state"]' in text
+    assert 'subgraph "cluster_ego"' in text
+    assert "log/" not in text
+
+
+def test_the_drawing_shows_inputs_that_are_left_to_the_user() -> None:
+    assert '"in/ego.speed_reference" -> "ego.join"' in write_dot(assemble(drive(control={})))
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
+    svg = draw_svg(assemble("bolt_test_track"))
+    assert svg.startswith("<svg")
+    for word in ("driver", "PathTracker", "control", "plant", "MultibodyPlant", "rolling_resistance"):
+        assert word in svg
+
+
+def test_without_graphviz_the_drawing_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(MissingDependencyError, match="apt install graphviz"):
+        draw_svg(assemble(drive()))
