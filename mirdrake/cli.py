@@ -188,14 +188,10 @@ def _run(options: argparse.Namespace) -> int:
         )
     if not options.quiet:
         _print_summary(run)
-    if run.summary["stop_reason"] == "diverged":
+    reason = run.summary["stop_reason"]
+    if reason.startswith("diverged"):
         place = f"{shown(run.folder)}: " if run.folder else ""
-        time = run.summary["simulated_s"]
-        print(
-            f"error: {place}the run diverged before t = {time:g} s: a position or velocity is no number any more; "
-            "look for the first NaN in signals.parquet, or try a smaller plant.time_step",
-            file=sys.stderr,
-        )
+        print(f"error: {place}the run {reason}; mend what computes it, or try a smaller plant.time_step", file=sys.stderr)
         return 1
     return 0
 

@@ -390,9 +390,9 @@ class _Wiring:
 
 
 def _short(port: InputPort | OutputPort, ports: Sequence[InputPort | OutputPort]) -> str:
-    """The name of a port in diagram files: u or y where Drake numbers the only one there is."""
+    """The name of a port in diagram files: u or y where it is the only one, and Drake has no word for it."""
     name: str = port.get_name()
-    return name[0] if len(ports) == 1 and name in {"u0", "y0"} else name
+    return {"u0": "u", "y0": "y", "delayed_u": "y"}.get(name, name) if len(ports) == 1 else name
 
 
 def _build_fault(error: Exception) -> str:

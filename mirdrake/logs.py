@@ -17,8 +17,8 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -104,15 +104,23 @@ def write_file(path: Path, content: str | bytes) -> None:
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
-        if isinstance(content, str):
-            temporary.write_text(content, encoding="utf-8")
-        else:
-            temporary.write_bytes(content)
-        os.replace(temporary, path)
-    except OSError as error:
+        with _told(path):
+            temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+            os.replace(temporary, path)
+    except RunError:
         with suppress(OSError):  # below a file, or in a folder that is not there
             temporary.unlink(missing_ok=True)
-        raise RunError(f"{path}: cannot be written: {error.strerror}; choose another folder with --out") from None
+        raise
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Failures of the file system as RunError."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error).splitlines()[0]
+        raise RunError(f"{path}: cannot be written: {reason}; choose another folder with --out") from None
 
 
 class RunWriter:
@@ -148,17 +156,20 @@ class RunWriter:
         if not len(times):
             return
         folder = self.folder / SIGNALS
-        folder.mkdir(exist_ok=True)
+        with _told(folder):
+            folder.mkdir(exist_ok=True)
         table = make_table(times, columns, units)
         part = folder / f"part-{self._parts:06d}.parquet"
         temporary = folder / f".{part.name}.tmp"
-        pq.write_table(table, temporary)
-        os.replace(temporary, part)
+        with _told(part):
+            pq.write_table(table, temporary)
+            os.replace(temporary, part)
         self._parts += 1
 
     def write_event(self, time: float, kind: str, text: str) -> None:
         """Add a line to events.jsonl."""
-        with (self.folder / EVENTS).open("a", encoding="utf-8") as file:
+        path = self.folder / EVENTS
+        with _told(path), path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"time": round(time, 6), "kind": kind, "text": text}) + "\n")
 
     def finish(self, summary: Mapping[str, Any]) -> None:
@@ -167,15 +178,16 @@ class RunWriter:
         if folder.is_dir():
             whole = self.folder / f".{SIGNALS}.tmp"
             writer: Any = None
-            for part in sorted(folder.glob("part-*.parquet")):
-                table = pq.read_table(part)
-                writer = writer or pq.ParquetWriter(whole, table.schema)
-                writer.write_table(table)
-            if writer is not None:
-                writer.close()
-                os.replace(folder, self.folder / _PARTS)
-                os.replace(whole, folder)
-                shutil.rmtree(self.folder / _PARTS)
+            with _told(folder):
+                for part in sorted(folder.glob("part-*.parquet")):
+                    table = pq.read_table(part)
+                    writer = writer or pq.ParquetWriter(whole, table.schema)
+                    writer.write_table(table)
+                if writer is not None:
+                    writer.close()
+                    os.replace(folder, self.folder / _PARTS)
+                    os.replace(whole, folder)
+                    shutil.rmtree(self.folder / _PARTS)
         write_file(self.folder / SUMMARY, json.dumps(dict(summary), indent=2) + "\n")
 
 

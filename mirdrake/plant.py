@@ -50,6 +50,10 @@ SIDES = ("left", "right")
 PARKING_STIFFNESS = 1e7
 """Of a held wheel [N m/rad]: a car of 2 t on a slope of 5 degrees moves it by a hundredth of a millimetre."""
 
+PARKING_INERTIA = 1e4
+"""Added to a held wheel [kg m²]: Drake softens friction by a thousandth of the mobility of what it holds, which is high
+for a wheel of 1 kg m² and lets a car on a slope creep by 0.05 mm/s; a held wheel is as immobile as its car."""
+
 ROAD_STIFFNESS = 1e9
 """Point-contact stiffness of the road [N/m]: so much stiffer than a tyre that the tyre's own counts."""
 
@@ -204,6 +208,8 @@ def add_vehicle(
     for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
         if parked:
             actuator.set_controller_gains(PdControllerGains(p=PARKING_STIFFNESS, d=PARKING_STIFFNESS / 100.0))
+            actuator.set_default_gear_ratio(1.0)
+            actuator.set_default_rotor_inertia(PARKING_INERTIA)
         elif control.wheel_speed.kind == "servo" and wheel in driven:
             actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
     if control.steering.kind == "servo":

@@ -23,7 +23,7 @@ from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run, RunWriter, spec_hash
 from mirdrake.telemetry import Array, Columns, Telemetry
-from mirdrake.yaml_io import shown
+from mirdrake.yaml_io import shown, where
 
 BLOCK = 0.5
 """Simulated time between two looks at the logs [s]: what a kill can lose, and the grain of the progress bar."""
@@ -106,6 +106,7 @@ class Simulation:
         context = assembly.make_context()
         if change is not None:
             change(context)
+        self._check_inputs(context)
         writer = RunWriter(Path(folder), data) if folder is not None else None
         simulator.reset_context(context)
         simulator.set_target_realtime_rate(realtime_rate)
@@ -118,6 +119,8 @@ class Simulation:
                 reason = self._advance(context, end, telemetry, blocks, events, progress, interrupted)
         except KeyboardInterrupt:
             reason = "interrupted"
+        except RunError:  # the folder cannot be written any more
+            raise
         except Exception as error:
             failure = _failure(error)
             reason = f"failed: {failure}"
@@ -141,6 +144,18 @@ class Simulation:
             raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {failure}")
         return Run(writer.folder if writer else None, data, summary, signals, telemetry.units, events.entries)
 
+    def _check_inputs(self, context: Context) -> None:
+        """Refuse a diagram with open inputs, as of a vehicle that nobody drives, unless `change` gave them values."""
+        diagram, spec = self.assembly.diagram, self.assembly.spec
+        ports = [diagram.get_input_port(index) for index in range(diagram.num_input_ports())]
+        open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
+        if open_ports:
+            name = open_ports[0].split(".")[0]
+            raise ConfigError(
+                f"{where(spec, 'control')}: nobody drives '{name}' (open inputs: {', '.join(open_ports)}); add control.{name}, "
+                "for example {kind: constant, speed: 5}, or connect blocks of yours to them"
+            )
+
     def _advance(
         self,
         context: Context,
@@ -155,8 +170,9 @@ class Simulation:
         plant = self.assembly.parts.plant
         plant_context = plant.GetMyContextFromRoot(context)
         laps = self.assembly.spec.laps
-        first = next(iter(self.assembly.parts.vehicles))
+        vehicles = list(self.assembly.parts.vehicles)
         count = 0
+        commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
         slices = round(BLOCK / SLICE)
         while context.get_time() < end - 1e-9:
             count += 1
@@ -165,17 +181,30 @@ class Simulation:
                 continue
             times, columns = telemetry.read(context)
             blocks.add(times, columns, telemetry.units)
-            events.look(times, columns, list(self.assembly.parts.vehicles))
+            events.look(times, columns, vehicles)
             if progress is not None:
                 progress(context.get_time(), end)
             if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
-                return "diverged"
-            lap = columns.get(f"{first}.lap")
+                return f"diverged: {_not_finite(times, columns) or 'a position or velocity is no number'}"
+            fault = _not_finite(times, {name: columns[name] for name in commands if name in columns})
+            if fault is not None:
+                return f"diverged: {fault}"
+            lap = columns.get(f"{vehicles[0]}.lap")
             if laps is not None and lap is not None and lap.size and lap[-1] >= laps:
                 return "laps"
             if interrupted.is_set() and context.get_time() < end - 1e-9:
                 return "interrupted"
         return "duration"
+
+
+def _not_finite(times: Array, columns: Columns) -> str | None:
+    """The first sample that is no finite number, in words."""
+    found = [(int(np.argmin(np.isfinite(values))), name) for name, values in columns.items()]
+    wrong = [(row, name) for row, name in found if len(times) and not np.isfinite(columns[name][row])]
+    if not wrong:
+        return None
+    row, name = min(wrong)
+    return f"{name} is {columns[name][row]:g} at t = {times[row]:g} s"
 
 
 @contextmanager

@@ -49,8 +49,11 @@ class Telemetry:
         times: Array = np.empty(0)
         for name, tap in assembly.taps.items():
             log = tap.sink.FindMutableLog(context)
-            times, raw[name] = log.sample_times().copy(), log.data().copy()
+            taken, raw[name] = log.sample_times().copy(), log.data().copy()
             log.Clear()
+            times = taken if len(raw) == 1 or taken.size < times.size else times
+        if any(values.shape[1] > times.size for values in raw.values()):  # a block raised between two logs of a moment
+            raw = {name: values[:, : times.size] for name, values in raw.items()}
         columns: Columns = {}
         if "plant_state" not in raw:
             return times, columns

@@ -1,0 +1,346 @@
+"""The run folder: complete, repeatable to the last bit, with units, and readable whatever ends the run."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from textwrap import dedent
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+import mirdrake as mir
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.logs import RunWriter, load_run
+from mirdrake.simulation import default_folder, simulate
+from mirdrake.workflow import run_diagram
+
+FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "spec_sha256", "seed", "vehicles"}
+VEHICLE_FIGURES = {"laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s"}
+
+OWN = dedent(
+    """\
+    from math import nan
+
+    from pydrake.systems.framework import LeafSystem
+
+
+    class Faulty(LeafSystem):
+        def __init__(self, *, at: float, how: str):
+            super().__init__()
+            self._at, self._how = at, how
+            self._u = self.DeclareVectorInputPort("u", 1)
+            self.DeclareVectorOutputPort("y", 1, self._calc)
+
+        def _calc(self, context, output):
+            output.SetFromVector(self._u.Eval(context))
+            if context.get_time() >= self._at:
+                if self._how == "raise":
+                    raise ZeroDivisionError("no more ideas")
+                output.SetFromVector([nan])
+    """
+)
+
+FAULTY_DRIVE = dedent(
+    """\
+    world: empty
+    vehicles: {ego: {model: bolt}}
+    control: {ego: {kind: constant, speed: 2, steering: 0.1}}
+    systems:
+      faulty: {kind: "own_faulty:Faulty", at: 0.8, how: raise}
+    connect:
+      - [ego.steering_command, faulty.u]
+      - [faulty.y, ego.steering_reference]
+    plant: {contact: point}
+    record: {meshcat: false, report: false}
+    duration: 2
+    """
+)
+
+
+def drive(**changes: Any) -> dict[str, Any]:
+    """A Bolt on the test track for two seconds, as plain data."""
+    return {
+        "world": "test_track",
+        "vehicles": {"ego": {"model": "bolt", "start": "line"}},
+        "control": {"ego": {"kind": "path_tracking", "speed": 5.0}},
+        "plant": {"contact": "point"},
+        "record": {"meshcat": False, "report": False},
+        "duration": 2.0,
+    } | changes
+
+
+def start_run(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """`mirdrake run bolt_test_track` as a process of its own, into folder/out."""
+    command = [sys.executable, "-m", "mirdrake.cli", "run", "bolt_test_track", "--out", "out", "--no-recording"]
+    command += ["--no-report", "--set", "plant.contact=point", *arguments]
+    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for_parts(folder: Path, *, count: int) -> None:
+    """Until a running simulation has written so many parts of its signals."""
+    deadline = time.monotonic() + 60.0
+    while len(list(folder.glob("out/signals.parquet/part-*.parquet"))) < count:
+        assert time.monotonic() < deadline, "no signals after a minute"
+        time.sleep(0.02)
+
+
+# --- what is in it ---------------------------------------------------------------------------------------------------
+
+
+def test_a_run_folder_is_complete(tmp_path: Path) -> None:
+    run = run_diagram(drive(record={}, duration=1.0), folder=tmp_path / "run")
+    files = {path.name for path in (tmp_path / "run").iterdir()}
+    wanted = {"spec.yaml", "signals.parquet", "summary.json", "recording.html", "report.html", "diagram.dot"}
+    assert wanted <= files
+    assert files - wanted <= {"diagram.svg", "events.jsonl"}
+    assert not [name for name in files if name.startswith(".")]
+
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert set(summary) >= FIGURES
+    assert set(summary["vehicles"]["ego"]) >= VEHICLE_FIGURES
+    assert summary["simulated_s"] == 1.0
+    assert summary["stop_reason"] == "duration"
+    assert summary == run.summary
+
+    spec = yaml.safe_load((tmp_path / "run" / "spec.yaml").read_text(encoding="utf-8"))
+    assert spec["seed"] == 0
+    assert spec["plant"]["time_step"] == 0.005
+    assert spec["provenance"]["spec_sha256"] == summary["spec_sha256"]
+    assert set(spec["provenance"]["versions"]) >= {"mirdrake", "drake", "numpy", "python"}
+
+
+def test_a_folder_is_the_same_run_when_it_is_read_again(tmp_path: Path) -> None:
+    run = simulate(drive(duration=1.0), folder=tmp_path / "run")
+    again = load_run(tmp_path / "run")
+    pd.testing.assert_frame_equal(again.signals, run.signals, check_exact=True)
+    assert again.units == run.units
+    assert again.summary == run.summary
+    assert again.spec == run.spec
+    assert again.events == run.events
+
+
+def test_signals_open_in_pandas_with_units(tmp_path: Path) -> None:
+    simulate(drive(duration=1.0), folder=tmp_path / "run")
+    table = pd.read_parquet(tmp_path / "run" / "signals.parquet")
+    units = table.attrs["units"]
+    assert list(units) == list(table.columns)
+    expected = {"time": "s", "ego.vx": "m/s", "ego.yaw": "rad", "ego.wheel_torque.rear_left": "N m", "ego.lap": ""}
+    assert {name: units[name] for name in expected} == expected
+    schema = pq.read_schema(tmp_path / "run" / "signals.parquet")
+    assert {name: schema.field(name).metadata[b"unit"].decode() for name in expected} == expected
+    times = table["time"].to_numpy()
+    np.testing.assert_allclose(times, 0.02 * np.arange(51), atol=1e-12)  # 50 Hz, both ends included
+    assert table.notna().all().all()
+
+
+def test_the_figures_of_the_summary_follow_from_the_signals() -> None:
+    run = simulate(drive(duration=3.0))
+    figures = run.summary["vehicles"]["ego"]
+    assert figures["distance_m"] == pytest.approx(run["ego.progress"].iloc[-1], abs=0.15)  # the start is at s = 0
+    assert figures["laps"] == pytest.approx(figures["distance_m"] / 965.0, abs=2e-4)
+    assert figures["max_abs_lateral_error_m"] == pytest.approx(run["ego.lateral_error"].abs().max(), abs=1e-4)
+    assert figures["off_road_s"] == 0.0
+
+
+def test_a_car_that_leaves_the_road_makes_events_and_seconds_off_the_road() -> None:
+    control = {"ego": {"kind": "constant", "speed": 5.0, "steering": 0.3}}
+    vehicles = {"ego": {"model": "bolt", "start": "line", "speed": 5.0}}
+    run = simulate(drive(control=control, vehicles=vehicles))
+    texts = [event["text"] for event in run.events if event["kind"] == "road"]
+    assert texts[0] == "ego: 3 of 4 wheels on the road"
+    assert run.summary["vehicles"]["ego"]["off_road_s"] > 0.5
+    first = next(event["time"] for event in run.events if event["kind"] == "road")
+    assert run["ego.wheels_on_road"].loc[: first - 0.01].min() == 4.0
+
+
+def test_a_run_stops_after_its_laps() -> None:
+    run = simulate(drive(laps=0.005, duration=20.0))
+    assert run.summary["stop_reason"] == "laps"
+    assert 0.005 <= run.summary["vehicles"]["ego"]["laps"] < 0.01  # it looks twice a second
+
+
+def test_a_default_folder_is_named_after_the_diagram_and_never_taken_twice(tmp_path: Path) -> None:
+    first = default_folder("demo", base=tmp_path)
+    first.mkdir(parents=True)
+    second = default_folder("demo", base=tmp_path)
+    assert first.parent == second.parent == tmp_path / "runs"
+    assert first.name.startswith("demo-")
+    assert first.name.endswith("Z")
+    assert not second.exists()
+
+
+def test_a_missing_signal_is_told_with_its_neighbours() -> None:
+    run = simulate(drive(duration=0.1))
+    with pytest.raises(ConfigError, match="no signal 'ego.vxx'; did you mean 'ego.vx'"):
+        run["ego.vxx"]
+
+
+# --- the same bits ---------------------------------------------------------------------------------------------------
+
+
+def test_a_run_repeated_from_its_own_spec_has_the_same_bytes(tmp_path: Path) -> None:
+    simulate(drive(plant={}, duration=1.0), folder=tmp_path / "first")  # the default contact, hydroelastic
+    simulate(mir.load_diagram(str(tmp_path / "first" / "spec.yaml")), folder=tmp_path / "second")
+    data = (tmp_path / "first" / "signals.parquet").read_bytes()
+    assert (tmp_path / "second" / "signals.parquet").read_bytes() == data
+    summaries = [load_run(tmp_path / name).summary["spec_sha256"] for name in ("first", "second")]
+    assert summaries[0] == summaries[1]
+
+
+def test_another_process_gives_the_same_bytes(tmp_path: Path) -> None:
+    simulate(drive(duration=1.0), folder=tmp_path / "first")
+    command = [sys.executable, "-m", "mirdrake.cli", "run", "first/spec.yaml", "--out", "second", "--quiet"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    data = (tmp_path / "first" / "signals.parquet").read_bytes()
+    assert (tmp_path / "second" / "signals.parquet").read_bytes() == data
+
+
+def test_two_runs_of_one_built_diagram_are_the_same(tmp_path: Path) -> None:
+    from mirdrake.diagram import assemble
+    from mirdrake.simulation import Simulation
+
+    simulation = Simulation(assemble(drive(duration=1.0)))
+    first, second = simulation.run(), simulation.run()
+    pd.testing.assert_frame_equal(first.signals, second.signals, check_exact=True)
+
+
+def test_the_hash_is_that_of_the_contents(tmp_path: Path) -> None:
+    def digest(world: Path) -> str:
+        control = {"ego": {"kind": "constant", "speed": 1.0}}
+        run = simulate(drive(world=str(world), control=control, vehicles={"ego": {"model": "bolt"}}, duration=0.1))
+        return str(run.summary["spec_sha256"])
+
+    world = tmp_path / "field.yaml"
+    world.write_text("mirdrake: world/1\nname: field\n", encoding="utf-8")
+    first, again = digest(world), digest(world)
+    world.write_text("mirdrake: world/1\nname: field\nground: {mu: 0.5}\n", encoding="utf-8")
+    assert first == again != digest(world)
+
+
+def test_a_vehicle_that_nobody_drives_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"control: nobody drives 'ego' .*ego\.speed_reference.*; add control\.ego"):
+        simulate(drive(control={}), folder=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+# --- what ends a run -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_keeps_what_was_done(number: signal.Signals, tmp_path: Path) -> None:
+    process = start_run(tmp_path, "--duration", "10000", "--set", "laps=null")
+    wait_for_parts(tmp_path, count=3)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+    assert "interrupted" in out
+    run = load_run(tmp_path / "out")
+    assert run.summary["stop_reason"] == "interrupted"
+    assert run.signals.index[-1] >= 1.5
+    assert run.signals.index[-1] == pytest.approx(run.summary["simulated_s"], abs=0.021)
+    assert (tmp_path / "out" / "signals.parquet").is_file()
+    assert run.events[-1]["text"] == "interrupted"
+    table = pd.read_parquet(tmp_path / "out" / "signals.parquet")
+    assert len(table) == len(run.signals)
+
+
+def test_a_killed_run_can_be_read_up_to_that_moment(tmp_path: Path) -> None:
+    process = start_run(tmp_path, "--duration", "10000", "--set", "laps=null")
+    wait_for_parts(tmp_path, count=4)
+    process.kill()
+    process.communicate(timeout=60)
+    run = load_run(tmp_path / "out")
+    assert run.summary["stop_reason"] == "killed"
+    table = pd.read_parquet(tmp_path / "out" / "signals.parquet")
+    for times in (run.signals.index.to_numpy(), table["time"].to_numpy()):
+        assert times[-1] >= 1.9
+        np.testing.assert_allclose(np.diff(times), 0.02, atol=1e-9)
+    assert run.units["ego.vx"] == "m/s"
+    again = simulate(mir.load_diagram(str(tmp_path / "out" / "spec.yaml")), duration=1.0)
+    np.testing.assert_array_equal(again["ego.vx"], run["ego.vx"].loc[:1.0001])
+
+
+def test_ctrl_c_while_building_leaves_nothing(tmp_path: Path) -> None:
+    code = "import mirdrake.diagram as d, signal\n"
+    code += "def stop(*a, **k): signal.raise_signal(signal.SIGINT)\n"
+    code += "d.make_plant = stop\nfrom mirdrake.cli import main\nraise SystemExit(main(['run', 'bolt_test_track']))\n"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def faulty_drive(tmp_path: Path) -> Path:
+    """A diagram file with a block in the steering line that goes wrong after 0.8 s."""
+    (tmp_path / "own_faulty.py").write_text(OWN, encoding="utf-8")
+    (tmp_path / "faulty.yaml").write_text(FAULTY_DRIVE, encoding="utf-8")
+    return tmp_path / "faulty.yaml"
+
+
+def run_command(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "mirdrake.cli", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_a_block_that_raises_ends_the_run_with_its_own_file_and_line(faulty_drive: Path, tmp_path: Path) -> None:
+    done = run_command("run", "faulty.yaml", "--out", "out", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: out: the run failed at t = 0.8")
+    assert "own_faulty.py:17: ZeroDivisionError: no more ideas" in done.stderr
+    run = load_run(tmp_path / "out")
+    assert "ZeroDivisionError" in run.summary["stop_reason"]
+    assert run.signals.index[-1] >= 0.75
+    assert run.events[-1]["kind"] == "failure"
+
+
+def test_a_nan_in_the_steering_ends_the_run_with_a_reason(faulty_drive: Path, tmp_path: Path) -> None:
+    done = run_command("run", "faulty.yaml", "--out", "out", "--set", "systems.faulty.how=nan", folder=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: out: the run diverged: faulty.y is nan at t = 0.8 s; ")
+    run = load_run(tmp_path / "out")
+    assert run.summary["stop_reason"] == "diverged: faulty.y is nan at t = 0.8 s"
+    assert run["ego.vx"].notna().all()  # the dead-man does not take it for a command
+
+
+def test_a_failed_run_raises_in_python_too(faulty_drive: Path, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="own_faulty.py:17: ZeroDivisionError"):
+        simulate(str(faulty_drive))
+
+
+def test_the_handlers_of_signals_are_as_before_a_run() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    simulate(drive(duration=0.1))
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_half_written_event_is_left_out(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / "run", {"world": "empty"})
+    writer.write_event(1.0, "stop", "here")
+    with (tmp_path / "run" / "events.jsonl").open("a", encoding="utf-8") as file:
+        file.write('{"time": 2.0, "ki')
+    assert load_run(tmp_path / "run").events == [{"time": 1.0, "kind": "stop", "text": "here"}]
+
+
+def test_a_folder_that_is_no_run_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not a run folder"):
+        load_run(tmp_path)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
+    writer = RunWriter(tmp_path / "run", {"world": "empty"})
+    os.symlink("/dev/full", tmp_path / "run" / "events.jsonl")
+    with pytest.raises(RunError, match=r"events\.jsonl: cannot be written: No space left"):
+        writer.write_event(1.0, "stop", "here")
