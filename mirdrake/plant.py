@@ -38,6 +38,7 @@ from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
 from mirdrake.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
+from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Duration, Schema
 
 logging.getLogger("drake").addFilter(
@@ -100,6 +101,14 @@ class VehicleInPlant:
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
     compression: Callable[[float], float]
+
+    def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
+        """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
+        context = plant.CreateDefaultContext()
+        plant.SetFloatingBaseBodyPoseInWorldFrame(context, self.base, RigidTransform())
+        weight = plant.CalcTotalMass(context, [self.instance]) * GRAVITY
+        share = plant.CalcCenterOfMassPositionInWorld(context, [self.instance])[0] / self.vehicle.geometry.wheelbase
+        return self.compression(weight * share / 2.0), self.compression(weight * (1.0 - share) / 2.0)
 
 
 @dataclass(frozen=True)
@@ -294,10 +303,8 @@ def set_start(
         yaw: heading [rad].
         speed: forward speed [m/s]; the wheels turn with it.
     """
-    wheelbase, weight = part.vehicle.geometry.wheelbase, plant.CalcTotalMass(context, [part.instance]) * 9.80665
-    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
-    ahead = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / wheelbase
-    front, rear = part.compression(weight * ahead / 2.0), part.compression(weight * (1.0 - ahead) / 2.0)
+    front, rear = part.rest_compressions(plant)
+    wheelbase = part.vehicle.geometry.wheelbase
     X_WB = RigidTransform(RollPitchYaw(0.0, (front - rear) / wheelbase, yaw), [x, y, -rear])
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
     velocities = plant.GetVelocities(context).copy()

@@ -54,12 +54,16 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         control, geometry = part.vehicle.control, part.vehicle.geometry
         self._period = 1.0 / control.rate
         self._control = control
-        self._radius = geometry.wheel_radius
+        compressions = dict(zip(WHEELS, [pressed for pressed in part.rest_compressions(plant) for _ in range(2)], strict=True))
+        driven = part.vehicle.spec.driven_wheels()
+        self._radius = geometry.wheel_radius - sum(compressions[wheel] for wheel in driven) / len(driven)
         self._ackermann = Ackermann(geometry)
         self._index = _Indices(plant, part)
         count = self._index.actuators
         self._wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
         self._steering_pid = control.steering if control.steering.kind == "pid" else None
+        mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
+        self._inertia = mass * self._radius**2 / len(self._index.driven)  # of the car, at each driven wheel [kg m²]
         torque_share = part.vehicle.spec.powertrain.max_torque / len(self._index.driven)
         correction = control.speed.max_correction
         self._speed_limits = PidLimits(-correction, correction)
@@ -135,13 +139,15 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
 
         desired = [0.0] * (2 * index.actuators)
         actuation = [0.0] * index.actuators
+        push = self._inertia * (speed - last[0]) / (self._radius * period)  # torque for the slope of the set-point
         for i in index.driven:
+            actuation[index.wheel_inputs[i]] = push
             if self._wheel_pid is None:
                 desired[index.actuators + index.wheel_inputs[i]] = rates[i]
             else:
                 gains = self._read_gains(context, 1, self._wheel_pid.filter)
                 actuation[index.wheel_inputs[i]] = self._pid(
-                    memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits
+                    memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits, push
                 )
         for i, angle in enumerate(angles):
             if self._steering_pid is None:
@@ -159,12 +165,25 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         state.get_mutable_vector(self._pids).SetFromVector(memory)
 
     def _pid(
-        self, memory: list[float], row: int, reference: float, measurement: float, gains: PidGains, limits: PidLimits
+        self,
+        memory: list[float],
+        row: int,
+        reference: float,
+        measurement: float,
+        gains: PidGains,
+        limits: PidLimits,
+        feedforward: float = 0.0,
     ) -> float:
         """One step of the PID kept in a row of the memory, which is changed."""
         part = slice(row * _MEMORY, (row + 1) * _MEMORY)
         after, control = pid_step(
-            PidState(*memory[part]), reference, measurement, gains=gains, period=self._period, limits=limits
+            PidState(*memory[part]),
+            reference,
+            measurement,
+            gains=gains,
+            period=self._period,
+            limits=limits,
+            feedforward=feedforward,
         )
         memory[part] = after
         return control

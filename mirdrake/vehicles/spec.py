@@ -174,14 +174,6 @@ class Pid(Schema):
     max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part alone")
 
 
-class PathTracking(Schema):
-    """Pure pursuit with a look-ahead that grows with speed."""
-
-    lookahead_time: Duration = Field(default=0.6, ge=0, description="[s] look-ahead distance / speed")
-    min_lookahead: Length = Field(default=3.0, gt=0, description="[m]")
-    max_lateral_acceleration: Acceleration = Field(default=3.0, gt=0, description="[m/s²] slows down for bends")
-
-
 class ControlSpec(Schema):
     """control.yaml."""
 
@@ -190,7 +182,6 @@ class ControlSpec(Schema):
     speed: SpeedControl = Field(default_factory=SpeedControl)
     wheel_speed: Annotated[VelocityServo | Pid, Field(discriminator="kind")]
     steering: Annotated[PositionServo | Pid, Field(discriminator="kind")]
-    path_tracking: PathTracking = Field(default_factory=PathTracking)
 
 
 # --- sensors.yaml ------------------------------------------------------------------------------------------------
