@@ -3,14 +3,15 @@
 import logging
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from math import atan2, cos, pi, sin, tan
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.timing import Times, rates, timed
-from benchmarks.w1 import PARKED, SETTLING, SPEED, STEADY, STEERING, WHEELBASE, circle_figures
+from benchmarks.job import SETTLING, SPEED, STEADY, STEERING, WHEELBASE, circle_figures
+from benchmarks.timing import rates, timed
 
 TRACK, RADIUS, WIDTH, FRICTION = 1.5, 0.32, 0.2, 0.9
 CHASSIS, KNUCKLE, WHEEL = 1535.0, 5.0, 20.0
@@ -20,7 +21,11 @@ KP, KI = 0.5, 0.5
 GRAVITY = 9.81
 CONTROL = 0.02
 
-WHEEL_INERTIA = (WHEEL * (3 * RADIUS**2 + WIDTH**2) / 12, WHEEL * RADIUS**2 / 2, WHEEL * (3 * RADIUS**2 + WIDTH**2) / 12)
+WHEEL_INERTIA = (
+    WHEEL * (3 * RADIUS**2 + WIDTH**2) / 12,
+    WHEEL * RADIUS**2 / 2,
+    WHEEL * (3 * RADIUS**2 + WIDTH**2) / 12,
+)
 CHASSIS_INERTIA = tuple(CHASSIS * (a * a + b * b) / 12 for a, b in ((BOX[1], BOX[2]), (BOX[0], BOX[2]), BOX[:2]))
 CORNERS = (("fl", WHEELBASE, TRACK / 2), ("fr", WHEELBASE, -TRACK / 2), ("rl", 0.0, TRACK / 2), ("rr", 0.0, -TRACK / 2))
 
@@ -39,11 +44,12 @@ class Driver:
 
     Args:
         period: time between calls [s].
+        kp: proportional gain of the speed loop.
         parked: wants to stand still.
     """
 
-    def __init__(self, *, period: float = CONTROL, parked: bool = False) -> None:
-        self._period, self._parked, self._integral = period, parked, 0.0
+    def __init__(self, *, period: float = CONTROL, kp: float = KP, parked: bool = False) -> None:
+        self._period, self._kp, self._parked, self._integral = period, kp, parked, 0.0
 
     def command(self, time: float, speed: float) -> Command:
         """Command at a time [s], from the speed of the rear axle's centre [m/s]."""
@@ -52,7 +58,7 @@ class Driver:
         wanted, t = min(time, SPEED), tan(STEERING * min(max(time - 5.0, 0.0), 1.0))
         error = wanted - speed
         self._integral += KI * error * self._period
-        spin, half = (wanted + KP * error + self._integral) / RADIUS, 0.5 * t * TRACK / WHEELBASE
+        spin, half = (wanted + self._kp * error + self._integral) / RADIUS, 0.5 * t * TRACK / WHEELBASE
         left, right = (atan2(t, 1.0 - half), atan2(t, 1.0 + half))
         return Command(left, right, spin * (1.0 - half), spin * (1.0 + half))
 
@@ -72,7 +78,8 @@ def write_mjcf(*, wheels: str, step: float, slope: float = 0.0, held: bool = Fal
         return (
             f'<body name="{name}" pos="{x} {y} {z}"><joint name="{name}" axis="0 1 0"/>'
             f'<inertial pos="0 0 0" mass="{WHEEL}" diaginertia="{" ".join(map(str, WHEEL_INERTIA))}"/>'
-            f'<geom type="{wheels}" size="{size}" euler="90 0 0" friction="{FRICTION} 0 0" contype="1" conaffinity="2"/></body>'
+            f'<geom type="{wheels}" size="{size}" euler="90 0 0" friction="{FRICTION} 0 0" contype="1" conaffinity="2"/>'
+            "</body>"
         )
 
     bodies = ""
@@ -89,9 +96,11 @@ def write_mjcf(*, wheels: str, step: float, slope: float = 0.0, held: bool = Fal
 <option timestep="{step}" gravity="{-GRAVITY * sin(slope)} 0 {-GRAVITY * cos(slope)}" integrator="implicitfast"/>
 <worldbody><geom type="plane" size="0 0 1" friction="{FRICTION} 0 0" contype="2" conaffinity="1"/>
 <body name="car"><freejoint/>
-<inertial pos="{COM_X} 0 {COM_Z}" mass="{CHASSIS}" diaginertia="{" ".join(map(str, CHASSIS_INERTIA))}"/>{bodies}</body></worldbody>
+<inertial pos="{COM_X} 0 {COM_Z}" mass="{CHASSIS}" diaginertia="{" ".join(map(str, CHASSIS_INERTIA))}"/>
+{bodies}</body></worldbody>
 <actuator>
-<position joint="fl_steer" kp="{SERVO_STIFFNESS}" kv="{SERVO_DAMPING}"/><position joint="fr_steer" kp="{SERVO_STIFFNESS}" kv="{SERVO_DAMPING}"/>
+<position joint="fl_steer" kp="{SERVO_STIFFNESS}" kv="{SERVO_DAMPING}"/>
+<position joint="fr_steer" kp="{SERVO_STIFFNESS}" kv="{SERVO_DAMPING}"/>
 <velocity joint="rl" kv="{WHEEL_GAIN}"/><velocity joint="rr" kv="{WHEEL_GAIN}"/></actuator>
 <equality>{locks}</equality></mujoco>"""
 
@@ -139,15 +148,17 @@ def write_urdf() -> str:
         parent, at = "car", f"{x - COM_X} {y} {RADIUS - COM_Z}"
         if name.startswith("f"):
             text += (
-                f'<link name="{name}_knuckle"><inertial><mass value="{KNUCKLE}"/>{inertia((0.05, 0.05, 0.05))}</inertial></link>'
-                f'<joint name="{name}_steer" type="revolute"><origin xyz="{at}"/><parent link="car"/><child link="{name}_knuckle"/>'
+                f'<link name="{name}_knuckle"><inertial><mass value="{KNUCKLE}"/>{inertia((0.05, 0.05, 0.05))}</inertial>'
+                f'</link><joint name="{name}_steer" type="revolute"><origin xyz="{at}"/>'
+                f'<parent link="car"/><child link="{name}_knuckle"/>'
                 '<axis xyz="0 0 1"/><limit lower="-0.6" upper="0.6" effort="20000" velocity="10"/></joint>'
             )
             parent, at = f"{name}_knuckle", "0 0 0"
         text += (
             f'<link name="{name}"><inertial><mass value="{WHEEL}"/>{inertia(WHEEL_INERTIA)}</inertial>'
-            f'<collision><origin rpy="{pi / 2} 0 0"/><geometry><cylinder radius="{RADIUS}" length="{WIDTH}"/></geometry></collision></link>'
-            f'<joint name="{name}_joint" type="continuous"><origin xyz="{at}"/><parent link="{parent}"/><child link="{name}"/>'
+            f'<collision><origin rpy="{pi / 2} 0 0"/><geometry><cylinder radius="{RADIUS}" length="{WIDTH}"/></geometry>'
+            f'</collision></link><joint name="{name}_joint" type="continuous"><origin xyz="{at}"/>'
+            f'<parent link="{parent}"/><child link="{name}"/>'
             '<axis xyz="0 1 0"/></joint>'
         )
     return f'<?xml version="1.0"?><robot name="car">{text}</robot>'
@@ -163,7 +174,7 @@ class BulletCar:
 
     def __init__(self, *, slope: float = 0.0, held: bool = False) -> None:
         import pybullet
-        from pybullet_utils.bullet_client import BulletClient
+        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
         self._pb, self._slope, self._held = pybullet, slope, held
         self._client = BulletClient(pybullet.DIRECT)
@@ -237,15 +248,18 @@ def peers() -> dict[str, tuple[Callable[..., Any], float, float]]:
     return found
 
 
+def _drive(car: Any, duration: float, period: float) -> None:
+    car.run(duration, Driver(period=period))
+
+
 def run_peers(*, duration: float, parked: float, repeat: int) -> dict[str, Any]:
     """Job W1 of every peer that is installed."""
     results = {}
     for name, (make, step, period) in peers().items():
         car = make()
         samples = car.run(duration, Driver(period=period))
-        times: list[Times] = []
-        for _ in range(repeat):
-            times.append(timed(lambda car=car, period=period: car.run(duration, Driver(period=period))))
+        drive = partial(_drive, car, duration, period)
+        times = [timed(drive) for _ in range(repeat)]
         steady = samples[samples[:, 0] > max(duration - STEADY, 0.0)]
         result = {"step_ms": 1e3 * step, **rates(times, duration=duration, step=step)}
         result |= circle_figures(steady[:, 4], steady[:, 5])

@@ -1,17 +1,16 @@
 """Job W1: the car drives a straight and a circle, and stands parked; the whole diagram and the bare plant."""
 
 from collections.abc import Mapping, Sequence
-from math import tan
 from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from benchmarks.job import DURATION, PARKED, SETTLING, SPEED, STEADY, STEERING, circle_figures
 from benchmarks.timing import Times, rates, timed
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.diagram import assemble
@@ -20,17 +19,6 @@ from mirdrake.plant import make_plant, set_start
 from mirdrake.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
-
-Array = NDArray[np.float64]
-
-SPEED, STEERING, WHEELBASE = 5.0, 0.2, 2.6
-"""The circle: speed of the rear axle's centre [m/s], bicycle steering angle [rad], wheelbase [m]."""
-
-DURATION, STEADY = 35.0, 10.0
-"""The whole job, and its end over which the figures are taken [s]."""
-
-SETTLING, PARKED = 2.0, 10.0
-"""Standing still before and while creep is measured [s]."""
 
 STEPS = {"point": (0.002, 0.005, 0.010), "hydroelastic": (0.002, 0.005, 0.010)}
 """Plant steps [s] per contact setting."""
@@ -43,26 +31,6 @@ def make_spec(contact: str, step: float, *, left: bool = True) -> DiagramSpec:
         rows = spec.control["ego"].rows  # type: ignore[union-attr]
         rows[-1].steering = -rows[-1].steering
     return spec
-
-
-def circle_figures(vx: Array, wz: Array) -> dict[str, float]:
-    """Accuracy in the steady circle.
-
-    Args:
-        vx: speed of the rear axle's centre along the car [m/s] (n).
-        wz: yaw rate [rad/s] (n).
-
-    Returns:
-        yaw rate against v tan(δ)/L with the speed that the car had, its standard deviation, and the speed against
-        the wanted one, all in %.
-    """
-    speed, rate = float(np.mean(vx)), float(np.mean(wz))
-    kinematic = speed * tan(STEERING) / WHEELBASE * (1.0 if rate > 0.0 else -1.0)
-    return {
-        "yaw_error_percent": 100.0 * (rate / kinematic - 1.0),
-        "yaw_ripple_percent": 100.0 * float(np.std(wz)) / abs(kinematic),
-        "speed_error_percent": 100.0 * (speed / SPEED - 1.0),
-    }
 
 
 class BarePlant:
@@ -189,17 +157,17 @@ def drive(contact: str, step: float, *, duration: float = DURATION, repeat: int 
     }
 
 
-def park(contact: str, step: float, *, world: str, wheels: str, seconds: float = PARKED) -> dict[str, Any]:
+def park(contact: str, step: float, *, world: str, brakes: bool, seconds: float = PARKED) -> dict[str, Any]:
     """Creep of a parked car.
 
     Args:
         contact: "hydroelastic" or "point".
         step: of the plant [s].
         world: flat or slope.
-        wheels: "free" (the speed loop holds the car) or "held".
+        brakes: parking brakes on, or the speed loop alone holds the car.
         seconds: how long, after the settling.
     """
-    overrides = [f"world={world}", f"vehicles.ego.wheels={wheels}"]
+    overrides = [f"world={world}", f"vehicles.ego.parked={str(brakes).lower()}"]
     overrides += [f"plant.contact={contact}", f"plant.time_step={step}"]
     run = Simulation(assemble(load_diagram("w1_parked", overrides=overrides))).run(duration=SETTLING + seconds)
     still = run.signals[run.signals.index >= SETTLING - 1e-6]
@@ -209,7 +177,7 @@ def park(contact: str, step: float, *, world: str, wheels: str, seconds: float =
         "contact": contact,
         "step_ms": 1e3 * step,
         "world": world,
-        "wheels": wheels,
+        "brakes": brakes,
         "creep_mm": 1e3 * float(creep),
         "yaw_drift_mrad": 1e3 * float(last["ego.yaw"] - first["ego.yaw"]),
     }
@@ -218,10 +186,10 @@ def park(contact: str, step: float, *, world: str, wheels: str, seconds: float =
 def run_w1(*, duration: float, parked: float, repeat: int, steps: Mapping[str, Sequence[float]]) -> dict[str, Any]:
     """Job W1 of mirdrake: all drives and all parked cars."""
     drives = [drive(contact, step, duration=duration, repeat=repeat) for contact in steps for step in steps[contact]]
-    places = (("empty", "free"), ("empty", "held"), ("slope_5_deg", "held"))
+    places = (("empty", False), ("empty", True), ("slope_5_deg", True))
     still = [
-        park(contact, 0.005, world=world, wheels=wheels, seconds=parked)
+        park(contact, 0.005, world=world, brakes=brakes, seconds=parked)
         for contact in steps
-        for world, wheels in places
+        for world, brakes in places
     ]
     return {"drives": drives, "parked": still}

@@ -43,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         code: int = options.verb(options)
+        sys.stdout.flush()  # here, where a reader that has gone is no error
     except MirdrakeError as error:
         for line in str(error).splitlines():
             print(f"error: {line}", file=sys.stderr)

@@ -214,8 +214,6 @@ def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramS
     )
     wiring.add("rolling_resistance", system)
     wiring.link(plant.get_contact_results_output_port(), system.contact_results)
-    wiring.link(plant.get_body_poses_output_port(), system.body_poses)
-    wiring.link(plant.get_body_spatial_velocities_output_port(), system.body_spatial_velocities)
     wiring.link(plant.get_state_output_port(), system.plant_state)
     wiring.link(system.generalized_force, plant.get_applied_generalized_force_input_port())
     return system

@@ -199,8 +199,8 @@ class Simulation:
 
 def _not_finite(times: Array, columns: Columns) -> str | None:
     """The first sample that is no finite number, in words."""
-    found = [(int(np.argmin(np.isfinite(values))), name) for name, values in columns.items()]
-    wrong = [(row, name) for row, name in found if len(times) and not np.isfinite(columns[name][row])]
+    bad = {name: ~np.isfinite(values) for name, values in columns.items()}
+    wrong = [(int(np.argmax(rows)), name) for name, rows in bad.items() if rows.any()]
     if not wrong:
         return None
     row, name = min(wrong)

@@ -29,13 +29,11 @@ back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the l
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp, tanh
+from math import cos, exp, sin, tanh
 from typing import NamedTuple
 
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
@@ -46,6 +44,9 @@ from mirdrake.vehicles import WHEELS
 
 FILTER_TIME = 0.1
 """Time constant of the estimate of the numerical moment's ratio to N·ω [s]: several facets at walking pace."""
+
+LOADS_EVERY = 5
+"""Updates between two readings of the contact results where only the loads are wanted from them."""
 
 SMOOTH_SPEED = 0.3
 """ω_0: wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
@@ -58,52 +59,59 @@ class RollingWheel(NamedTuple):
         vehicle: name of its vehicle.
         name: its place, for example "front_left".
         geometry: its collision geometry.
-        body: index of its body in the plant.
+        pivot: position in the vehicle frame B of its steering axis, or of its centre if it is not steered [m].
+        offset: lateral distance of its centre from there [m].
         spin: index of its spin rate in the plant's generalised velocities.
-        steering: index of the rate of its steering joint, or None.
-        base: index of the three angular velocities of its vehicle's floating base.
+        steering: index of its steering joint in the plant's positions and in its velocities, or None.
+        base: index of its vehicle's floating base in the plant's positions and in its velocities.
         coefficient: rolling-resistance coefficient Crr of the tyre.
     """
 
     vehicle: str
     name: str
     geometry: GeometryId
-    body: int
+    pivot: tuple[float, float, float]
+    offset: float
     spin: int
-    steering: int | None
-    base: int
+    steering: tuple[int, int] | None
+    base: tuple[int, int]
     coefficient: float
 
 
 def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
     """The wheels of a vehicle in a finalised plant."""
+    geometry = part.vehicle.geometry
+    front, rear, kingpin = (0.5 * t for t in (geometry.front_track, geometry.rear_track, geometry.kingpin_track))
+    length, radius = geometry.wheelbase, geometry.wheel_radius
+    places = [((length, kingpin, radius), front - kingpin), ((length, -kingpin, radius), kingpin - front)]
+    places += [((0.0, rear, radius), 0.0), ((0.0, -rear, radius), 0.0)]
+    joints = [(joint.position_start(), joint.velocity_start()) for joint in part.steering]
     return [
         RollingWheel(
             vehicle=part.name,
-            name=wheel,
-            geometry=tyre,
-            body=int(joint.child_body().index()),
-            spin=joint.velocity_start(),
-            steering=part.steering[i].velocity_start() if i < len(part.steering) else None,
-            base=part.base.floating_velocities_start_in_v(),
+            name=name,
+            geometry=part.tyres[i],
+            pivot=places[i][0],
+            offset=places[i][1],
+            spin=part.wheels[i].velocity_start(),
+            steering=joints[i] if i < len(joints) else None,
+            base=(part.base.floating_positions_start(), part.base.floating_velocities_start_in_v()),
             coefficient=part.vehicle.spec.tyres.rolling_resistance,
         )
-        for i, (wheel, tyre, joint) in enumerate(zip(WHEELS, part.tyres, part.wheels, strict=True))
+        for i, name in enumerate(WHEELS)
     ]
 
 
-class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
+class RollingResistance(LeafSystem):
     """Rolling resistance of all wheels of a plant on its ground plane.
 
     Input ports:
         contact_results: the plant's contact results (abstract).
-        body_poses: the plant's body poses (abstract).
-        body_spatial_velocities: the plant's body velocities (abstract).
         plant_state: the plant's state, positions and velocities.
     Output ports:
-        generalized_force: for the plant's applied generalised force (num_velocities) [N m at the wheels' joints].
-        wheel_load: normal load of the road on each wheel (len(wheels)) [N].
-        resistance: torque applied about each wheel's axle, tyre and cancellation (len(wheels)) [N m].
+        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m].
+        wheel_load (4 a vehicle) [N]: normal load of the road on each wheel.
+        resistance (4 a vehicle) [N m]: torque applied about each wheel's axle, tyre and cancellation.
         other_contacts (1) [1]: number of contacts that are not tyres on the road.
 
     All outputs are discrete states, updated every `period`.
@@ -114,6 +122,9 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
         ground: geometries of the road plane, whose normal is z of the world.
         period: time between updates [s], a multiple of the plant's step.
         cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place.
+
+    Raises:
+        ConfigError: the period is not positive.
     """
 
     def __init__(
@@ -132,108 +143,158 @@ class RollingResistance(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._ground = frozenset(ground)
         self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
         self._step = plant.time_step()
-        self._positions = plant.num_positions()
+        self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
         self._cancel = cancel_numerical
         self._blend = 1.0 - exp(-period / FILTER_TIME)
         count = len(wheels)
         self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
-        self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
-        self.body_spatial_velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", AbstractValue.Make([SpatialVelocity()])
-        )
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        self._force = self.DeclareDiscreteState(plant.num_velocities())
+        self._force = self.DeclareDiscreteState(self._velocities)
         self._load = self.DeclareDiscreteState(count)
         self._torque = self.DeclareDiscreteState(count)
-        self._moment_filter = self.DeclareDiscreteState(3 * count)  # per wheel: filtered M, N·ω, M_z
-        self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
-        load = [Signal(f"{wheel.vehicle}.wheel_load.{wheel.name}", "N", "normal load of the road") for wheel in wheels]
-        torque = [Signal(f"{wheel.vehicle}.resistance_torque.{wheel.name}", "N m", "torque about the axle") for wheel in wheels]
-        self.wheel_load = declare_state_output(self, "wheel_load", load, self._load)
-        self.resistance = declare_state_output(self, "resistance", torque, self._torque)
         self._others = self.DeclareDiscreteState(1)
+        self._filters = self.DeclareDiscreteState(3 * count)  # per wheel: filtered M, N·ω, moment about the vertical
+        self._tick = self.DeclareDiscreteState(1)
+        self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
+        loads = [Signal(f"{wheel.vehicle}.wheel_load.{wheel.name}", "N", "normal load of the road") for wheel in wheels]
+        torques = [Signal(f"{wheel.vehicle}.resistance_torque.{wheel.name}", "N m", "about the axle") for wheel in wheels]
         others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
+        self.wheel_load = declare_state_output(self, "wheel_load", loads, self._load)
+        self.resistance = declare_state_output(self, "resistance", torques, self._torque)
         self.other_contacts = declare_state_output(self, "other_contacts", others, self._others)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        poses = self.body_poses.Eval(context)
-        contacts, others = self._measure(context, poses)
-        velocities = self.plant_state.Eval(context)[self._positions :].tolist()
-        memory = context.get_discrete_state(self._moment_filter).value().tolist()
-        force = [0.0] * len(velocities)
-        torques = []
-        for i, (wheel, contact) in enumerate(zip(self._wheels, contacts, strict=True)):
-            load, spin = contact.load, velocities[wheel.spin]
-            pose = poses[wheel.body]
-            torque = -wheel.coefficient * load * float(pose.translation()[2]) * tanh(spin / SMOOTH_SPEED)
-            ax, ay, _ = pose.rotation().matrix()[:, 1].tolist()
+        x = self.plant_state.Eval(context).tolist()
+        tick = int(context.get_discrete_state(self._tick).value()[0])
+        state.get_mutable_vector(self._tick).SetFromVector([tick + 1])
+        poses = self._wheel_poses(x)
+        if self._cancel or tick % LOADS_EVERY == 0:
+            contacts, others = self._measure(context, poses)
+            state.get_mutable_vector(self._load).SetFromVector([contact.load for contact in contacts])
+            state.get_mutable_vector(self._others).SetFromVector([others])
+        else:
+            contacts = [_Contact(load) for load in context.get_discrete_state(self._load).value().tolist()]
+        filters = context.get_discrete_state(self._filters).value().tolist()
+        force, torques = [0.0] * self._velocities, []
+        for i, (wheel, contact, pose) in enumerate(zip(self._wheels, contacts, poses, strict=True)):
+            load, spin = contact.load, x[self._positions + wheel.spin]
+            torque = -wheel.coefficient * load * pose.z * tanh(spin / SMOOTH_SPEED)
+            base = wheel.base[1]
             if self._cancel:
                 row = 3 * i
-                memory[row] += self._blend * (contact.moment - memory[row])
-                memory[row + 1] += self._blend * (load * spin - memory[row + 1])
-                moment, flow = memory[row], memory[row + 1]
+                filters[row] += self._blend * (contact.moment - filters[row])
+                filters[row + 1] += self._blend * (load * spin - filters[row + 1])
+                moment, flow = filters[row], filters[row + 1]
                 ratio = moment * flow / (flow * flow + (SMOOTH_SPEED * load) ** 2 + 1.0)
                 slow = 1.0 / (1.0 + (spin / SMOOTH_SPEED) ** 4)
                 moment = slow * contact.moment + (1.0 - slow) * ratio * load * spin
                 torque -= moment
-                lever = (ay * contact.fy + ax * contact.fx) / load if load > 0.0 else 0.0  # (f × F)·n / N
-                memory[row + 2] += self._blend * (contact.yaw + contact.moment * lever - memory[row + 2])
-                yaw = moment * lever - (1.0 - slow) * memory[row + 2]
-                force[wheel.base + 2] += yaw
+                lever = (pose.ay * contact.fy + pose.ax * contact.fx) / load if load > 0.0 else 0.0  # (f × F)·n / N
+                filters[row + 2] += self._blend * (contact.yaw + contact.moment * lever - filters[row + 2])
+                yaw = moment * lever - (1.0 - slow) * filters[row + 2]
+                force[base + 2] += yaw
                 if wheel.steering is not None:
-                    force[wheel.steering] += yaw
+                    force[wheel.steering[1]] += yaw
             force[wheel.spin] += torque
-            force[wheel.base] += torque * ax
-            force[wheel.base + 1] += torque * ay
+            force[base] += torque * pose.ax
+            force[base + 1] += torque * pose.ay
             torques.append(torque)
         state.get_mutable_vector(self._force).SetFromVector(force)
-        state.get_mutable_vector(self._load).SetFromVector([contact.load for contact in contacts])
         state.get_mutable_vector(self._torque).SetFromVector(torques)
-        state.get_mutable_vector(self._moment_filter).SetFromVector(memory)
-        state.get_mutable_vector(self._others).SetFromVector([others])
+        state.get_mutable_vector(self._filters).SetFromVector(filters)
 
-    def _measure(self, context: Context, poses: Sequence[RigidTransform]) -> tuple[list["_Contact"], int]:
+    def _measure(self, context: Context, poses: Sequence["_Pose"]) -> tuple[list["_Contact"], int]:
         """The road's contact with each wheel in the last step, and the number of other contacts."""
         results, others = self.contact_results.Eval(context), 0
         contacts = [_Contact() for _ in self._wheels]
         for k in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(k)
             pair = info.point_pair()
-            row = self._row.get(pair.id_A, self._row.get(pair.id_B))
-            if row is not None and (pair.id_A in self._ground or pair.id_B in self._ground):
+            id_A, id_B = pair.id_A, pair.id_B
+            row = self._row.get(id_A, self._row.get(id_B))
+            if row is not None and (id_B in self._ground or id_A in self._ground):
                 contacts[row].load += abs(float(info.contact_force()[2]))
             else:
                 others += 1
-        count = results.num_hydroelastic_contacts()
-        spatial_velocities = self.body_spatial_velocities.Eval(context) if count and self._cancel else None
-        for k in range(count):
+        for k in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(k)
             surface = info.contact_surface()
             id_M, id_N = surface.id_M(), surface.id_N()
             row = self._row.get(id_M, self._row.get(id_N))
-            if row is None or not (id_M in self._ground or id_N in self._ground):
+            if row is None or not (id_N in self._ground or id_M in self._ground):
                 others += 1
                 continue
-            contact = contacts[row]
+            contact, pose = contacts[row], poses[row]
             wrench = info.F_Ac_W()
             sign = 1.0 if id_M in self._row else -1.0  # the force is given on the body of M
             fx, fy, fz = (sign * wrench.translational()).tolist()
             contact.load += fz
             contact.fx += fx
             contact.fy += fy
-            if spatial_velocities is None:
-                continue
-            tx, ty, tz = (sign * wrench.rotational()).tolist()
-            cx, cy, _ = surface.centroid().tolist()
-            pose = poses[self._wheels[row].body]
-            px, py, _ = pose.translation().tolist()
-            vx, vy, _ = spatial_velocities[self._wheels[row].body].translational().tolist()
-            ax, ay = pose.rotation().matrix()[:2, 1].tolist()
-            rx, ry = cx - px + vx * self._step, cy - py + vy * self._step
-            contact.yaw += rx * fy - ry * fx + tz
-            contact.moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
+            if self._cancel:
+                tx, ty, tz = (sign * wrench.rotational()).tolist()
+                cx, cy, _ = surface.centroid().tolist()
+                rx, ry = cx - pose.x + pose.vx * self._step, cy - pose.y + pose.vy * self._step
+                contact.yaw += rx * fy - ry * fx + tz
+                contact.moment += (ry * fz + tx) * pose.ax + (ty - rx * fz) * pose.ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
         return contacts, others
+
+    def _wheel_poses(self, x: Sequence[float]) -> list["_Pose"]:
+        """Centre, axle and velocity of every wheel, from the plant's state."""
+        poses, frames = [], {}
+        for wheel in self._wheels:
+            q, v = wheel.base
+            if q not in frames:
+                frames[q] = _Frame(x[q : q + 7], x[self._positions + v : self._positions + v + 6])
+            frame = frames[q]
+            angle = x[wheel.steering[0]] if wheel.steering is not None else 0.0
+            poses.append(frame.wheel(wheel, sin(angle), cos(angle)))
+        return poses
+
+
+class _Pose(NamedTuple):
+    """A wheel in the world: centre [m], axle direction, horizontal velocity of the centre [m/s]."""
+
+    x: float
+    y: float
+    z: float
+    ax: float
+    ay: float
+    vx: float
+    vy: float
+
+
+class _Frame:
+    """The vehicle frame B in the world.
+
+    Args:
+        pose: quaternion w, x, y, z of R_WB and position [m].
+        twist: angular [rad/s] and linear velocity [m/s], in the world.
+    """
+
+    def __init__(self, pose: Sequence[float], twist: Sequence[float]) -> None:
+        w, i, j, k, x, y, z = pose
+        wx, wy, wz, vx, vy, _ = twist
+        half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the norm drift
+        self._rows = (
+            (1.0 - (j * j + k * k) / half, (i * j - w * k) / half, (i * k + w * j) / half),
+            ((i * j + w * k) / half, 1.0 - (i * i + k * k) / half, (j * k - w * i) / half),
+            ((i * k - w * j) / half, (j * k + w * i) / half, 1.0 - (i * i + j * j) / half),
+        )
+        self._place, self._turn, self._velocity = (x, y, z), (wx, wy, wz), (vx, vy)
+
+    def wheel(self, wheel: RollingWheel, sine: float, cosine: float) -> _Pose:
+        """The wheel at a steering angle given by sine and cosine."""
+        px, py, pz = wheel.pivot
+        px, py = px - wheel.offset * sine, py + wheel.offset * cosine  # the axle in B is (-sine, cosine, 0)
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._rows
+        rx, ry, rz = xx * px + xy * py + xz * pz, yx * px + yy * py + yz * pz, zx * px + zy * py + zz * pz
+        wx, wy, wz = self._turn
+        x, y, z = self._place
+        vx, vy = self._velocity
+        ax, ay = xy * cosine - xx * sine, yy * cosine - yx * sine
+        return _Pose(x + rx, y + ry, z + rz, ax, ay, vx + wy * rz - wz * ry, vy + wz * rx - wx * rz)
 
 
 @dataclass(slots=True)

@@ -1,0 +1,189 @@
+"""Benchmarks: the jobs of the README beside this file; prints one JSON document."""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent
+JOBS = ("w1", "w4", "memory", "startup")
+
+GAZEBO_RTF, GAZEBO_BESIDE = 16.2, 140.0
+"""W1 in Gazebo classic, and MuJoCo with cylinder wheels on that same machine: RTF of both."""
+
+
+def main() -> int:
+    """Run the jobs asked for; 0 if every "must" that was measured is met, 1 if not."""
+    options = _parser().parse_args()
+    prepare()
+    document = measure(options)
+    text = json.dumps(document, indent=2)
+    if options.out is not None:
+        options.out.write_text(text + "\n", encoding="utf-8")
+    print(text)
+    missed = [name for name, target in document["targets"].items() if target["must_met"] is False]
+    for name in missed:
+        print(f"missed: {name}: {document['targets'][name]}", file=sys.stderr)
+    return 1 if missed and options.strict else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--job", choices=[*JOBS, "all"], default="all")
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_true", help="fewer steps and repetitions: about two minutes")
+    size.add_argument("--full", action="store_true", help="1000 runs and an hour of simulated driving for the memory")
+    size.add_argument("--smoke", action="store_true", help="tiny durations; only shows that every job runs")
+    parser.add_argument("--repeat", type=int, metavar="N", help="repetitions; medians are given (default 5, quick 3)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the JSON there, too")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if a target that must be met is missed")
+    return parser
+
+
+def prepare() -> None:
+    """One thread for linear algebra; our models, worlds and diagrams are found, also in child processes."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    before = os.environ.get("MIRDRAKE_PATH")
+    os.environ["MIRDRAKE_PATH"] = os.pathsep.join([str(ROOT), *([before] if before else [])])
+    root = str(ROOT.parent)
+    sys.path[:] = [root, *(path for path in sys.path if path != str(ROOT))]
+    os.environ["PYTHONPATH"] = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """The document: machine, jobs, targets."""
+    from benchmarks.timing import machine, tidy
+
+    jobs: dict[str, Any] = {}
+    wanted = JOBS if options.job == "all" else (options.job,)
+    stdout = os.dup(1)
+    os.dup2(2, 1)  # PyBullet greets on standard output, which is for the JSON
+    try:
+        for job in wanted:
+            jobs[job] = _measure_job(job, options)
+    finally:
+        sys.stdout.flush()
+        os.dup2(stdout, 1)
+        os.close(stdout)
+    size = next((name for name in ("quick", "full", "smoke") if getattr(options, name)), "default")
+    document: dict[str, Any] = tidy({"machine": machine() | {"size": size}, "jobs": jobs, "targets": targets(jobs)})
+    return document
+
+
+def _measure_job(job: str, options: argparse.Namespace) -> dict[str, Any]:
+    repeat = options.repeat or (1 if options.smoke else 3 if options.quick else 5)
+    if job == "w1":
+        from benchmarks import job as numbers
+        from benchmarks import peers, w1
+
+        duration, parked = (7.0, 0.5) if options.smoke else (numbers.DURATION, numbers.PARKED)
+        steps: dict[str, Any] = dict(w1.STEPS)
+        if options.quick:
+            steps = {"point": (0.010,), "hydroelastic": (0.005, 0.010)}
+        elif options.smoke:
+            steps = {"point": (0.010,), "hydroelastic": (0.010,)}
+        result = w1.run_w1(duration=duration, parked=parked, repeat=repeat, steps=steps)
+        return result | {"peers": peers.run_peers(duration=duration, parked=parked, repeat=repeat)}
+    if job == "w4":
+        from benchmarks import w4
+
+        if options.smoke:
+            return w4.run_w4(runs=2, duration=0.5, repeat=1)
+        return w4.run_w4(repeat=1 if options.quick else min(repeat, 3))
+    from benchmarks import housekeeping
+
+    if job == "memory":
+        runs, seconds = (1000, 3600.0) if options.full else (5, 2.0) if options.smoke else (200, 300.0)
+        return housekeeping.run_memory(runs=runs, run_duration=0.5 if options.smoke else 2.0, hour=seconds)
+    return housekeeping.run_startup(repeat=1 if options.smoke else 5)
+
+
+# --- targets -----------------------------------------------------------------------------------------------------
+
+
+def targets(jobs: dict[str, Any]) -> dict[str, Any]:
+    """What must be reached and what is aimed at, against what was measured."""
+    found: dict[str, Any] = {}
+    if "w1" in jobs:
+        found |= _w1_targets(jobs["w1"])
+    if "w4" in jobs:
+        for method in ("spawn", "fork"):
+            values = [row["wall_ms_per_simulated_s"] for key, row in jobs["w4"].items() if key.endswith(method)]
+            found[f"w4_ms_per_simulated_s_{method}"] = _at_most(min(values), must=12.0, aim=5.0)
+    if "memory" in jobs:
+        memory = jobs["memory"]
+        found["memory_growth_repeated_mb"] = _at_most(memory["growth_repeated_runs_mb"], must=50.0)
+        found["memory_growth_long_drive_mb"] = _at_most(memory["growth_long_drive_mb"], must=50.0)
+    if "startup" in jobs:
+        startup = jobs["startup"]
+        found["import_mirdrake_s"] = _at_most(startup["import_mirdrake_s"], must=0.3)
+        found["first_step_s"] = _at_most(max(startup["first_step_s"].values()), must=3.0)
+    return found
+
+
+def _w1_targets(w1: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    cylinder = w1["peers"].get("mujoco_cylinder")
+    gazebo = GAZEBO_RTF * (cylinder["rtf_cpu"] / GAZEBO_BESIDE if cylinder else 1.0)
+    found["note"] = {
+        "must_met": None,
+        "text": f"Gazebo does not run here; its RTF is taken as {gazebo:.1f}"
+        + (", in proportion to MuJoCo" if cylinder else ""),
+    }
+    for contact, must, aim in (
+        ("hydroelastic", gazebo, 2.0 * gazebo),
+        ("point", 4.0 * gazebo, cylinder["rtf_cpu"] if cylinder else 140.0),
+    ):
+        sound = [d for d in w1["drives"] if d["contact"] == contact and _accurate(d)]
+        best = max(sound, key=lambda drive: drive["rtf_cpu"], default=None)
+        found[f"w1_{contact}_rtf"] = _at_least(best["rtf_cpu"] if best else 0.0, must=must, aim=aim)
+        if best:
+            found[f"w1_{contact}_rtf"]["step_ms"] = best["step_ms"]
+        drives = [d for d in w1["drives"] if d["contact"] == contact]
+        worst = max(abs(d["speed_error_percent"]) for d in drives)
+        found[f"w1_{contact}_speed_error_percent"] = _at_most(worst, must=0.5)
+        worst = max(d["yaw_ripple_percent"] for d in drives)
+        found[f"w1_{contact}_ripple_percent"] = _at_most(worst, must=0.5)
+        limit = 1.35 if contact == "hydroelastic" else 1.6
+        worst = max(d["overhead"] for d in drives)
+        found[f"overhead_{contact}"] = _at_most(worst, must=limit, aim=1.15)
+    for place in w1["parked"]:
+        name = f"creep_mm_{place['contact']}_{place['world']}{'_braked' if place['brakes'] else ''}"
+        found[name] = _at_most(place["creep_mm"], must=0.05)
+    return found
+
+
+def _accurate(drive: dict[str, Any]) -> bool:
+    return (
+        abs(drive["speed_error_percent"]) <= 0.5
+        and abs(drive["yaw_error_percent"]) <= 1.0
+        and drive["yaw_ripple_percent"] <= 0.5
+    )
+
+
+def _at_most(value: float, *, must: float, aim: float | None = None) -> dict[str, Any]:
+    return {
+        "value": value,
+        "at_most": True,
+        "must": must,
+        "must_met": bool(value <= must),
+        "aim": aim,
+        "aim_met": None if aim is None else bool(value <= aim),
+    }
+
+
+def _at_least(value: float, *, must: float, aim: float) -> dict[str, Any]:
+    return {
+        "value": value,
+        "at_most": False,
+        "must": must,
+        "must_met": bool(value >= must),
+        "aim": aim,
+        "aim_met": bool(value >= aim),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

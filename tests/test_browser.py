@@ -1,0 +1,180 @@
+"""What a person sees: recording.html and report.html, opened offline in a browser without a screen."""
+
+import io
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from mirdrake.logs import Run
+from mirdrake.viewer.recording import smooth_headings
+from mirdrake.workflow import run_diagram
+
+CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
+
+needs_browser = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not (os.access(CHROMIUM, os.X_OK) and os.access(DRIVER, os.X_OK)), reason=f"needs {CHROMIUM}"),
+]
+
+Picture = NDArray[np.uint8]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Six seconds on the test track with a bend to the left, all files written."""
+    data = {
+        "world": "test_track",
+        "vehicles": {"ego": {"model": "bolt", "start": "line", "speed": 5.0}},
+        "control": {"ego": {"kind": "schedule", "rows": [{"time": 0, "speed": 5}, {"time": 6, "speed": 5, "steering": 0.3}]}},
+        "plant": {"contact": "point"},
+        "duration": 6.0,
+        "name": "browser",
+    }
+    return run_diagram(data, folder=tmp_path_factory.mktemp("browser") / "run")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Headless Chromium with software rendering and without a network."""
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--disable-dev-shm-usage",
+        "--window-size=900,600",
+        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
+        "--proxy-server=127.0.0.1:9",  # nobody listens there: whatever is not in the file fails to load
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver.set_page_load_timeout(120)
+    driver.set_script_timeout(120)
+    yield driver
+    driver.quit()
+
+
+def picture(browser: Any) -> Picture:
+    """What the browser shows, as rows of red, green, blue."""
+    return np.asarray(Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB"))
+
+
+def colours(image: Picture) -> int:
+    """How many different colours a picture has, with 32 steps a channel."""
+    return len(np.unique((image // 8).reshape(-1, 3), axis=0))
+
+
+def severe(browser: Any) -> list[str]:
+    """Errors in the browser's console."""
+    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+@pytest.fixture(scope="module")
+def frames(run: Run, browser: Any) -> Callable[[float], Picture]:
+    """A function (time [s]) -> picture of the recording at that time of its animation."""
+    assert run.folder is not None
+    browser.get((run.folder / "recording.html").as_uri())
+    ready = "return typeof viewer == 'object' && viewer.animator.duration > 5 && document.readyState == 'complete'"
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(ready))
+    taken: dict[float, Picture] = {}
+
+    def frame(time: float) -> Picture:
+        if time not in taken:
+            show = "viewer.animator.pause(); viewer.animator.seek(arguments[0]); viewer.render();"
+            browser.execute_script(show, time)
+            taken[time] = picture(browser)
+        return taken[time]
+
+    return frame
+
+
+class TestBrowser:
+    """With a browser."""
+
+    pytestmark = needs_browser
+
+    def test_the_recording_opens_offline_and_is_not_blank(self, frames: Callable[[float], Picture], browser: Any) -> None:
+        image = frames(0.5)
+        assert severe(browser) == []
+        assert colours(image) > 100
+        assert image.std() > 20.0
+
+    def test_the_recording_shows_sky_above_and_grass_below(self, frames: Callable[[float], Picture]) -> None:
+        image = frames(0.5).astype(float)
+        height, width, _ = image.shape
+        sky = image[: height // 6, : width // 2].reshape(-1, 3).mean(axis=0)
+        grass = image[-height // 6 :, : width // 4].reshape(-1, 3).mean(axis=0)
+        assert sky.min() > 150.0  # bright
+        assert sky[2] >= sky[0]  # not redder than blue
+        assert grass[1] > 1.1 * max(grass[0], grass[2])  # green
+
+    def test_the_car_is_in_the_middle_of_the_picture_all_the_time(self, frames: Callable[[float], Picture]) -> None:
+        for time in (0.5, 3.0, 5.5):
+            image = frames(time).astype(int)
+            blue = (image[..., 2] > image[..., 0] + 60) & (image[..., 2] > image[..., 1] + 25)  # the car's paint
+            rows, columns = np.nonzero(blue)
+            height, width = blue.shape
+            assert blue.mean() > 0.005, f"no car at {time} s"
+            assert 0.3 < columns.mean() / width < 0.7
+            assert 0.3 < rows.mean() / height < 0.7
+
+    def test_the_recording_moves(self, frames: Callable[[float], Picture]) -> None:
+        early, late = frames(0.5).astype(int), frames(5.5).astype(int)
+        changed = np.abs(early - late).max(axis=2) > 24
+        assert changed.mean() > 0.05
+
+    def test_the_recording_plays_by_itself(self, run: Run, browser: Any) -> None:
+        browser.get((run.folder / "recording.html").as_uri())  # type: ignore[operator]
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        WebDriverWait(browser, 60).until(lambda driver: driver.execute_script("return viewer.animator.time") > 1.0)
+
+    def test_the_report_opens_offline_and_is_not_blank(self, run: Run, browser: Any) -> None:
+        browser.get((run.folder / "report.html").as_uri())  # type: ignore[operator]
+        image = picture(browser)
+        assert severe(browser) == []
+        assert colours(image) > 20
+        assert image.std() > 10.0
+        assert browser.execute_script("return document.querySelectorAll('svg').length") >= 3
+        assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth + 1")
+
+    @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+    def test_the_drawn_diagram_is_legible(self, run: Run, browser: Any) -> None:
+        browser.get((run.folder / "diagram.svg").as_uri())  # type: ignore[operator]
+        assert severe(browser) == []
+        assert colours(picture(browser)) > 5
+        texts = browser.execute_script("return [...document.querySelectorAll('text')].map(t => t.textContent)")
+        assert {"driver", "control", "plant", "command", "state"} <= set(texts)
+
+
+# --- the camera, without a browser -------------------------------------------------------------------------------------
+
+
+def test_the_camera_keeps_a_steady_turn_and_softens_a_kink() -> None:
+    times = 0.02 * np.arange(501)
+    steady = 0.5 * times
+    wrapped = np.mod(steady + np.pi, 2.0 * np.pi) - np.pi
+    followed = smooth_headings(times, wrapped)
+    np.testing.assert_allclose(followed[50:-50], steady[50:-50], atol=1e-9)
+    kinked = np.where(times < 5.0, 0.0, 1.0)  # the camera needs 1.6 s for a turn on the spot
+    rate = np.diff(smooth_headings(times, kinked)) / 0.02
+    assert rate.max() == pytest.approx(1.0 / 1.62)
+
+
+def test_the_camera_is_content_with_very_short_runs(tmp_path: Path) -> None:
+    for count in range(4):
+        assert smooth_headings(0.02 * np.arange(count), np.zeros(count)).shape == (count,)

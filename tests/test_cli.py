@@ -1,0 +1,237 @@
+"""The command `mirdrake`: run, list, view, check, draw, as typed in a shell."""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from mirdrake.cli import main
+from mirdrake.logs import load_run
+
+DRIVE = dedent(
+    """\
+    # a car in a field
+    world: empty
+    vehicles:
+      ego: {model: bolt}
+    control:
+      ego: {kind: constant, speed: 2, steering: 0.1}
+    plant: {contact: point}
+    record: {meshcat: false, report: false}
+    duration: 0.5
+    """
+)
+
+
+def mirdrake(*arguments: str, folder: Path, code: int = 0) -> tuple[str, str]:
+    """What a command prints on stdout and stderr, run as a process of its own."""
+    command = [sys.executable, "-m", "mirdrake.cli", *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout, done.stderr
+
+
+@pytest.fixture
+def here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """A function (arguments) -> exit code, stdout, stderr of a command in tmp_path, where drive.yaml lies."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive.yaml").write_text(DRIVE, encoding="utf-8")
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        try:
+            code = main(arguments)
+        except SystemExit as stop:  # argparse
+            code = int(stop.code or 0)
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+# --- run -------------------------------------------------------------------------------------------------------------
+
+
+def test_run_drives_the_test_track_prints_a_summary_and_names_the_folder(tmp_path: Path) -> None:
+    out, err = mirdrake("run", "bolt_test_track", "--set", "duration=1", "--set", "plant.contact=point", folder=tmp_path)
+    assert err == ""
+    assert re.match(r"bolt_test_track: 1 s in [0-9.]+ s \([0-9.]+ x real time\)\n", out)
+    for words in ("its whole duration", "ego: bolt", "m driven", "laps 0.00", "report.html", "recording.html"):
+        assert words in out
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert re.fullmatch(r"bolt_test_track-\d{8}T\d{6}Z", folder.name)
+    assert f"runs/{folder.name}/" in out
+    assert (folder / "recording.html").stat().st_size > 1e6
+    assert load_run(folder).summary["simulated_s"] == 1.0
+
+
+def test_run_takes_a_path_from_any_folder(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    shutil.move(tmp_path / "drive.yaml", tmp_path / "elsewhere" / "drive.yaml")
+    assert here("run", "elsewhere/drive.yaml", "--out", "out", "--quiet") == (0, "", "")
+    assert load_run(tmp_path / "out").summary["diagram"] == "drive"
+
+
+def test_overrides_reach_every_level_and_win_over_the_file(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    sets = ["duration=0.2 s", "control.ego.speed=3.6 km/h", "plant.time_step=2 ms", "vehicles.ego.start=origin", "seed=7"]
+    code, _, err = here("run", "drive.yaml", "--out", "out", *[word for item in sets for word in ("--set", item)])
+    assert (code, err) == (0, "")
+    spec = load_run(tmp_path / "out").spec
+    assert spec["duration"] == 0.2
+    assert spec["control"]["ego"]["speed"] == pytest.approx(1.0)
+    assert spec["control"]["ego"]["steering"] == 0.1  # from the file
+    assert spec["control"]["ego"]["period"] == 0.02  # the default
+    assert spec["plant"] == spec["plant"] | {"time_step": 0.002, "contact": "point"}
+    assert spec["vehicles"]["ego"]["start"] == "origin"
+    assert spec["seed"] == 7
+
+
+def test_an_option_wins_over_an_override_and_the_last_override_over_the_first(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    here("run", "drive.yaml", "--out", "a", "--set", "duration=0.1", "--set", "duration=0.3")
+    here("run", "drive.yaml", "--out", "b", "--set", "duration=0.1", "--duration", "0.2")
+    assert load_run(tmp_path / "a").summary["simulated_s"] == 0.3
+    assert load_run(tmp_path / "b").summary["simulated_s"] == 0.2
+    assert load_run(tmp_path / "b").spec["duration"] == 0.2
+
+
+def test_run_at_real_time_takes_as_long_as_it_simulates(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    here("run", "drive.yaml", "--out", "out", "--realtime")
+    assert 0.45 < load_run(tmp_path / "out").summary["wall_s"] < 5.0
+
+
+def test_a_diagram_of_the_working_directory_hides_ours(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    (tmp_path / "diagrams").mkdir()
+    shutil.move(tmp_path / "drive.yaml", tmp_path / "diagrams" / "bolt_test_track.yaml")
+    code, out, _ = here("run", "bolt_test_track", "--out", "out")
+    assert code == 0
+    assert out.startswith("bolt_test_track: 0.5 s")
+
+
+# --- list, check, draw, view -----------------------------------------------------------------------------------------
+
+
+def test_list_shows_what_there_is(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    code, out, err = here("list")
+    assert (code, err) == (0, "")
+    assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams", "blocks"]
+    for name in ("bolt", "test_track", "skidpad", "empty", "bolt_test_track", "low_pass"):
+        assert re.search(rf"^  {name} +\S", out, flags=re.MULTILINE)
+    (tmp_path / "worlds").mkdir()
+    (tmp_path / "worlds" / "mine.yaml").write_text("mirdrake: world/1\nname: mine\n", encoding="utf-8")
+    assert re.search(r"^  mine +worlds/mine\.yaml$", here("list", "worlds")[1], flags=re.MULTILINE)
+
+
+def test_everything_that_ships_is_sound(here: Callable[..., tuple[int, str, str]]) -> None:
+    listing = here("list")[1].split("blocks:")[0]
+    names = re.findall(r"^  (\w+) ", listing, flags=re.MULTILINE)
+    code, out, err = here("check", *names)
+    assert (code, err) == (0, "")
+    assert [line for line in out.splitlines() if not line.startswith(" ")] == [f"{name}: sound" for name in names]
+
+
+def test_check_tells_the_faults_of_all_that_are_bad_and_goes_on(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    (tmp_path / "bad.yaml").write_text(DRIVE.replace("plant", "plnt").replace("speed: 2", "speed: x"), encoding="utf-8")
+    code, out, err = here("check", "bad.yaml", "empty", "nobody", "drive.yaml")
+    assert code == 2
+    assert out.splitlines() == ["empty: sound", "drive.yaml: sound"]
+    assert [line.split(":")[1:3] for line in err.splitlines()] == [
+        [" bad.yaml", "6"],
+        [" bad.yaml", "7"],
+        [" nothing is called 'nobody'; (allowed", " bolt, bolt_test_track, empty, skidpad, test_track)"],
+    ]
+
+
+def test_check_names_outputs_that_nothing_reads(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    with (tmp_path / "drive.yaml").open("a", encoding="utf-8") as file:
+        file.write("systems: {half: {kind: constant, value: [0.5]}}\n")
+    assert here("check", "drive.yaml") == (0, "drive.yaml: sound\n  output 'half.y' is not read\n", "")
+
+
+def test_check_takes_overrides_and_run_folders(here: Callable[..., tuple[int, str, str]]) -> None:
+    assert here("check", "drive.yaml", "--set", "plant.time_step=0")[0] == 2
+    here("run", "drive.yaml", "--out", "out", "--duration", "0.1")
+    assert here("check", "out")[:2] == (0, "out: sound\n")
+
+
+def test_draw_writes_the_blocks(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    assert here("draw", "drive.yaml", "--out", "blocks.dot") == (0, "blocks.dot\n", "")
+    assert (tmp_path / "blocks.dot").read_text(encoding="utf-8").startswith("digraph {")
+    if shutil.which("dot"):
+        assert here("draw", "drive.yaml") == (0, "drive.svg\n", "")
+        assert (tmp_path / "drive.svg").read_text(encoding="utf-8").startswith("<svg")
+
+
+def test_without_graphviz_draw_says_what_to_install_and_a_run_goes_on(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    code, _, err = here("draw", "drive.yaml")
+    assert code == 2
+    assert "apt install graphviz" in err
+    assert err.count("\n") == 1
+    assert here("run", "drive.yaml", "--out", "out")[0] == 0
+    assert not (tmp_path / "out" / "diagram.svg").exists()
+    assert (tmp_path / "out" / "diagram.dot").is_file()
+
+
+@pytest.mark.parametrize("name", ["bolt", "empty", "drive.yaml", "out"])
+def test_view_writes_a_page_that_needs_no_network(
+    name: str, here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    if name == "out":
+        here("run", "drive.yaml", "--out", "out")
+    assert here("view", name, "--out", "page.html") == (0, "page.html\n", "")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert len(page) > 1e6
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:)?//", page)
+
+
+# --- help ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", ["run", "list", "view", "check", "draw"])
+def test_the_help_of_a_verb_has_an_example(verb: str, here: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, _ = here(verb, "--help")
+    assert code == 0
+    assert re.search(rf"example[s]?:\n  mirdrake {verb} \w", out)
+
+
+def test_the_help_of_the_command_leads_to_the_first_run(here: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, _ = here("--help")
+    assert code == 0
+    assert "mirdrake run bolt_test_track" in out
+    assert "Exit codes" in out
+
+
+def test_no_verb_and_an_unknown_verb_are_bad_input(here: Callable[..., tuple[int, str, str]]) -> None:
+    code, _, err = here()
+    assert code == 2
+    assert "VERB" in err
+    code, _, err = here("rnu", "bolt_test_track")
+    assert code == 2
+    assert "'rnu'" in err
+    assert "run" in err.splitlines()[-1]
+
+
+def test_the_version_is_that_of_the_package(here: Callable[..., tuple[int, str, str]]) -> None:
+    from importlib.metadata import version
+
+    assert here("--version")[:2] == (0, f"mirdrake {version('mirdrake')}\n")
+
+
+def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
+    command = f"set -o pipefail; {sys.executable} -m mirdrake.cli list | true"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
