@@ -192,7 +192,9 @@ def _run(options: argparse.Namespace) -> int:
     reason = run.summary["stop_reason"]
     if reason.startswith("diverged"):
         place = f"{shown(run.folder)}: " if run.folder else ""
-        print(f"error: {place}the run {reason}; mend what computes it, or try a smaller plant.time_step", file=sys.stderr)
+        print(
+            f"error: {place}the run {reason}; mend what computes it, or try a smaller plant.time_step", file=sys.stderr
+        )
         return 1
     return 0
 

@@ -17,9 +17,11 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,12 @@ from mirdrake.errors import ConfigError, RunError, did_you_mean
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
 _PARTS = f".{SIGNALS}.parts"
 
+FLUSH_AFTER = 0.5
+"""Time for which samples stay in memory before they are written [s]: what a kill can lose."""
+
+ROWS = 20_000
+"""Rows of a row group of signals.parquet."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -44,17 +52,22 @@ class Run:
         folder: where it was written, or None if it is only in memory.
         spec: the resolved diagram spec as plain data, with seed and versions.
         summary: figures of the run, see summary.json.
-        signals: samples by name, index ``time`` [s].
         units: unit of every signal, "" for pure numbers.
         events: what happened: time [s], kind, text.
+        table: the samples of a run that is only in memory; use :attr:`signals`.
     """
 
     folder: Path | None
     spec: dict[str, Any]
     summary: dict[str, Any]
-    signals: pd.DataFrame
     units: dict[str, str] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
+    table: pd.DataFrame | None = None
+
+    @cached_property
+    def signals(self) -> pd.DataFrame:
+        """Samples by name, index ``time`` [s]; read from the folder when first asked for."""
+        return self.table if self.table is not None else read_signals(self.folder)
 
     def __getitem__(self, name: str) -> pd.Series:
         """One signal by name."""
@@ -76,19 +89,47 @@ def load_run(folder: Path | str) -> Run:
     summary: dict[str, Any] = {"stop_reason": "killed"}
     if (folder / SUMMARY).is_file():
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    signals, units = pd.DataFrame(index=pd.Index([], name="time")), {}
-    stored = folder / SIGNALS if (folder / SIGNALS).exists() else folder / _PARTS  # killed between two renames
-    if stored.exists():
-        table = _read_table(stored)
-        units = {name: (table.field(name).metadata or {}).get(b"unit", b"").decode() for name in table.column_names}
-        signals = table.to_pandas().set_index("time")
-        if "simulated_s" not in summary and len(signals):
-            summary["simulated_s"] = float(signals.index[-1])
-    events = []
-    if (folder / EVENTS).is_file():
-        lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
-        events = [json.loads(line) for line in lines if line.endswith("\n")]
-    return Run(folder, spec, summary, signals, units, events)
+    schema = _stored_schema(folder)
+    units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
+    run = Run(folder, spec, summary, units, _read_events(folder))
+    if "simulated_s" not in summary and len(run.signals):
+        summary["simulated_s"] = float(run.signals.index[-1])
+    return run
+
+
+def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """The samples in a run folder, index ``time`` [s].
+
+    Args:
+        folder: the run folder; None gives an empty table.
+        columns: only these, as far as they exist.
+    """
+    stored = _stored(folder) if folder is not None else []
+    if not stored:
+        return pd.DataFrame(index=pd.Index([], name="time"))
+    known = pq.read_schema(stored[0]).names
+    wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
+    return pa.concat_tables([pq.read_table(part, columns=wanted) for part in stored]).to_pandas().set_index("time")
+
+
+def _stored(folder: Path) -> list[Path]:
+    """The Parquet files that hold a run's samples: one, or the parts of a run that did not end."""
+    if (folder / SIGNALS).is_file():
+        return [folder / SIGNALS]
+    parts = folder / SIGNALS if (folder / SIGNALS).is_dir() else folder / _PARTS  # killed between two renames
+    return sorted(parts.glob("part-*.parquet"))
+
+
+def _stored_schema(folder: Path) -> pa.Schema:
+    stored = _stored(folder)
+    return pq.read_schema(stored[0]) if stored else pa.schema([])
+
+
+def _read_events(folder: Path) -> list[dict[str, Any]]:
+    if not (folder / EVENTS).is_file():
+        return []
+    lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
+    return [json.loads(line) for line in lines if line.endswith("\n")]
 
 
 def spec_hash(spec: Mapping[str, Any]) -> str:
@@ -137,6 +178,8 @@ class RunWriter:
     def __init__(self, folder: Path, spec: Mapping[str, Any]) -> None:
         self.folder = folder
         self._parts = 0
+        self._pending: list[pa.Table] = []
+        self._flushed = time.monotonic()
         new = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -152,43 +195,70 @@ class RunWriter:
             raise
 
     def write_signals(self, times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> None:
-        """Add a block of samples."""
+        """Add a block of samples; it is on disk within half a second."""
         if not len(times):
             return
+        self._pending.append(make_table(times, columns, units))
+        if time.monotonic() - self._flushed > FLUSH_AFTER:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the blocks that are still in memory, as a part of their own."""
+        self._flushed = time.monotonic()
+        if not self._pending:
+            return
         folder = self.folder / SIGNALS
-        with _told(folder):
-            folder.mkdir(exist_ok=True)
-        table = make_table(times, columns, units)
         part = folder / f"part-{self._parts:06d}.parquet"
         temporary = folder / f".{part.name}.tmp"
         with _told(part):
-            pq.write_table(table, temporary)
+            folder.mkdir(exist_ok=True)
+            pq.write_table(pa.concat_tables(self._pending), temporary)
             os.replace(temporary, part)
         self._parts += 1
+        self._pending = []
 
-    def write_event(self, time: float, kind: str, text: str) -> None:
+    def write_event(self, at: float, kind: str, text: str) -> None:
         """Add a line to events.jsonl."""
         path = self.folder / EVENTS
         with _told(path), path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"time": round(time, 6), "kind": kind, "text": text}) + "\n")
+            file.write(json.dumps({"time": round(at, 6), "kind": kind, "text": text}) + "\n")
 
-    def finish(self, summary: Mapping[str, Any]) -> None:
-        """Make signals.parquet one file and write summary.json."""
-        folder = self.folder / SIGNALS
-        if folder.is_dir():
+    def finish(self, summary: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+        """Make signals.parquet one file and write summary.json.
+
+        How the parts were cut does not show in the file: equal samples give equal bytes.
+
+        Args:
+            summary: called when all samples are on disk.
+        """
+        self.flush()
+        parts = self.folder / SIGNALS
+        if parts.is_dir():
             whole = self.folder / f".{SIGNALS}.tmp"
-            writer: Any = None
-            with _told(folder):
-                for part in sorted(folder.glob("part-*.parquet")):
-                    table = pq.read_table(part)
-                    writer = writer or pq.ParquetWriter(whole, table.schema)
-                    writer.write_table(table)
-                if writer is not None:
-                    writer.close()
-                    os.replace(folder, self.folder / _PARTS)
-                    os.replace(whole, folder)
-                    shutil.rmtree(self.folder / _PARTS)
-        write_file(self.folder / SUMMARY, json.dumps(dict(summary), indent=2) + "\n")
+            stored = _stored(self.folder)
+            with _told(parts):
+                with pq.ParquetWriter(whole, pq.read_schema(stored[0])) as writer:
+                    for table in _regroup(stored):
+                        writer.write_table(table)
+                os.replace(parts, self.folder / _PARTS)
+                os.replace(whole, parts)
+                shutil.rmtree(self.folder / _PARTS)
+        figures = dict(summary())
+        write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
+        return figures
+
+
+def _regroup(parts: Sequence[Path]) -> Iterator[pa.Table]:
+    """The rows of many files in groups of the same size, few at a time in memory."""
+    rest: pa.Table | None = None
+    for part in parts:
+        table = pq.read_table(part)
+        rest = table if rest is None else pa.concat_tables([rest, table])
+        while rest.num_rows >= ROWS:
+            yield rest.slice(0, ROWS).combine_chunks()
+            rest = rest.slice(ROWS)
+    if rest is not None and rest.num_rows:
+        yield rest.combine_chunks()
 
 
 def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> pa.Table:
@@ -201,12 +271,3 @@ def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Ma
         [pa.array(np.asarray(a, dtype=float)) for a in (times, *columns.values())], schema=schema
     )
 
-
-def _read_table(path: Path) -> pa.Table:
-    """A Parquet file, or the parts of one that is being written."""
-    if path.is_file():
-        return pq.read_table(path)
-    parts = sorted(path.glob("part-*.parquet"))
-    if not parts:
-        return make_table(np.empty(0), {}, {})
-    return pa.concat_tables([pq.read_table(part) for part in parts])

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,12 @@ from pydrake.systems.framework import Context, System
 
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import Run, RunWriter, spec_hash
+from mirdrake.logs import Run, RunWriter, read_signals, spec_hash
 from mirdrake.telemetry import Array, Columns, Telemetry
 from mirdrake.yaml_io import shown, where
 
-BLOCK = 0.5
-"""Simulated time between two looks at the logs [s]: what a kill can lose, and the grain of the progress bar."""
+BLOCK = 1.0
+"""Simulated time between two looks at the logs [s], the grain of the progress bar."""
 
 SLICE = 0.125
 """Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
@@ -55,7 +56,7 @@ def simulate(
         folder: run folder to write; None keeps the run in memory.
         meshcat: shows the run while it goes on.
         realtime_rate: 1 for real time, 0 for as fast as it goes.
-        progress: called with simulated time and duration [s] every half simulated second.
+        progress: called with simulated time and duration [s] every simulated second.
 
     Returns:
         the run, also when it was interrupted by Ctrl-C or diverged: see ``summary["stop_reason"]``.
@@ -88,6 +89,7 @@ class Simulation:
         realtime_rate: float = 0.0,
         progress: Progress | None = None,
         change: Callable[[Context], None] | None = None,
+        monitor: Callable[[Context], None] | None = None,
     ) -> Run:
         """One run; see :func:`simulate`.
 
@@ -97,6 +99,7 @@ class Simulation:
             realtime_rate: see :func:`simulate`.
             progress: see :func:`simulate`.
             change: changes the new Context before the start, for example gains or masses.
+            monitor: called with the Context after every step; it looks and changes nothing.
         """
         assembly, simulator = self.assembly, self._simulator
         end = assembly.spec.duration if duration is None else duration
@@ -110,6 +113,9 @@ class Simulation:
         writer = RunWriter(Path(folder), data) if folder is not None else None
         simulator.reset_context(context)
         simulator.set_target_realtime_rate(realtime_rate)
+        simulator.clear_monitor()
+        if monitor is not None:
+            simulator.set_monitor(monitor)
         telemetry, blocks, events = Telemetry(assembly), _Blocks(writer), _Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
@@ -135,14 +141,17 @@ class Simulation:
 
         if assembly.visualizer is not None:
             assembly.diagram.ForcedPublish(context)
-        signals = blocks.frame()
-        summary = make_summary(assembly, data, signals, simulated=simulated, wall=wall, reason=reason)
+        figures = partial(make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason)
+        table, summary = None, {}
         if writer is not None:
-            writer.finish(summary)
+            summary = writer.finish(lambda: figures(read_signals(writer.folder, _figure_columns(assembly))))
+        else:
+            table = blocks.frame()
+            summary = figures(table)
         if failure is not None:
             place = f"{writer.folder}: " if writer is not None else ""
             raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {failure}")
-        return Run(writer.folder if writer else None, data, summary, signals, telemetry.units, events.entries)
+        return Run(writer.folder if writer else None, data, summary, telemetry.units, events.entries, table)
 
     def _check_inputs(self, context: Context) -> None:
         """Refuse a diagram with open inputs, as of a vehicle that nobody drives, unless `change` gave them values."""
@@ -150,10 +159,10 @@ class Simulation:
         ports = [diagram.get_input_port(index) for index in range(diagram.num_input_ports())]
         open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
         if open_ports:
-            name = open_ports[0].split(".")[0]
+            place, name = where(spec, "control"), open_ports[0].split(".")[0]
             raise ConfigError(
-                f"{where(spec, 'control')}: nobody drives '{name}' (open inputs: {', '.join(open_ports)}); add control.{name}, "
-                "for example {kind: constant, speed: 5}, or connect blocks of yours to them"
+                f"{place}: nobody drives '{name}' (open inputs: {', '.join(open_ports)}); "
+                f"add control.{name}, for example {{kind: constant, speed: 5}}, or connect blocks of yours to them"
             )
 
     def _advance(
@@ -301,6 +310,14 @@ def make_summary(
     return summary
 
 
+_FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "curvature")
+
+
+def _figure_columns(assembly: Assembly) -> list[str]:
+    """The signals that the figures of a summary are made of."""
+    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
+
+
 def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
     """Figures of one vehicle; those that the world or the run cannot give are None."""
 
@@ -349,7 +366,7 @@ def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_
 
 
 class _Blocks:
-    """The blocks of samples of a run, written as they come and joined at the end."""
+    """The blocks of samples of a run, written as they come or kept until the end."""
 
     def __init__(self, writer: RunWriter | None) -> None:
         self._writer = writer
@@ -357,13 +374,14 @@ class _Blocks:
         self._columns: list[Columns] = []
 
     def add(self, times: Array, columns: Columns, units: Mapping[str, str]) -> None:
-        """Keep a block, and write it."""
+        """Keep a block, or write it."""
         if not times.size:
             return
         if self._writer is not None:
             self._writer.write_signals(times, columns, units)
-        self._times.append(times)
-        self._columns.append(columns)
+        else:
+            self._times.append(times)
+            self._columns.append(columns)
 
     def frame(self) -> pd.DataFrame:
         """All blocks as one table."""

@@ -12,7 +12,7 @@ from mirdrake.errors import MissingDependencyError
 from mirdrake.logs import Run, write_file
 from mirdrake.report import write_report
 from mirdrake.simulation import Progress, Simulation, default_folder
-from mirdrake.viewer import write_recording
+from mirdrake.viewer import FollowCamera, write_recording
 
 
 def run_diagram(
@@ -42,7 +42,10 @@ def run_diagram(
     tell = say or (lambda _: None)
     assembly = assemble(spec, meshcat=meshcat)
     folder = folder or default_folder(assembly.spec.name)
-    run = Simulation(assembly).run(duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress)
+    monitor = FollowCamera(meshcat, assembly) if meshcat is not None else None
+    run = Simulation(assembly).run(
+        duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress, monitor=monitor
+    )
     record = assembly.spec.record
     svg = None
     write_file(folder / "diagram.dot", write_dot(assembly))

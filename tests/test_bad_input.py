@@ -215,7 +215,9 @@ def test_a_fault_in_a_connection_is_one_line_with_its_own_line_number(
     text = DRIVE + "systems:\n  a: {kind: 'blocks:Notch'}\n  b: {kind: 'blocks:Message'}\nconnect:\n"
     (tmp_path / "drive.yaml").write_text(text + "".join(f"  - {pair}\n" for pair in pairs), encoding="utf-8")
     message = error_of(command("run", "drive.yaml"))
-    assert message.startswith(("drive.yaml:12: " if fault == "no pair" else f"drive.yaml:{13 + bad}: ", "drive.yaml:13: "))
+    assert message.startswith(
+        ("drive.yaml:12: " if fault == "no pair" else f"drive.yaml:{13 + bad}: ", "drive.yaml:13: ")
+    )
     for word in words:
         assert word in message
 
@@ -224,7 +226,7 @@ def test_a_circle_of_blocks_without_memory_is_refused(command: Callable[..., lis
     extra = "systems:\n  a: {kind: gain, gain: 1}\nconnect: [[a.y, a.u]]\n"
     (tmp_path / "drive.yaml").write_text(DRIVE + extra, encoding="utf-8")
     message = error_of(command("run", "drive.yaml"))
-    assert message.startswith("drive.yaml:10: connect: algebraic loop a.u0 → a.y0 → a.u0")
+    assert message.startswith("drive.yaml:11: connect: algebraic loop a.u0 → a.y0 → a.u0")
     assert "hold" in message
 
 
@@ -282,10 +284,10 @@ def run_with_world(command: Callable[..., list[str]], world: Path) -> str:
     return error_of(command("run", "drive.yaml"))
 
 
-def test_an_unclosed_track_is_told_with_the_gap(
-    command: Callable[..., list[str]], tmp_path: Path
-) -> None:
-    segments = "segments: [{line: 20}, {arc: {radius: 10, angle: 180 deg}}, {line: 17}, {arc: {radius: 10, angle: 180 deg}}]"
+def test_an_unclosed_track_is_told_with_the_gap(command: Callable[..., list[str]], tmp_path: Path) -> None:
+    segments = (
+        "segments: [{line: 20}, {arc: {radius: 10, angle: 180 deg}}, {line: 17}, {arc: {radius: 10, angle: 180 deg}}]"
+    )
     text = f"mirdrake: world/1\nname: gap\ntracks:\n  main:\n    closed: true\n    width: 3\n    {segments}\n"
     (tmp_path / "gap.yaml").write_text(text, encoding="utf-8")
     message = run_with_world(command, tmp_path / "gap.yaml")

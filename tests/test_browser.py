@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.diagram import assemble
 from mirdrake.logs import Run
+from mirdrake.simulation import Simulation
+from mirdrake.viewer import FollowCamera
+from mirdrake.viewer.meshcat import chase
 from mirdrake.viewer.recording import smooth_headings
 from mirdrake.workflow import run_diagram
 
@@ -32,7 +37,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     data = {
         "world": "test_track",
         "vehicles": {"ego": {"model": "bolt", "start": "line", "speed": 5.0}},
-        "control": {"ego": {"kind": "schedule", "rows": [{"time": 0, "speed": 5}, {"time": 6, "speed": 5, "steering": 0.3}]}},
+        "control": {
+            "ego": {"kind": "schedule", "rows": [{"time": 0, "speed": 5}, {"time": 6, "speed": 5, "steering": 0.3}]}
+        },
         "plant": {"contact": "point"},
         "duration": 6.0,
         "name": "browser",
@@ -107,7 +114,9 @@ class TestBrowser:
 
     pytestmark = needs_browser
 
-    def test_the_recording_opens_offline_and_is_not_blank(self, frames: Callable[[float], Picture], browser: Any) -> None:
+    def test_the_recording_opens_offline_and_is_not_blank(
+        self, frames: Callable[[float], Picture], browser: Any
+    ) -> None:
         image = frames(0.5)
         assert severe(browser) == []
         assert colours(image) > 100
@@ -161,11 +170,11 @@ class TestBrowser:
         assert {"driver", "control", "plant", "command", "state"} <= set(texts)
 
 
-# --- the camera, without a browser -------------------------------------------------------------------------------------
+# --- the camera, without a browser ---------------------------------------------------------------------------------
 
 
 def test_the_camera_keeps_a_steady_turn_and_softens_a_kink() -> None:
-    times = 0.02 * np.arange(501)
+    times: Any = 0.02 * np.arange(501)
     steady = 0.5 * times
     wrapped = np.mod(steady + np.pi, 2.0 * np.pi) - np.pi
     followed = smooth_headings(times, wrapped)
@@ -177,4 +186,46 @@ def test_the_camera_keeps_a_steady_turn_and_softens_a_kink() -> None:
 
 def test_the_camera_is_content_with_very_short_runs(tmp_path: Path) -> None:
     for count in range(4):
-        assert smooth_headings(0.02 * np.arange(count), np.zeros(count)).shape == (count,)
+        times: Any = 0.02 * np.arange(count)
+        assert smooth_headings(times, np.zeros(count)).shape == (count,)
+
+
+class Recorder:
+    """Stands in for a Meshcat and keeps where things were put."""
+
+    def __init__(self) -> None:
+        self.poses: dict[str, list[RigidTransform]] = {}
+
+    def SetTransform(self, path: str, X: RigidTransform) -> None:  # noqa: N802
+        self.poses.setdefault(path, []).append(X)
+
+    def SetCameraPose(self, eye: Any, target: Any) -> None:  # noqa: N802
+        self.view = np.asarray(target) - np.asarray(eye)
+
+
+def test_the_world_moves_under_the_camera_so_that_the_car_heads_along_x() -> None:
+    X_CW, X_CL = chase(x=10.0, y=5.0, yaw=np.pi / 2.0)
+    np.testing.assert_allclose(X_CW @ [10.0, 5.0, 0.0], [0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(X_CW @ [10.0, 7.0, 1.0], [2.0, 0.0, 1.0], atol=1e-12)  # 2 m ahead, 1 m up
+    np.testing.assert_allclose(X_CL @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-12)  # the sun turns with the world
+    np.testing.assert_allclose(X_CL.translation(), 0.0)
+
+
+def test_the_live_camera_follows_the_car_at_thirty_two_pictures_a_second() -> None:
+    data = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "bolt", "speed": 5.0}},
+        "control": {"ego": {"kind": "constant", "speed": 5.0, "steering": 0.2}},
+        "plant": {"contact": "point"},
+        "duration": 2.0,
+    }
+    assembly, meshcat = assemble(data), Recorder()
+    run = Simulation(assembly).run(monitor=FollowCamera(meshcat, assembly))
+    poses = meshcat.poses["/drake"]
+    assert 55 <= len(poses) <= 65
+    assert meshcat.view[0] > 0.0  # looks ahead
+    assert meshcat.view[2] < 0.0  # and down
+    last = run.signals[["ego.x", "ego.y", "ego.z"]].iloc[-1].to_numpy()
+    np.testing.assert_allclose((poses[-1] @ last)[:2], [0.0, 0.0], atol=0.2)  # 5 m/s for one picture
+    turned = -RollPitchYaw(poses[-1].rotation()).yaw_angle() - RollPitchYaw(poses[0].rotation()).yaw_angle()
+    assert 0.3 * run["ego.yaw"].iloc[-1] < turned < run["ego.yaw"].iloc[-1]

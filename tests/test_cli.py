@@ -59,7 +59,9 @@ def here(
 
 
 def test_run_drives_the_test_track_prints_a_summary_and_names_the_folder(tmp_path: Path) -> None:
-    out, err = mirdrake("run", "bolt_test_track", "--set", "duration=1", "--set", "plant.contact=point", folder=tmp_path)
+    out, err = mirdrake(
+        "run", "bolt_test_track", "--set", "duration=1", "--set", "plant.contact=point", folder=tmp_path
+    )
     assert err == ""
     assert re.match(r"bolt_test_track: 1 s in [0-9.]+ s \([0-9.]+ x real time\)\n", out)
     for words in ("its whole duration", "ego: bolt", "m driven", "laps 0.00", "report.html", "recording.html"):
@@ -81,7 +83,13 @@ def test_run_takes_a_path_from_any_folder(here: Callable[..., tuple[int, str, st
 def test_overrides_reach_every_level_and_win_over_the_file(
     here: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
-    sets = ["duration=0.2 s", "control.ego.speed=3.6 km/h", "plant.time_step=2 ms", "vehicles.ego.start=origin", "seed=7"]
+    sets = [
+        "duration=0.2 s",
+        "control.ego.speed=3.6 km/h",
+        "plant.time_step=2 ms",
+        "vehicles.ego.start=origin",
+        "seed=7",
+    ]
     code, _, err = here("run", "drive.yaml", "--out", "out", *[word for item in sets for word in ("--set", item)])
     assert (code, err) == (0, "")
     spec = load_run(tmp_path / "out").spec
@@ -104,12 +112,16 @@ def test_an_option_wins_over_an_override_and_the_last_override_over_the_first(
     assert load_run(tmp_path / "b").spec["duration"] == 0.2
 
 
-def test_run_at_real_time_takes_as_long_as_it_simulates(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_run_at_real_time_takes_as_long_as_it_simulates(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
     here("run", "drive.yaml", "--out", "out", "--realtime")
     assert 0.45 < load_run(tmp_path / "out").summary["wall_s"] < 5.0
 
 
-def test_a_diagram_of_the_working_directory_hides_ours(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_a_diagram_of_the_working_directory_hides_ours(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
     (tmp_path / "diagrams").mkdir()
     shutil.move(tmp_path / "drive.yaml", tmp_path / "diagrams" / "bolt_test_track.yaml")
     code, out, _ = here("run", "bolt_test_track", "--out", "out")

@@ -106,7 +106,9 @@ def test_a_world_beside_the_diagram_file_is_found_from_any_folder(
 ) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "field.yaml").write_text("mirdrake: world/1\nname: field\n", encoding="utf-8")
-    (tmp_path / "mine" / "drive.yaml").write_text("world: field.yaml\nvehicles: {ego: {model: bolt}}\n", encoding="utf-8")
+    (tmp_path / "mine" / "drive.yaml").write_text(
+        "world: field.yaml\nvehicles: {ego: {model: bolt}}\n", encoding="utf-8"
+    )
     monkeypatch.chdir(tmp_path)
     spec = mir.load_diagram("mine/drive.yaml")
     assert spec.world == str(tmp_path / "mine" / "field.yaml")
@@ -203,7 +205,7 @@ def test_a_gain_of_one_in_the_steering_line_changes_nothing(own_drive: Path) -> 
     with_block = simulate(str(own_drive))
     without = simulate(mir.load_diagram(str(own_drive)).model_copy(update={"systems": {}, "connect": []}))
     assert set(with_block.signals) - set(without.signals) == {"scale.y"}
-    for name in without.signals:
+    for name in map(str, without.signals):
         np.testing.assert_allclose(with_block[name], without[name], rtol=0.0, atol=1e-12, err_msg=name)
 
 
@@ -269,7 +271,10 @@ def test_our_own_blocks_compute_what_they_are_called() -> None:
 
 
 def test_an_own_block_may_stand_in_for_the_driver() -> None:
-    systems = {"speed": {"kind": "constant", "value": [2.0]}, "wave": {"kind": "sine", "frequency": 0.5, "amplitude": 0.1}}
+    systems = {
+        "speed": {"kind": "constant", "value": [2.0]},
+        "wave": {"kind": "sine", "frequency": 0.5, "amplitude": 0.1},
+    }
     connect = [["speed.y", "ego.speed_reference"], ["wave.y0", "ego.steering_reference"]]
     run = simulate(drive(systems=systems, connect=connect, duration=3.0))
     assert math.isclose(run["ego.speed_setpoint"].iloc[-1], 2.0, abs_tol=1e-6)
@@ -277,7 +282,11 @@ def test_an_own_block_may_stand_in_for_the_driver() -> None:
 
 
 def test_outputs_that_nothing_reads_are_named() -> None:
-    assert assemble(drive(systems={"wave": {"kind": "sine", "frequency": 1.0}})).unread == ("wave.y0", "wave.y1", "wave.y2")
+    assert assemble(drive(systems={"wave": {"kind": "sine", "frequency": 1.0}})).unread == (
+        "wave.y0",
+        "wave.y1",
+        "wave.y2",
+    )
 
 
 # --- the drawing ------------------------------------------------------------------------------------------------------

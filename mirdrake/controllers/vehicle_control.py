@@ -54,7 +54,9 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         control, geometry = part.vehicle.control, part.vehicle.geometry
         self._period = 1.0 / control.rate
         self._control = control
-        compressions = dict(zip(WHEELS, [pressed for pressed in part.rest_compressions(plant) for _ in range(2)], strict=True))
+        compressions = dict(
+            zip(WHEELS, [pressed for pressed in part.rest_compressions(plant) for _ in range(2)], strict=True)
+        )
         driven = part.vehicle.spec.driven_wheels()
         self._radius = geometry.wheel_radius - sum(compressions[wheel] for wheel in driven) / len(driven)
         self._ackermann = Ackermann(geometry)

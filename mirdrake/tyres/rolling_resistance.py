@@ -157,7 +157,9 @@ class RollingResistance(LeafSystem):
         self._tick = self.DeclareDiscreteState(1)
         self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
         loads = [Signal(f"{wheel.vehicle}.wheel_load.{wheel.name}", "N", "normal load of the road") for wheel in wheels]
-        torques = [Signal(f"{wheel.vehicle}.resistance_torque.{wheel.name}", "N m", "about the axle") for wheel in wheels]
+        torques = [
+            Signal(f"{wheel.vehicle}.resistance_torque.{wheel.name}", "N m", "about the axle") for wheel in wheels
+        ]
         others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
         self.wheel_load = declare_state_output(self, "wheel_load", loads, self._load)
         self.resistance = declare_state_output(self, "resistance", torques, self._torque)
@@ -237,7 +239,9 @@ class RollingResistance(LeafSystem):
                 cx, cy, _ = surface.centroid().tolist()
                 rx, ry = cx - pose.x + pose.vx * self._step, cy - pose.y + pose.vy * self._step
                 contact.yaw += rx * fy - ry * fx + tz
-                contact.moment += (ry * fz + tx) * pose.ax + (ty - rx * fz) * pose.ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
+                contact.moment += (ry * fz + tx) * pose.ax + (
+                    ty - rx * fz
+                ) * pose.ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
         return contacts, others
 
     def _wheel_poses(self, x: Sequence[float]) -> list["_Pose"]:

@@ -40,7 +40,7 @@ def make_meshcat(*, port: int | None = None, world: World | None = None) -> Mesh
     return meshcat
 
 
-def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: float = 7.5) -> None:
+def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: float = 6.0) -> None:
     """Look at a vehicle from behind its left shoulder.
 
     Args:
@@ -54,6 +54,14 @@ def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: 
     target = [x + 1.3 * cos(yaw), y + 1.3 * sin(yaw), 0.6]
     eye = [target[0] + distance * cos(angle), target[1] + distance * sin(angle), 0.4 * distance]
     meshcat.SetCameraPose(eye, target)
+
+
+def overlook(meshcat: Meshcat, world: World) -> None:
+    """Look at all of a world from above its south side."""
+    left, south, right, north = world.ground.extent
+    size = max(right - left, north - south)
+    x, y = 0.5 * (left + right), 0.5 * (south + north)
+    meshcat.SetCameraPose([x, y - 0.3 * size, 0.32 * size], [x, y, 0.0])
 
 
 def chase(*, x: float, y: float, yaw: float) -> tuple[RigidTransform, RigidTransform]:

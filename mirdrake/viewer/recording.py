@@ -111,7 +111,8 @@ def smooth_headings(times: Array, yaw: Array) -> Array:
     half = min(round(0.5 * CAMERA_SWING / float(np.median(np.diff(times)))), times.size - 1)
     padded = np.concatenate([np.full(half, heading[0]), heading, np.full(half, heading[-1])])
     total = np.cumsum(np.concatenate([[0.0], padded]))
-    return (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
+    mean: Array = (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
+    return mean
 
 
 class _Reader:

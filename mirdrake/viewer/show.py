@@ -9,9 +9,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from mirdrake.diagram import DiagramSpec, assemble
 from mirdrake.logs import write_file
-from mirdrake.plant import make_plant, set_start
+from mirdrake.plant import make_plant
 from mirdrake.vehicles import Vehicle
-from mirdrake.viewer.meshcat import place_camera
+from mirdrake.viewer.meshcat import overlook, place_camera
 from mirdrake.worlds import World, load_world
 
 
@@ -27,25 +27,19 @@ def show_vehicle(vehicle: Vehicle, meshcat: Meshcat) -> tuple[Diagram, JointSlid
     limits = {"lower_limit": -pi, "upper_limit": pi, "step": 0.01}
     sliders = builder.AddNamedSystem("sliders", JointSliders(meshcat, parts.plant, **limits))
     diagram = builder.Build()
-    place_camera(meshcat, x=0.0, y=0.0, yaw=0.0, distance=7.0)
+    place_camera(meshcat, x=0.0, y=0.0, yaw=0.0, distance=5.0)
     diagram.ForcedPublish(diagram.CreateDefaultContext())
     return diagram, sliders
 
 
-def show_world(world: World, meshcat: Meshcat, *, vehicles: dict[str, Vehicle] | None = None) -> Diagram:
-    """A world, with vehicles at its first start."""
+def show_world(world: World, meshcat: Meshcat) -> Diagram:
+    """A world from above."""
     builder = DiagramBuilder()
-    parts = make_plant(builder, world, vehicles or {})
+    parts = make_plant(builder, world, {})
     MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
     diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    start = next(iter(world.starts.values()), None)
-    if start is not None:
-        place_camera(meshcat, x=start.x, y=start.y, yaw=start.yaw, distance=14.0)
-        plant_context = parts.plant.GetMyMutableContextFromRoot(context)
-        for part in parts.vehicles.values():
-            set_start(parts.plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw)
-    diagram.ForcedPublish(context)
+    overlook(meshcat, world)
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
     return diagram
 
 

@@ -1,0 +1,93 @@
+"""Small set-ups that several physics tests share."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from mirdrake.diagram import assemble
+from mirdrake.logs import Run
+from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
+from mirdrake.simulation import Simulation
+from mirdrake.tyres import RollingResistance, make_rolling_wheels
+from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.spec import Pid
+from mirdrake.worlds import load_world
+
+GRAVITY = 9.80665
+
+
+def free_rolling(vehicle: Vehicle) -> Vehicle:
+    """The vehicle without wheel servos: nothing drives or brakes it."""
+    control = vehicle.control.model_copy(update={"wheel_speed": Pid(kind="pid", kp=0.0)})
+    return replace(vehicle, control=control)
+
+
+@dataclass
+class CoastingCar:
+    """A Bolt that rolls straight ahead on the flat; steering held at zero, nothing else acts."""
+
+    parts: PlantParts
+    part: VehicleInPlant
+    rolling: RollingResistance
+    simulator: Simulator
+
+    @property
+    def speed(self) -> float:
+        """Forward speed [m/s]."""
+        plant = self.parts.plant
+        velocities = plant.GetVelocities(plant.GetMyContextFromRoot(self.simulator.get_context()))
+        return float(velocities[self.part.base.floating_velocities_start_in_v() + 3])
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Normal load of each wheel [N]."""
+        context = self.rolling.GetMyContextFromRoot(self.simulator.get_context())
+        return np.array(self.rolling.wheel_load.Eval(context))
+
+    def advance(self, duration: float) -> None:
+        """Simulate on for a time [s]."""
+        self.simulator.AdvanceTo(self.simulator.get_context().get_time() + duration)
+
+
+def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = None) -> CoastingCar:
+    """A car that coasts from a speed [m/s], with the tyre's own rolling resistance or another coefficient."""
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {"ego": free_rolling(load_vehicle("bolt"))}, spec=spec)
+    plant, part = parts.plant, parts.vehicles["ego"]
+    wheels = make_rolling_wheels(part)
+    if coefficient is not None:
+        wheels = [wheel._replace(coefficient=coefficient) for wheel in wheels]
+    rolling = builder.AddSystem(
+        RollingResistance(
+            plant,
+            wheels,
+            ground=parts.ground,
+            period=0.02,
+            cancel_numerical=spec.contact == "hydroelastic" and spec.rolling_resistance == "tyre",
+        )
+    )
+    builder.Connect(plant.get_contact_results_output_port(), rolling.contact_results)
+    builder.Connect(plant.get_state_output_port(), rolling.plant_state)
+    builder.Connect(rolling.generalized_force, plant.get_applied_generalized_force_input_port())
+    straight = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators(part.instance))))
+    builder.Connect(straight.get_output_port(), plant.get_desired_state_input_port(part.instance))
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0, speed=speed)
+    simulator.Initialize()
+    return CoastingCar(parts, part, rolling, simulator)
+
+
+def drive(duration: float, *, speed: float = 0.0, world: str = "empty", control: Any = None, **plant: Any) -> Run:
+    """A Bolt on a world under a driver from data; in memory."""
+    spec = {
+        "world": world,
+        "vehicles": {"ego": {"model": "bolt", "speed": speed}},
+        "control": {"ego": control or {"kind": "constant", "speed": speed}},
+        "plant": plant,
+    }
+    return Simulation(assemble(spec)).run(duration=duration)

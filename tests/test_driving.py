@@ -1,0 +1,184 @@
+"""The Bolt drives as geometry says: circles, lines, laps, and standing still."""
+
+from math import atan, radians, tan
+
+import numpy as np
+import pytest
+from rigs import drive
+
+from mirdrake.diagram import assemble
+from mirdrake.simulation import Simulation
+
+WHEELBASE = 2.601
+TOLERANCE = {"point": 0.005, "hydroelastic": 0.01}
+
+
+def circle(steering, contact, speed=5.0, **plant):
+    rows = [
+        {"time": 0, "speed": speed},
+        {"time": 0.5, "speed": speed},
+        {"time": 1.5, "speed": speed, "steering": steering},
+    ]
+    run = drive(14.0, speed=speed, control={"kind": "schedule", "rows": rows}, contact=contact, **plant)
+    return run.signals.loc[8.0:]
+
+
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+@pytest.mark.parametrize("step", [0.002, 0.005, 0.01])
+def test_yaw_rate_on_a_circle_is_speed_times_tangent_of_steering_over_wheelbase(contact, step):
+    steady = circle(0.2, contact, time_step=step)
+    ideal = steady["ego.vx"].mean() * tan(0.2) / WHEELBASE
+    assert steady["ego.wz"].mean() == pytest.approx(ideal, rel=TOLERANCE[contact])
+    assert steady["ego.vx"].mean() == pytest.approx(5.0, rel=0.005)
+    assert steady["ego.wz"].std() < 0.002 * ideal
+
+
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+def test_left_and_right_circles_mirror_each_other(contact):
+    left, right = circle(0.2, contact), circle(-0.2, contact)
+    assert right["ego.wz"].mean() == pytest.approx(-left["ego.wz"].mean(), rel=1e-3)
+    assert right["ego.vy"].mean() == pytest.approx(-left["ego.vy"].mean(), abs=1e-3)
+
+
+@pytest.mark.parametrize("drive_axle", ["front", "rear", "all"])
+def test_each_drive_reaches_the_speed_and_turns_alike(drive_axle):
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "bolt", "arguments": {"drive": drive_axle}}},
+        "control": {"ego": {"kind": "schedule", "rows": [{"time": 0, "speed": 5, "steering": 0.1}]}},
+        "plant": {"contact": "point"},
+    }
+    run = Simulation(assemble(spec)).run(duration=12.0)
+    steady = run.signals.loc[8.0:]
+    torque = steady[[f"ego.wheel_torque.{wheel}" for wheel in ("front_left", "rear_left")]].abs().mean()
+    driven = {"front": (True, False), "rear": (False, True), "all": (True, True)}[drive_axle]
+    assert tuple(torque > 1.0) == driven
+    assert steady["ego.vx"].mean() == pytest.approx(5.0, rel=0.005)
+    assert steady["ego.wz"].mean() == pytest.approx(5.0 * tan(0.1) / WHEELBASE, rel=0.005)
+
+
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+def test_standing_start_follows_the_slope_of_the_command(contact):
+    # 2 m/s² for 2 s, then 4 m/s: after 4 s the car has driven 2·2²/2 + 4·2 = 12 m
+    rows = [{"time": 0, "speed": 0}, {"time": 2, "speed": 4}, {"time": 4, "speed": 4}]
+    run = drive(4.0, control={"kind": "schedule", "rows": rows}, contact=contact)
+    assert run["ego.x"].iloc[-1] == pytest.approx(12.0, abs=0.4)
+    assert run["ego.vx"].iloc[-1] == pytest.approx(4.0, rel=0.01)
+
+
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+def test_braking_to_a_stop_ends_at_rest_with_the_drive_holding(contact):
+    rows = [{"time": 0, "speed": 4}, {"time": 1, "speed": 4}, {"time": 3, "speed": 0}]
+    run = drive(7.0, speed=4.0, control={"kind": "schedule", "rows": rows}, contact=contact)
+    assert abs(run["ego.vx"].iloc[-1]) < 1e-3
+    assert run["ego.x"].iloc[-1] == pytest.approx(4.0 + 4.0, abs=0.4)  # 4 m/s for 1 s, then 4²/(2·2)
+
+
+def slope_world(tmp_path, degrees):
+    path = tmp_path / "slope.yaml"
+    path.write_text(
+        "mirdrake: world/1\nname: slope\n"
+        f"ground: {{surface: asphalt, mu: 0.9, slope: {{grade: {tan(radians(degrees))}, heading: 0 deg}}}}\n"
+        "start: {origin: {at: [0, 0], yaw: 0 deg}}\n"
+    )
+    return str(path)
+
+
+@pytest.mark.parametrize("approximation", ["lagged", "sap"])
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+@pytest.mark.parametrize("degrees", [0.0, 5.0])
+def test_parked_for_ten_seconds_it_creeps_less_than_a_twentieth_of_a_millimetre(
+    tmp_path, degrees, contact, approximation
+):
+    spec = {
+        "world": slope_world(tmp_path, degrees),
+        "vehicles": {"ego": {"model": "bolt", "parked": True}},
+        "control": {"ego": {"kind": "constant", "speed": 0}},
+        "plant": {"contact": contact, "approximation": approximation},
+    }
+    signals = Simulation(assemble(spec)).run(duration=12.0).signals.loc[2.0:]
+    creep = np.hypot(signals["ego.x"] - signals["ego.x"].iloc[0], signals["ego.y"] - signals["ego.y"].iloc[0])
+    assert creep.max() < 5e-5
+
+
+def test_without_brakes_it_rolls_down_a_slope_as_the_closed_form_says(tmp_path):
+    # a = g (sin 5° - Crr cos 5°) / (1 + sum of I/R² over m); no driver, wheel loops off
+    from mirdrake.vehicles import load_vehicle
+    from rigs import free_rolling
+
+    world = slope_world(tmp_path, 5.0)
+    vehicle = free_rolling(load_vehicle("bolt"))
+    assert vehicle.spec.tyres.rolling_resistance == 0.0073
+    angle = radians(5.0)
+    expected = 9.80665 * (np.sin(angle) - 0.0073 * np.cos(angle)) / (1.0 + 40.0 / 1616.0)
+    signals = coast_on(world, vehicle, duration=4.0)
+    measured = (signals[3.0] - signals[1.0]) / 2.0
+    assert -measured == pytest.approx(expected, rel=0.01)
+
+
+def coast_on(world, vehicle, duration):
+    """Forward speed [m/s] by time [s] of a free-rolling vehicle."""
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+
+    from mirdrake.plant import PlantSpec, make_plant, set_start
+    from mirdrake.tyres import RollingResistance, make_rolling_wheels
+    from mirdrake.worlds import load_world
+
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world(world), {"ego": vehicle}, spec=PlantSpec(contact="point"))
+    plant, part = parts.plant, parts.vehicles["ego"]
+    rolling = builder.AddSystem(
+        RollingResistance(plant, make_rolling_wheels(part), ground=parts.ground, period=0.02, cancel_numerical=False)
+    )
+    builder.Connect(plant.get_contact_results_output_port(), rolling.contact_results)
+    builder.Connect(plant.get_state_output_port(), rolling.plant_state)
+    builder.Connect(rolling.generalized_force, plant.get_applied_generalized_force_input_port())
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0)
+    for joint in part.steering:
+        joint.set_angle(context, 0.0)
+    speeds = {}
+    for time in np.arange(0.0, duration + 1e-9, 0.5):
+        simulator.AdvanceTo(float(time))
+        speeds[float(time)] = float(plant.GetVelocities(context)[part.base.floating_velocities_start_in_v() + 3])
+    return speeds
+
+
+def test_one_lap_of_the_test_track_on_points():
+    check_lap("point")
+
+
+@pytest.mark.slow
+def test_one_lap_of_the_test_track_on_hydroelastic_patches():
+    check_lap("hydroelastic")
+
+
+def check_lap(contact):
+    control = {"kind": "path_tracking", "track": "main", "speed": 5.0}
+    spec = {
+        "world": "test_track",
+        "vehicles": {"ego": {"model": "bolt", "start": "line"}},
+        "control": {"ego": control},
+        "plant": {"contact": contact},
+        "laps": 1,
+    }
+    run = Simulation(assemble(spec)).run(duration=260.0)
+    figures = run.summary["vehicles"]["ego"]
+    assert run.summary["stop_reason"] == "laps"
+    assert figures["laps"] == pytest.approx(1.0, abs=0.01)
+    assert run["ego.wheels_on_road"].min() == 4
+    assert figures["max_abs_lateral_error_m"] < 0.30
+    straight = run.signals[(run["ego.curvature"].abs() < 1e-6) & (run.signals.index > 8.0)]
+    cruising = straight[straight["ego.speed_command"] == 5.0]
+    assert len(cruising) > 1000
+    assert (cruising["ego.vx"].rolling(50).mean().dropna() - 5.0).abs().max() < 0.005 * 5.0
+
+
+def test_steering_command_and_wheel_angles_are_related_by_the_turning_centre():
+    steady = circle(0.2, "point")
+    radius = WHEELBASE / tan(0.2)
+    kingpin = 1.461 / 2.0
+    assert steady["ego.steering_angle.left"].mean() == pytest.approx(atan(WHEELBASE / (radius - kingpin)), abs=2e-3)
+    assert steady["ego.steering_angle.right"].mean() == pytest.approx(atan(WHEELBASE / (radius + kingpin)), abs=2e-3)

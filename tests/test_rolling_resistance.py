@@ -1,0 +1,83 @@
+"""A car that coasts loses what its tyres are specified to lose, whatever the step, speed and solver."""
+
+import numpy as np
+import pytest
+from rigs import GRAVITY, coasting_car
+
+from mirdrake.plant import PlantSpec
+
+BOLT_CRR = 0.0073
+SETTLE, COAST = 0.6, 2.0
+
+
+def effective_coefficient(speed, spec, *, coefficient=None):
+    """Deceleration times the car's inertia, wheels included, over its weight."""
+    car = coasting_car(speed, spec, coefficient=coefficient)
+    car.advance(SETTLE)
+    before = car.speed
+    car.advance(COAST)
+    wheels = 4 * 0.5 * 20.0  # four cylinders of 20 kg: I / R² = m / 2
+    inertia = (1616.0 + wheels) / 1616.0
+    return (before - car.speed) / COAST * inertia / GRAVITY
+
+
+@pytest.mark.parametrize("approximation", ["lagged", "sap"])
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+@pytest.mark.parametrize("step", [0.001, 0.002, 0.005])
+@pytest.mark.parametrize("speed", [2.0, 10.0, 20.0])
+def test_coast_down_has_the_specified_coefficient(speed, step, contact, approximation):
+    spec = PlantSpec(time_step=step, contact=contact, approximation=approximation)
+    assert effective_coefficient(speed, spec) == pytest.approx(BOLT_CRR, abs=0.001)
+
+
+def test_without_the_mend_hydroelastic_wheels_brake_several_times_harder():
+    # v dt / R = 10 x 0.005 / 0.323 = 0.15 to first order; the finite patch lets through a third of it
+    raw = PlantSpec(contact="hydroelastic", rolling_resistance="raw")
+    assert effective_coefficient(10.0, raw, coefficient=0.0) > 5 * BOLT_CRR
+
+
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+def test_without_rolling_resistance_a_car_keeps_its_speed(contact):
+    assert effective_coefficient(10.0, PlantSpec(contact=contact), coefficient=0.0) == pytest.approx(0.0, abs=3e-4)
+
+
+def mean_loads(speed, contact):
+    """Wheel loads [N] over a second, in which the car bounces some times on its undamped tyres."""
+    car = coasting_car(speed, PlantSpec(contact=contact))
+    car.advance(1.0)
+    samples = []
+    for _ in range(50):
+        car.advance(0.02)
+        samples.append(car.loads)
+    return np.mean(samples, axis=0)
+
+
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+def test_wheel_loads_carry_the_weight_and_share_it_as_the_centre_of_mass_says(contact):
+    loads = mean_loads(5.0, contact)
+    assert loads.sum() == pytest.approx(1616.0 * GRAVITY, rel=0.005)
+    assert loads[:2].sum() / loads.sum() == pytest.approx(0.56, abs=0.005)
+
+
+def test_hydroelastic_and_point_contact_load_the_axles_alike_at_speed():
+    # without the outer moments the load would move back by v dt = 0.1 m, 4 % of the wheelbase
+    hydroelastic, point = mean_loads(20.0, "hydroelastic"), mean_loads(20.0, "point")
+    assert hydroelastic[:2].sum() / hydroelastic.sum() == pytest.approx(point[:2].sum() / point.sum(), abs=0.005)
+
+
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+def test_a_car_at_rest_stays_at_rest_without_brakes(contact):
+    car = coasting_car(0.0, PlantSpec(contact=contact))
+    car.advance(5.0)
+    assert abs(car.speed) < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+def test_an_hour_of_coasting_without_losses_neither_gains_nor_loses_speed(contact):
+    car = coasting_car(10.0, PlantSpec(contact=contact, time_step=0.01), coefficient=0.0)
+    car.advance(SETTLE)
+    before = car.speed
+    car.advance(3600.0)
+    # one part in a thousand of the weight would have stopped the car after 17 minutes
+    assert car.speed == pytest.approx(before, rel=0.05)
