@@ -96,12 +96,17 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
-        """Start from the speed and steering angle that the vehicle has, so that nothing jerks."""
+        """Start from the speed and steering angle that the vehicle has, so that nothing jerks.
+
+        The first outputs are shown; the update at the same time is the first that counts.
+        """
         x = self.plant_state.Eval(context).tolist()
         left, right = (x[index] for index in self._index.steering_positions)
-        speed = self._index.forward_speed(x)
-        state.get_mutable_vector(self._status).SetFromVector([speed, self._ackermann.bicycle_angle(left, right), 0.0])
-        self._step(context, state, x, (speed, self._ackermann.bicycle_angle(left, right)))
+        speed, steering = self._index.forward_speed(x), self._ackermann.bicycle_angle(left, right)
+        self._step(context, state, x, (speed, steering))
+        state.get_mutable_vector(self._status).SetFromVector([speed, steering, 0.0])
+        for memory in (self._pids, self._received):
+            state.get_mutable_vector(memory).SetFromVector(context.get_discrete_state(memory).value())
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         status = context.get_discrete_state(self._status).value()

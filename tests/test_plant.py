@@ -1,0 +1,113 @@
+"""Vehicles and worlds in a plant, and the ground truth read from it."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+import mirdrake as mir
+from mirdrake.errors import ModelError
+from mirdrake.plant import PlantSpec, make_plant, set_start
+from mirdrake.sensors import GroundTruth
+from mirdrake.telemetry import vehicle_states
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import load_world
+
+
+@pytest.fixture
+def parked():
+    """A plant with a Bolt in the empty world."""
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {"ego": load_vehicle("bolt")}, spec=PlantSpec(contact="point"))
+    return builder, parts
+
+
+def test_each_part_alone_with_plain_drake():
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.005)
+    bolt = mir.add_vehicle(plant, "bolt")
+    mir.add_world(plant, "empty")
+    plant.Finalize()
+    steering = builder.AddSystem(mir.AckermannSteering(bolt.vehicle.geometry))
+    diagram = builder.Build()
+    assert steering.GetInputPort("steering").size() == 1
+    assert plant.CalcTotalMass(plant.CreateDefaultContext(), [bolt.instance]) == pytest.approx(1616.0)
+    Simulator(diagram).AdvanceTo(0.01)
+
+
+def test_a_plant_without_a_scene_graph_is_refused():
+    plant = MultibodyPlant(0.001)
+    with pytest.raises(ModelError, match="no scene graph"):
+        mir.add_vehicle(plant, "bolt")
+
+
+def test_two_vehicles_of_one_model_keep_their_own_joints_and_actuators():
+    builder = DiagramBuilder()
+    bolt = load_vehicle("bolt")
+    parts = make_plant(builder, load_world("empty"), {"first": bolt, "second": bolt})
+    first, second = parts.vehicles["first"], parts.vehicles["second"]
+    for one, other in zip(first.wheel_actuators, second.wheel_actuators, strict=True):
+        assert one.model_instance() == first.instance
+        assert other.model_instance() == second.instance
+    assert {joint.model_instance() for joint in second.steering} == {second.instance}
+    assert set(first.tyres).isdisjoint(second.tyres)
+
+
+def test_a_slope_tilts_gravity_against_uphill(tmp_path):
+    path = tmp_path / "ramp.yaml"
+    path.write_text("mirdrake: world/1\nname: ramp\nground: {slope: {grade: 0.75, heading: 0 deg}}\n")
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world(str(path)), {})
+    # a 3-4-5 triangle: sine 0.6, cosine 0.8
+    assert parts.plant.gravity_field().gravity_vector() == pytest.approx([-0.6 * 9.80665, 0.0, -0.8 * 9.80665])
+
+
+def test_at_its_start_the_car_neither_falls_nor_jumps(parked):
+    builder, parts = parked
+    part = parts.vehicles["ego"]
+    zeros = builder.AddSystem(ConstantVectorSource(np.zeros(12)))
+    builder.Connect(zeros.get_output_port(), parts.plant.get_desired_state_input_port(part.instance))
+    simulator = Simulator(builder.Build())
+    context = parts.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    set_start(parts.plant, context, part, x=3.0, y=-2.0, yaw=0.5)
+    before = part.base.EvalPoseInWorld(context).translation().copy()
+    assert before[:2] == pytest.approx([3.0, -2.0])
+    simulator.AdvanceTo(1.0)
+    after = part.base.EvalPoseInWorld(context).translation()
+    assert after == pytest.approx(before, abs=2e-4)
+
+
+def test_ground_truth_equals_what_the_plant_says_of_itself(parked):
+    builder, parts = parked
+    plant, part = parts.plant, parts.vehicles["ego"]
+    truth = builder.AddSystem(GroundTruth(plant, part))
+    builder.Connect(plant.get_state_output_port(), truth.plant_state)
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    context = plant.GetMyMutableContextFromRoot(root)
+    rng = np.random.default_rng(1)
+    roll, pitch, yaw = 0.3, -0.2, 2.5
+    X_WB = RigidTransform(RollPitchYaw(roll, pitch, yaw), [1.0, 2.0, 3.0])
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
+    plant.SetVelocities(context, rng.normal(size=plant.num_velocities()))
+    positions = plant.GetPositions(context).copy()
+    start = part.base.floating_positions_start()
+    positions[start : start + 4] *= 1.01  # the norm drifts while Drake steps
+    plant.SetPositions(context, positions)
+
+    V_WB = part.base.EvalSpatialVelocityInWorld(context)
+    R_BW = X_WB.rotation().inverse()
+    expected = [1.0, 2.0, 3.0, roll, pitch, yaw]
+    expected += [*R_BW.multiply(V_WB.translational()), *R_BW.multiply(V_WB.rotational())]
+    state = truth.state.Eval(truth.GetMyContextFromRoot(root))
+    assert state == pytest.approx(expected, abs=1e-12)
+
+    spins = [joint.get_angular_rate(context) for joint in part.wheels]
+    assert truth.wheel_speeds.Eval(truth.GetMyContextFromRoot(root)) == pytest.approx(spins)
+
+    x = plant.GetPositionsAndVelocities(context)[:, None]
+    twist = x[plant.num_positions() + part.base.floating_velocities_start_in_v() :][:6]
+    assert vehicle_states(x[start : start + 7], twist)[:, 0] == pytest.approx(expected, abs=1e-12)

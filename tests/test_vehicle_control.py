@@ -1,0 +1,110 @@
+"""The control unit of a vehicle, alone in a small diagram: numbers worked by hand."""
+
+from math import atan, tan
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from mirdrake.controllers import VehicleControl
+from mirdrake.plant import PlantSpec, make_plant
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import load_world
+
+L, KINGPIN = 2.601, 1.461 / 2.0
+
+
+@pytest.fixture(scope="module")
+def unit():
+    """A control unit whose plant does not move: its state is given from outside."""
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {"ego": load_vehicle("bolt")}, spec=PlantSpec(contact="point"))
+    control = VehicleControl(parts.plant, parts.vehicles["ego"])
+    return parts, control
+
+
+def context_with(unit, *, speed, steering, stamp=0.0, vehicle_speed=0.0):
+    parts, control = unit
+    context = control.CreateDefaultContext()
+    plant = parts.plant
+    state = plant.GetPositionsAndVelocities(plant.CreateDefaultContext()).copy()
+    base = parts.vehicles["ego"].base
+    state[plant.num_positions() + base.floating_velocities_start_in_v() + 3] = vehicle_speed
+    control.plant_state.FixValue(context, state)
+    control.command.FixValue(context, [speed, steering, stamp])
+    return context
+
+
+def step(unit, context, *, times=1):
+    """Run the periodic update, 20 ms apart."""
+    _, control = unit
+    for _ in range(times):
+        update = control.EvalUniquePeriodicDiscreteUpdate(context)
+        context.get_mutable_discrete_state().SetFrom(update)
+        context.SetTime(context.get_time() + 0.02)
+
+
+def status(unit, context):
+    return unit[1].status.Eval(context)
+
+
+def test_speed_and_steering_set_points_rise_with_the_limited_slopes(unit):
+    # 3 m/s² and 0.5 rad/s for 0.2 s: 0.6 m/s and 0.1 rad
+    context = context_with(unit, speed=5.0, steering=0.3)
+    step(unit, context, times=10)
+    assert status(unit, context)[:2] == pytest.approx([0.6, 0.1])
+
+
+def test_wheel_angles_follow_from_the_turning_centre(unit):
+    context = context_with(unit, speed=0.0, steering=0.05)
+    step(unit, context, times=5)  # 0.5 rad/s · 0.1 s
+    radius = L / tan(0.05)
+    desired = unit[1].desired_state.Eval(context)
+    angles = sorted(angle for angle in desired[:6] if angle != 0.0)
+    assert angles == pytest.approx([atan(L / (radius + KINGPIN)), atan(L / (radius - KINGPIN))])
+
+
+def test_after_a_fifth_of_a_second_of_silence_the_speed_goes_to_zero_and_the_steering_stays(unit):
+    context = context_with(unit, speed=0.3, steering=0.05)
+    step(unit, context, times=11)  # the eleventh update is at 0.20 s: still alive
+    assert status(unit, context)[:2] == pytest.approx([0.3, 0.05])
+    step(unit, context, times=3)  # 0.22, 0.24 and 0.26 s: 5 m/s² down
+    assert status(unit, context)[:2] == pytest.approx([0.0, 0.05])
+
+
+def test_a_command_that_is_not_a_number_is_no_command(unit):
+    context = context_with(unit, speed=np.nan, steering=0.05)
+    step(unit, context, times=3)
+    assert status(unit, context)[:2] == pytest.approx([0.0, 0.0])
+
+
+def test_torque_for_the_slope_is_mass_times_slope_times_radius_over_the_driven_wheels(unit):
+    parts, control = unit
+    context = context_with(unit, speed=5.0, steering=0.0)
+    step(unit, context)
+    rest, _ = parts.vehicles["ego"].rest_compressions(parts.plant)
+    expected = 1616.0 * 3.0 * (0.3234 - rest) / 2.0
+    torques = control.actuation.Eval(context)
+    assert sorted(torques)[-2:] == pytest.approx([expected, expected])
+    assert np.count_nonzero(torques) == 2  # front wheels only
+
+
+def test_it_starts_from_the_speed_that_the_vehicle_has(unit):
+    _, control = unit
+    context = context_with(unit, speed=5.0, steering=0.0, vehicle_speed=5.0)
+    control.ExecuteInitializationEvents(context)
+    assert status(unit, context)[0] == pytest.approx(5.0)
+
+
+def test_gains_of_the_speed_loop_are_parameters_of_the_context(unit):
+    _, control = unit
+    context = context_with(unit, speed=1.0, steering=0.0, vehicle_speed=0.96)
+    control.ExecuteInitializationEvents(context)
+    other = context_with(unit, speed=1.0, steering=0.0, vehicle_speed=0.96)
+    control.ExecuteInitializationEvents(other)
+    other.get_mutable_numeric_parameter(0).SetFromVector([10.0, 0.0])
+    step(unit, context)
+    step(unit, other)
+    # set-point 1.0 after one step (3 m/s² · 0.02 s = 0.06 > 0.04), error 0.04
+    assert status(unit, context)[2] == pytest.approx(1.0 * 0.04)
+    assert status(unit, other)[2] == pytest.approx(10.0 * 0.04)
