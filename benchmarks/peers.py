@@ -78,8 +78,8 @@ def write_mjcf(*, wheels: str, step: float, slope: float = 0.0, held: bool = Fal
         return (
             f'<body name="{name}" pos="{x} {y} {z}"><joint name="{name}" axis="0 1 0"/>'
             f'<inertial pos="0 0 0" mass="{WHEEL}" diaginertia="{" ".join(map(str, WHEEL_INERTIA))}"/>'
-            f'<geom type="{wheels}" size="{size}" euler="90 0 0" friction="{FRICTION} 0 0" contype="1" conaffinity="2"/>'
-            "</body>"
+            f'<geom type="{wheels}" size="{size}" euler="90 0 0" friction="{FRICTION} 0 0" '
+            'contype="1" conaffinity="2"/></body>'
         )
 
     bodies = ""
@@ -148,16 +148,16 @@ def write_urdf() -> str:
         parent, at = "car", f"{x - COM_X} {y} {RADIUS - COM_Z}"
         if name.startswith("f"):
             text += (
-                f'<link name="{name}_knuckle"><inertial><mass value="{KNUCKLE}"/>{inertia((0.05, 0.05, 0.05))}</inertial>'
-                f'</link><joint name="{name}_steer" type="revolute"><origin xyz="{at}"/>'
+                f'<link name="{name}_knuckle"><inertial><mass value="{KNUCKLE}"/>{inertia((0.05, 0.05, 0.05))}'
+                f'</inertial></link><joint name="{name}_steer" type="revolute"><origin xyz="{at}"/>'
                 f'<parent link="car"/><child link="{name}_knuckle"/>'
                 '<axis xyz="0 0 1"/><limit lower="-0.6" upper="0.6" effort="20000" velocity="10"/></joint>'
             )
             parent, at = f"{name}_knuckle", "0 0 0"
         text += (
             f'<link name="{name}"><inertial><mass value="{WHEEL}"/>{inertia(WHEEL_INERTIA)}</inertial>'
-            f'<collision><origin rpy="{pi / 2} 0 0"/><geometry><cylinder radius="{RADIUS}" length="{WIDTH}"/></geometry>'
-            f'</collision></link><joint name="{name}_joint" type="continuous"><origin xyz="{at}"/>'
+            f'<collision><origin rpy="{pi / 2} 0 0"/><geometry><cylinder radius="{RADIUS}" length="{WIDTH}"/>'
+            f'</geometry></collision></link><joint name="{name}_joint" type="continuous"><origin xyz="{at}"/>'
             f'<parent link="{parent}"/><child link="{name}"/>'
             '<axis xyz="0 1 0"/></joint>'
         )

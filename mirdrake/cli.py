@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mirdrake.errors import ConfigError, MirdrakeError, did_you_mean
@@ -171,10 +172,19 @@ def _run(options: argparse.Namespace) -> int:
         unit="s",
         desc=spec.name,
         disable=not (sys.stderr.isatty() and not options.quiet),
-        bar_format="{desc}: {percentage:3.0f}% |{bar}| {n:.1f}/{total:.0f} s  {rate_fmt} simulated, {remaining} left",
+        bar_format="{desc}: {percentage:3.0f}% |{bar}| {n:.0f}/{total:.0f} s, {remaining} left{postfix}",
     )
 
+    start: dict[str, float] = {}
+
     def progress(time: float, duration: float) -> None:
+        begin = (
+            start.setdefault("clock", perf_counter()),
+            start.setdefault("time", time),
+        )  # without building and start-up
+        if time > begin[1]:
+            factor = (time - begin[1]) / max(perf_counter() - begin[0], 1e-3)
+            bar.set_postfix_str(f"{factor:.1f} x real time", refresh=False)
         bar.update(min(time, duration) - bar.n)
 
     with _terminated_like_interrupted(), bar:

@@ -270,4 +270,3 @@ def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Ma
     return pa.Table.from_arrays(
         [pa.array(np.asarray(a, dtype=float)) for a in (times, *columns.values())], schema=schema
     )
-

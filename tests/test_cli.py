@@ -1,5 +1,7 @@
 """The command `mirdrake`: run, list, view, check, draw, as typed in a shell."""
 
+import contextlib
+import os
 import re
 import shutil
 import subprocess
@@ -247,3 +249,24 @@ def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
     command = f"set -o pipefail; {sys.executable} -m mirdrake.cli list | true"
     done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_in_a_terminal_a_run_shows_its_progress_and_the_meshcat_address(tmp_path: Path) -> None:
+    pty = pytest.importorskip("pty")
+    (tmp_path / "drive.yaml").write_text(DRIVE, encoding="utf-8")
+    master, slave = pty.openpty()
+    termios = pytest.importorskip("termios")
+    termios.tcsetwinsize(slave, (30, 100))
+    command = [sys.executable, "-m", "mirdrake.cli", "run", "drive.yaml", "--out", "out", "--duration", "3"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdin=slave, stdout=slave, stderr=slave)
+    os.close(slave)
+    text = b""
+    with contextlib.suppress(OSError):  # Linux says so when the other side has closed
+        while block := os.read(master, 4096):
+            text += block
+    os.close(master)
+    assert process.wait(timeout=60) == 0
+    shown = text.decode()
+    assert re.search(r"Meshcat: http://localhost:\d+", shown)
+    assert re.search(r"drive: 100% \|\S+ *\| 3/3 s, 00:00 left, [0-9.]+ x real time", shown)
+    assert "Traceback" not in shown
