@@ -109,7 +109,8 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         return pd.DataFrame(index=pd.Index([], name="time"))
     known = pq.read_schema(stored[0]).names
     wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
-    return pa.concat_tables([pq.read_table(part, columns=wanted) for part in stored]).to_pandas().set_index("time")
+    table: pd.DataFrame = pa.concat_tables([pq.read_table(part, columns=wanted) for part in stored]).to_pandas()
+    return table.set_index("time")
 
 
 def _stored(folder: Path) -> list[Path]:

@@ -153,6 +153,7 @@ def make_plant(
         contact_model="point" if spec.contact == "point" else "hydroelastic_with_fallback",
         discrete_contact_approximation=spec.approximation,
         stiction_tolerance=spec.stiction_tolerance,
+        use_sampled_output_ports=False,  # contact results of the step to come, solved once for all who ask
     )
     # Drake's own defaults, 50 s/m and 0.1 s, would make a tyre of treacle.
     defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.1, relaxation_time=0.0)

@@ -1,4 +1,4 @@
-"""Every benchmark runs, and its JSON has the figures that its README explains; the figures themselves mean nothing here."""
+"""Every benchmark runs, and its JSON has the figures that its README explains; their values mean nothing here."""
 
 import json
 import os

@@ -4,19 +4,18 @@ A discrete step of Drake computes the contact patch at the old position and pred
 The centre of pressure of a rolling wheel therefore runs ahead of the axle by about v·dt. The normal load then brakes
 the wheel with the moment N·v·dt, many times a tyre's own, shifts load from the front axle to the rear one, and friction
 forces gain a lever about the kingpins. What the solver really applied can be read from the contact results, so it is
-measured and cancelled instead of modelled: per wheel, with the contact surface's centroid C and the wheel centre A
-where it was when the patch was computed,
+measured and cancelled instead of modelled: per wheel, with the contact surface's centroid C and the wheel centre A,
 
-    M = [(p_C - (p_A - v_A dt)) × N n + τ_t] · axle,        e = -M / N,
+    M = [(p_C - p_A) × N n + τ_t] · axle,        e = -M / N,
 
 with n the road normal, τ_t the part of the contact torque parallel to the road (on a plane friction has no such
 moment about C) and e the distance by which the load acts ahead of the axle. The wheel gets the opposite moments from
 outside: -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the force of the road.
 
 What is left of the road's moment about the vertical through the wheel centre is turn slip: under Coulomb friction a
-patch that follows a curve scrubs with nearly its whole load, where the tread of a tyre bends along; a car on a circle of
-13 m would turn in 2 % too little. Of a rolling wheel it is cancelled, too; at standstill it is the steering's friction
-and stays.
+patch that follows a curve scrubs with nearly its whole load, where the tread of a tyre bends along; a car on a circle
+of 13 m would turn in 2 % too little. Of a rolling wheel it is cancelled, too; at standstill it is the steering's
+friction and stays.
 
 M is proportional to N·ω for given step and shape, so their ratio is estimated with a short filter, which averages over
 the facets of the wheel, and what is cancelled follows N·ω without lag. At standstill, where the ratio has no meaning,
@@ -142,7 +141,6 @@ class RollingResistance(LeafSystem):
         self._wheels = tuple(wheels)
         self._ground = frozenset(ground)
         self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
-        self._step = plant.time_step()
         self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
         self._cancel = cancel_numerical
         self._blend = 1.0 - exp(-period / FILTER_TIME)
@@ -237,7 +235,7 @@ class RollingResistance(LeafSystem):
             if self._cancel:
                 tx, ty, tz = (sign * wrench.rotational()).tolist()
                 cx, cy, _ = surface.centroid().tolist()
-                rx, ry = cx - pose.x + pose.vx * self._step, cy - pose.y + pose.vy * self._step
+                rx, ry = cx - pose.x, cy - pose.y
                 contact.yaw += rx * fy - ry * fx + tz
                 contact.moment += (ry * fz + tx) * pose.ax + (
                     ty - rx * fz
@@ -245,28 +243,25 @@ class RollingResistance(LeafSystem):
         return contacts, others
 
     def _wheel_poses(self, x: Sequence[float]) -> list["_Pose"]:
-        """Centre, axle and velocity of every wheel, from the plant's state."""
+        """Centre and axle of every wheel, from the plant's state."""
         poses, frames = [], {}
         for wheel in self._wheels:
-            q, v = wheel.base
+            q = wheel.base[0]
             if q not in frames:
-                frames[q] = _Frame(x[q : q + 7], x[self._positions + v : self._positions + v + 6])
-            frame = frames[q]
+                frames[q] = _Frame(x[q : q + 7])
             angle = x[wheel.steering[0]] if wheel.steering is not None else 0.0
-            poses.append(frame.wheel(wheel, sin(angle), cos(angle)))
+            poses.append(frames[q].wheel(wheel, sin(angle), cos(angle)))
         return poses
 
 
 class _Pose(NamedTuple):
-    """A wheel in the world: centre [m], axle direction, horizontal velocity of the centre [m/s]."""
+    """A wheel in the world: centre [m], axle direction."""
 
     x: float
     y: float
     z: float
     ax: float
     ay: float
-    vx: float
-    vy: float
 
 
 class _Frame:
@@ -274,36 +269,36 @@ class _Frame:
 
     Args:
         pose: quaternion w, x, y, z of R_WB and position [m].
-        twist: angular [rad/s] and linear velocity [m/s], in the world.
     """
 
-    def __init__(self, pose: Sequence[float], twist: Sequence[float]) -> None:
+    def __init__(self, pose: Sequence[float]) -> None:
         w, i, j, k, x, y, z = pose
-        wx, wy, wz, vx, vy, _ = twist
         half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the norm drift
         self._rows = (
             (1.0 - (j * j + k * k) / half, (i * j - w * k) / half, (i * k + w * j) / half),
             ((i * j + w * k) / half, 1.0 - (i * i + k * k) / half, (j * k - w * i) / half),
             ((i * k - w * j) / half, (j * k + w * i) / half, 1.0 - (i * i + j * j) / half),
         )
-        self._place, self._turn, self._velocity = (x, y, z), (wx, wy, wz), (vx, vy)
+        self._place = (x, y, z)
 
     def wheel(self, wheel: RollingWheel, sine: float, cosine: float) -> _Pose:
         """The wheel at a steering angle given by sine and cosine."""
         px, py, pz = wheel.pivot
         px, py = px - wheel.offset * sine, py + wheel.offset * cosine  # the axle in B is (-sine, cosine, 0)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._rows
-        rx, ry, rz = xx * px + xy * py + xz * pz, yx * px + yy * py + yz * pz, zx * px + zy * py + zz * pz
-        wx, wy, wz = self._turn
         x, y, z = self._place
-        vx, vy = self._velocity
-        ax, ay = xy * cosine - xx * sine, yy * cosine - yx * sine
-        return _Pose(x + rx, y + ry, z + rz, ax, ay, vx + wy * rz - wz * ry, vy + wz * rx - wx * rz)
+        return _Pose(
+            x + xx * px + xy * py + xz * pz,
+            y + yx * px + yy * py + yz * pz,
+            z + zx * px + zy * py + zz * pz,
+            xy * cosine - xx * sine,
+            yy * cosine - yx * sine,
+        )
 
 
 @dataclass(slots=True)
 class _Contact:
-    """The road on one wheel: force in the world [N], pressure moment about the axle, moment about the vertical [N m]."""
+    """The road on one wheel: force in the world [N], pressure moment about the axle, yaw moment [N m]."""
 
     load: float = 0.0
     fx: float = 0.0
