@@ -37,7 +37,7 @@ from mirdrake.errors import ConfigError, RunError, did_you_mean
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
 _PARTS = f".{SIGNALS}.parts"
 
-FLUSH_AFTER = 0.5
+FLUSH_AFTER = 0.25
 """Time for which samples stay in memory before they are written [s]: what a kill can lose."""
 
 ROWS = 20_000
@@ -196,7 +196,7 @@ class RunWriter:
             raise
 
     def write_signals(self, times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> None:
-        """Add a block of samples; it is on disk within half a second."""
+        """Add a block of samples; it is on disk within a quarter of a second."""
         if not len(times):
             return
         self._pending.append(make_table(times, columns, units))

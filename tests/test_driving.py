@@ -4,10 +4,16 @@ from math import atan, radians, tan
 
 import numpy as np
 import pytest
-from rigs import drive
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from rigs import drive, free_rolling
 
 from mirdrake.diagram import assemble
+from mirdrake.plant import PlantSpec, make_plant, set_start
 from mirdrake.simulation import Simulation
+from mirdrake.tyres import RollingResistance, make_rolling_wheels
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import load_world
 
 WHEELBASE = 2.601
 TOLERANCE = {"point": 0.005, "hydroelastic": 0.01}
@@ -103,9 +109,6 @@ def test_parked_for_ten_seconds_it_creeps_less_than_a_twentieth_of_a_millimetre(
 
 def test_without_brakes_it_rolls_down_a_slope_as_the_closed_form_says(tmp_path):
     # a = g (sin 5° - Crr cos 5°) / (1 + sum of I/R² over m); no driver, wheel loops off
-    from mirdrake.vehicles import load_vehicle
-    from rigs import free_rolling
-
     world = slope_world(tmp_path, 5.0)
     vehicle = free_rolling(load_vehicle("bolt"))
     assert vehicle.spec.tyres.rolling_resistance == 0.0073
@@ -118,13 +121,6 @@ def test_without_brakes_it_rolls_down_a_slope_as_the_closed_form_says(tmp_path):
 
 def coast_on(world, vehicle, duration):
     """Forward speed [m/s] by time [s] of a free-rolling vehicle."""
-    from pydrake.systems.analysis import Simulator
-    from pydrake.systems.framework import DiagramBuilder
-
-    from mirdrake.plant import PlantSpec, make_plant, set_start
-    from mirdrake.tyres import RollingResistance, make_rolling_wheels
-    from mirdrake.worlds import load_world
-
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world(world), {"ego": vehicle}, spec=PlantSpec(contact="point"))
     plant, part = parts.plant, parts.vehicles["ego"]

@@ -10,7 +10,7 @@ measured and cancelled instead of modelled: per wheel, with the contact surface'
 
 with n the road normal, τ_t the part of the contact torque parallel to the road (on a plane friction has no such
 moment about C) and e the distance by which the load acts ahead of the axle. The wheel gets the opposite moments from
-outside: -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the force of the road.
+outside: -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the road's force.
 
 What is left of the road's moment about the vertical through the wheel centre is turn slip: under Coulomb friction a
 patch that follows a curve scrubs with nearly its whole load, where the tread of a tyre bends along; a car on a circle
