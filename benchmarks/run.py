@@ -156,7 +156,7 @@ def _w1_targets(w1: dict[str, Any]) -> dict[str, Any]:
 
 
 def _accurate(drive: dict[str, Any]) -> bool:
-    return (
+    return bool(
         abs(drive["speed_error_percent"]) <= 0.5
         and abs(drive["yaw_error_percent"]) <= 1.0
         and drive["yaw_ripple_percent"] <= 0.5

@@ -10,7 +10,6 @@ from mirdrake.diagram import DiagramSpec, assemble
 from mirdrake.drawing import draw_svg, write_dot
 from mirdrake.errors import MissingDependencyError
 from mirdrake.logs import Run, write_file
-from mirdrake.report import write_report
 from mirdrake.simulation import Progress, Simulation, default_folder
 from mirdrake.viewer import FollowCamera, write_recording
 
@@ -59,5 +58,7 @@ def run_diagram(
         write_recording(run, frames_per_second=record.frames)
     if record.report:
         tell("writing the report")
+        from mirdrake.report import write_report  # Matplotlib takes half a second: not before the first step
+
         write_report(run, diagram_svg=svg)
     return run

@@ -53,7 +53,7 @@ class Joints(Schema):
 class Steering(Schema):
     """How one steering command becomes two wheel angles."""
 
-    law: Literal["ackermann", "unior"] = "ackermann"
+    law: Literal["ackermann"] = "ackermann"
     limit: Angle | None = Field(
         default=None, gt=0, lt=1.5, description="[rad] limit of the inner wheel; empty: the joints' own limit"
     )
