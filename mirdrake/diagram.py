@@ -9,7 +9,8 @@ Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every po
                                            ego.steering_command ─► ego.steering_reference
                                            ego.command_stamp    ─► ego.reference_stamp
 
-and a connection of the user's to an input replaces the one drawn here.
+and a connection of the user's to an input replaces the one drawn here. Sensors are ``<vehicle>.<sensor>``, and so is
+what they measure; a camera's pictures are ``<vehicle>.<sensor>.color_image``.
 """
 
 import re
@@ -30,9 +31,9 @@ from mirdrake.controllers.vectors import COMMAND
 from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.plant import PlantParts, VehicleInPlant, make_plant, set_start
-from mirdrake.sensors import GroundTruth
+from mirdrake.sensors import Camera, GroundTruth, make_sensor, sensor_feeds
 from mirdrake.signals import Signal, signals_of
-from mirdrake.tyres import RollingResistance, make_rolling_wheels
+from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.worlds import Start, load_world
 from mirdrake.yaml_io import Source, where
@@ -74,6 +75,7 @@ class Assembly:
         tracks: track that each vehicle follows or is measured against; None in a world without tracks.
         unread: outputs that nothing reads, by name.
         visualizer: draws in Meshcat, if a Meshcat was given.
+        cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
     """
 
     spec: DiagramSpec
@@ -84,6 +86,7 @@ class Assembly:
     tracks: dict[str, str | None]
     unread: tuple[str, ...] = ()
     visualizer: MeshcatVisualizer | None = None
+    cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
 
     def own_systems(self) -> dict[str, System]:
         """The user's own systems, those written as ``module:Class``, by name."""
@@ -106,7 +109,8 @@ def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshca
 
     A vehicle without an entry under ``control`` gets its ports exported as inputs ``<name>.speed_reference`` [m/s],
     ``<name>.steering_reference`` [rad] and ``<name>.reference_stamp`` [s]; the state of every vehicle is exported as
-    output ``<name>.state``.
+    output ``<name>.state``, and so are its sensors. A camera whose pictures nothing reads or records is left out, as
+    rendering takes longer than all the rest.
 
     Raises:
         ConfigError, ModelError, WorldError, DiagramError: what is wrong, on one line each.
@@ -130,16 +134,9 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         for name in getattr(spec, key):
             if name not in vehicles:
                 raise ConfigError(f"{where(spec, key, name)}: no vehicle '{name}'; {did_you_mean(name, vehicles)}")
-    for name, names in spec.sensors.items():
-        mounts = vehicles[name].sensors.mounts
-        for index, sensor in enumerate(names):
-            if sensor not in mounts:
-                place = where(spec, "sensors", name, index)
-                raise ConfigError(
-                    f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}"
-                )
+    _check_sensors(spec, vehicles)
 
-    # The plant, and per vehicle its control unit, driver and ground truth.
+    # The plant, and per vehicle its control unit, driver, ground truth and sensors.
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
@@ -148,6 +145,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     tracks = {}
     for part in parts.vehicles.values():
         tracks[part.name] = _add_vehicle_systems(wiring, parts, part, spec)
+        _add_sensors(wiring, parts, part, spec)
 
     # The user's own blocks, then all connections.
     folder = Path(spec.folder) if spec.folder is not None else None
@@ -167,7 +165,12 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     except RuntimeError as error:
         raise DiagramError(f"{where(spec, 'connect')}: {_build_fault(error)}") from None
     diagram.set_name(spec.name)
-    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer)
+    cameras = {
+        f"{vehicle}.{sensor}": (wiring.systems[f"{vehicle}.{sensor}"], vehicle)
+        for vehicle, sensor in _cameras(spec, vehicles)
+        if spec.record.cameras
+    }
+    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras)
 
 
 # --- the parts ---------------------------------------------------------------------------------------------------
@@ -199,18 +202,44 @@ def _check_starts(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], starts: Ma
             )
 
 
+def _check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
+    """Refuse sensors that a vehicle does not have, or that are named twice."""
+    for name, names in spec.sensors.items():
+        mounts = vehicles[name].sensors.mounts
+        for index, sensor in enumerate(names):
+            place = where(spec, "sensors", name, index)
+            if sensor not in mounts:
+                raise ConfigError(
+                    f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}"
+                )
+            if sensor in names[:index]:
+                raise ConfigError(f"{place}: '{sensor}' is named twice; once is enough")
+    if spec.record.cameras and not _cameras(spec, vehicles):
+        raise ConfigError(
+            f"{where(spec, 'record', 'cameras')}: no camera is in use; name one under sensors, "
+            "for example sensors: {ego: [front_camera]}"
+        )
+
+
+def _cameras(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> list[tuple[str, str]]:
+    """(vehicle, sensor) of the cameras that a diagram names."""
+    named = [(name, sensor) for name, sensors in spec.sensors.items() for sensor in sensors]
+    return [(name, sensor) for name, sensor in named if vehicles[name].sensors.mounts[sensor].kind == "camera"]
+
+
 def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
-    """One system for all wheels: contact results are read once per control tick."""
+    """One system for all wheels, so that contact results are read once."""
     plant = parts.plant
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
     wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
     raw = spec.plant.rolling_resistance == "raw"
+    cancel = not raw and spec.plant.contact == "hydroelastic"
     system = RollingResistance(
         plant,
         [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
         ground=parts.ground,
-        period=1.0 / rate,
-        cancel_numerical=not raw and spec.plant.contact == "hydroelastic",
+        period=1.0 / rate if cancel else LOAD_PERIOD,
+        cancel_numerical=cancel,
     )
     wiring.add("rolling_resistance", system)
     wiring.link(plant.get_contact_results_output_port(), system.contact_results)
@@ -264,6 +293,29 @@ def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPl
     return track
 
 
+def _add_sensors(wiring: "_Wiring", parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> None:
+    """The sensors of one vehicle; a camera only if its pictures are wanted."""
+    feeds = sensor_feeds(parts)
+    for index, sensor in enumerate(spec.sensors.get(part.name, ())):
+        name = f"{part.name}.{sensor}"
+        if name in wiring.systems or name in wiring.sources:
+            raise ConfigError(
+                f"{where(spec, 'sensors', part.name, index)}: '{name}' is no sensor but a part of every vehicle; "
+                f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}"
+            )
+        unread = not any(source.startswith(f"{name}.") for source, _ in spec.connect)
+        if part.vehicle.sensors.mounts[sensor].kind == "camera" and unread and not spec.record.cameras:
+            continue
+        system = make_sensor(sensor, parts=parts, part=part, seed=spec.seed)
+        wiring.add(name, system)
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            wiring.link(feeds[port.get_name()], port)
+        for port in map(system.get_output_port, range(system.num_output_ports())):
+            full = name if port.get_name() == "sample" else f"{name}.{port.get_name()}"
+            wiring.sources[full] = (port, signals_of(port))
+            wiring.builder.ExportOutput(port, full)
+
+
 def _add_taps(wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> dict[str, Tap]:
     """Log sinks, which are C++ and cost nothing to speak of, on what a run writes down."""
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
@@ -273,7 +325,7 @@ def _add_taps(wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, 
         "other_contacts": (rolling.other_contacts, signals_of(rolling.other_contacts)),
     }
     for name in parts.vehicles:
-        for port in ("status", "command", "joint_torques"):
+        for port in ("status", "command", "joint_torques", *spec.sensors.get(name, ())):
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
     for name in spec.systems:

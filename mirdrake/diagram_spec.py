@@ -45,6 +45,7 @@ class RecordSpec(Schema):
 
     signals: bool = Field(True, description="signals.parquet [-]")
     rate: Frequency = Field(50.0, gt=0.0, le=2000.0, description="samples of the signals per second [Hz]")
+    cameras: bool = Field(False, description="pictures of the cameras in use, with a driving log [-]")
     meshcat: bool = Field(True, description="recording.html [-]")
     frames: Frequency = Field(20.0, gt=0.0, le=120.0, description="frames of the recording per second [Hz]")
     report: bool = Field(True, description="report.html [-]")

@@ -6,6 +6,7 @@
       spec.yaml          the resolved spec, seed, versions and hash
       signals.parquet    time [s] and named signals; units in the column metadata
       events.jsonl       what happened, one JSON object a line
+      ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
       summary.json       figures of the run
       recording.html     Meshcat replay        report.html, diagram.svg
 
@@ -14,6 +15,7 @@ the end, also after Ctrl-C, it becomes one file. Whatever kills the process, all
 """
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -21,6 +23,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,14 +34,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 from numpy.typing import NDArray
+from PIL import Image
 
 from mirdrake.errors import ConfigError, RunError, did_you_mean
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
+DRIVING_LOG = "driving_log.txt"
 _PARTS = f".{SIGNALS}.parts"
 
 FLUSH_AFTER = 0.25
 """Time for which samples stay in memory before they are written [s]: what a kill can lose."""
+
+JPEG_QUALITY = 90
+"""Of pictures, 1 .. 95."""
 
 ROWS = 20_000
 """Rows of a row group of signals.parquet."""
@@ -247,6 +255,49 @@ class RunWriter:
         figures = dict(summary())
         write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
         return figures
+
+
+class PictureLog:
+    """Writes the pictures of one camera, and what the vehicle did at each, while the run goes on.
+
+    Pictures are called ``YYYY-mm-dd-HH-MM-SS-ffffff.jpg``: 1970-01-01 plus the simulated time, so that equal runs give
+    equal files. ``driving_log.txt`` has a line for each picture that is on disk: its name, the steering angle [rad] and
+    the speed [m/s], separated by tabs.
+
+    Args:
+        folder: is made.
+
+    Raises:
+        RunError: the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        with _told(folder):
+            folder.mkdir()
+
+    def write(self, at: float, pixels: NDArray[np.uint8], *, steering: float, speed: float) -> None:
+        """Add a picture.
+
+        Args:
+            at: simulated time [s].
+            pixels: red, green, blue (height, width, 3).
+            steering: measured bicycle steering angle, positive to the left [rad].
+            speed: measured speed of the vehicle frame's origin, forward [m/s].
+        """
+        name = f"{picture_name(at)}.jpg"
+        jpeg = io.BytesIO()
+        Image.fromarray(pixels).save(jpeg, "JPEG", quality=JPEG_QUALITY)
+        write_file(self._folder / name, jpeg.getvalue())
+        path = self._folder / DRIVING_LOG
+        with _told(path), path.open("a", encoding="utf-8") as file:
+            file.write(f"{name}\t{steering:.6f}\t{speed:.6f}\n")
+
+
+def picture_name(at: float) -> str:
+    """A simulated time [s] as date and time, counted from 1970-01-01, to the microsecond."""
+    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(1e6 * at))
+    return moment.strftime("%Y-%m-%d-%H-%M-%S-%f")
 
 
 def _regroup(parts: Sequence[Path]) -> Iterator[pa.Table]:

@@ -8,7 +8,7 @@ and are then checked by size only.
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from pydrake.systems.framework import BasicVector, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import BasicVector, InputPort, LeafSystem, OutputPort, System
 
 from mirdrake.errors import DiagramError
 
@@ -73,7 +73,14 @@ def signals_of(port: InputPort | OutputPort) -> Signals | None:
     return book.get((direction, port.get_name()))
 
 
-def _remember(system: LeafSystem, direction: str, name: str, contents: Sequence[Signal]) -> None:
+def copy_signals(source: OutputPort, target: OutputPort) -> None:
+    """Give an exported output port of a Diagram the names and units of the port behind it."""
+    contents = signals_of(source)
+    if contents is not None:
+        _remember(target.get_system(), "output", target.get_name(), contents)
+
+
+def _remember(system: System, direction: str, name: str, contents: Sequence[Signal]) -> None:
     book: dict[tuple[str, str], Signals] = getattr(system, "_mirdrake_signals", {})
     book[(direction, name)] = tuple(contents)
     system._mirdrake_signals = book

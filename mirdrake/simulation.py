@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -20,9 +21,12 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, System
 
+from mirdrake.controllers.ackermann import Ackermann
+from mirdrake.controllers.vectors import STATE
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import Run, RunWriter, read_signals, spec_hash
+from mirdrake.logs import PictureLog, Run, RunWriter, read_signals, spec_hash
+from mirdrake.sensors import Camera, GroundTruth
 from mirdrake.telemetry import Array, Columns, Telemetry
 from mirdrake.yaml_io import shown, where
 
@@ -35,6 +39,8 @@ SLICE = 0.125
 STRAIGHT = 1e-4
 """Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
 STEADY = 2.0
+
+_VX = [signal.name for signal in STATE].index("vx")
 
 Progress = Callable[[float, float], None]
 
@@ -114,8 +120,11 @@ class Simulation:
         simulator.reset_context(context)
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
-        if monitor is not None:
-            simulator.set_monitor(monitor)
+        watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
+        if writer is not None and assembly.cameras:
+            watchers.append(_Pictures(assembly, writer.folder))
+        if watchers:
+            simulator.set_monitor(lambda context: _call_all(watchers, context))
         telemetry, blocks, events = Telemetry(assembly), _Blocks(writer), _Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
@@ -267,6 +276,7 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
                 "urdf": part.vehicle.urdf,
                 "spec": part.vehicle.spec.model_dump(mode="json"),
                 "control": part.vehicle.control.model_dump(mode="json"),
+                "sensors": part.vehicle.sensors.model_dump(mode="json"),
             }
         )
         for name, part in assembly.parts.vehicles.items()
@@ -424,6 +434,55 @@ class _Events:
             "contact": f"{value:.0f} contacts that are not tyres on the road",
         }
         self.add(time, kind, texts[kind])
+
+
+class _Pictures:
+    """A monitor that writes each picture in the moment that its camera takes it.
+
+    Steps of the simulator end at these moments, as they are events of the camera.
+    """
+
+    def __init__(self, assembly: Assembly, folder: Path) -> None:
+        self._cameras = [
+            _Recorded(
+                camera,
+                PictureLog(folder / name),
+                assembly.diagram.GetSubsystemByName(f"{vehicle}.truth"),
+                Ackermann(assembly.parts.vehicles[vehicle].vehicle.geometry),
+            )
+            for name, (camera, vehicle) in assembly.cameras.items()
+        ]
+
+    def __call__(self, context: Context) -> None:
+        for camera in self._cameras:
+            camera.look(context)
+
+
+@dataclass
+class _Recorded:
+    """A camera, where its pictures go, and who knows what its vehicle does."""
+
+    camera: Camera
+    log: PictureLog
+    truth: GroundTruth
+    ackermann: Ackermann
+    taken: int = 0
+
+    def look(self, context: Context) -> None:
+        """Write a picture if it is time for one."""
+        time = context.get_time()
+        if time < self.taken / self.camera.rate - 1e-9:
+            return
+        truth = self.truth.GetMyContextFromRoot(context)
+        steering = self.ackermann.bicycle_angle(*self.truth.steering_angles.Eval(truth))
+        speed = float(self.truth.state.Eval(truth)[_VX])
+        self.log.write(time, self.camera.look(context), steering=steering, speed=speed)
+        self.taken += 1
+
+
+def _call_all(watchers: list[Callable[[Context], None]], context: Context) -> None:
+    for watcher in watchers:
+        watcher(context)
 
 
 def default_folder(name: str, *, base: Path | None = None) -> Path:

@@ -87,8 +87,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._desired = self.DeclareDiscreteState(2 * count)
         self._actuation = self.DeclareDiscreteState(count)
         self._status = self.DeclareDiscreteState(3)
-        self._received = self.DeclareDiscreteState(list(CommandState()))
-        self._pids = self.DeclareDiscreteState(list(PidState()) * 7)  # speed, four wheels, two steering joints
+        loops = 7 if self._wheel_pid or self._steering_pid else 1  # speed, four wheels, two steering joints
+        self._memory = self.DeclareDiscreteState([*CommandState(), *(list(PidState()) * loops)])
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
         self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
         self.status = declare_state_output(self, "status", _STATUS, self._status)
@@ -105,8 +105,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         speed, steering = self._index.forward_speed(x), self._ackermann.bicycle_angle(left, right)
         self._step(context, state, x, (speed, steering))
         state.get_mutable_vector(self._status).SetFromVector([speed, steering, 0.0])
-        for memory in (self._pids, self._received):
-            state.get_mutable_vector(memory).SetFromVector(context.get_discrete_state(memory).value())
+        memory = context.get_discrete_state(self._memory).value()
+        state.get_mutable_vector(self._memory).SetFromVector(memory)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         status = context.get_discrete_state(self._status).value()
@@ -115,7 +115,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _step(self, context: Context, state: DiscreteValues, x: list[float], last: tuple[float, float]) -> None:
         period, loops, index = self._period, self._control.speed, self._index
-        received = CommandState(*context.get_discrete_state(self._received).value().tolist())
+        memory = context.get_discrete_state(self._memory).value().tolist()
+        received, memory = CommandState(*memory[:3]), memory[3:]
         speed, steering, stamp = self.command.Eval(context).tolist()
         received, (wanted, _) = command_step(
             received, speed, steering, stamp=stamp, time=context.get_time(), limits=self._command_limits
@@ -131,7 +132,6 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         ratios = self._ackermann.wheel_speed_ratios(steering)
 
         # Speed loop: trims the wheel speeds until the vehicle has the speed.
-        memory = context.get_discrete_state(self._pids).value().tolist()
         kp, ki = context.get_numeric_parameter(self._gains[0]).value().tolist()
         pid, trimmed = cruise_step(
             PidState(*memory[:_MEMORY]),
@@ -168,8 +168,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         state.get_mutable_vector(self._desired).SetFromVector(desired)
         state.get_mutable_vector(self._actuation).SetFromVector(actuation)
         state.get_mutable_vector(self._status).SetFromVector([speed, steering, trimmed - speed])
-        state.get_mutable_vector(self._received).SetFromVector(list(received))
-        state.get_mutable_vector(self._pids).SetFromVector(memory)
+        state.get_mutable_vector(self._memory).SetFromVector([*received, *memory])
 
     def _pid(
         self,

@@ -1,5 +1,57 @@
-"""Sensors: what a vehicle knows of itself and of its surroundings."""
+"""Sensors: what a vehicle knows of itself and of its surroundings.
 
+A new kind is a module with a function ``make_...`` and a line in :data:`SENSORS`; its data are a Mount in
+:mod:`mirdrake.vehicles.spec`. The system's inputs are named after what they need (:func:`sensor_feeds`); its output
+``sample`` is known as ``<vehicle>.<sensor>`` and recorded, others are ``<vehicle>.<sensor>.<port>``.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from pydrake.systems.framework import OutputPort, System
+
+from mirdrake.sensors.camera import Camera, make_camera
+from mirdrake.sensors.gps import Gps, make_gps
 from mirdrake.sensors.ground_truth import GroundTruth
+from mirdrake.sensors.imu import Imu, make_imu
+from mirdrake.sensors.noise import noise_stream
 
-__all__ = ["GroundTruth"]
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+__all__ = ["SENSORS", "Camera", "Gps", "GroundTruth", "Imu", "make_sensor", "sensor_feeds"]
+
+SENSORS: dict[str, Callable[..., System]] = {
+    "camera": make_camera,
+    "gps": make_gps,
+    "imu": make_imu,
+}
+"""How to make a sensor, by the kind in sensors.yaml."""
+
+
+def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed: int) -> System:
+    """A mounted sensor of a vehicle.
+
+    Args:
+        name: of the mount in the vehicle's sensors.yaml.
+        parts: plant, scene graph and world.
+        part: the vehicle.
+        seed: of the whole diagram; each sensor has a stream of its own.
+
+    Raises:
+        MissingDependencyError: a camera, and nothing to render with.
+    """
+    mount: Any = part.vehicle.sensors.mounts[name]
+    return SENSORS[mount.kind](mount, parts=parts, part=part, stream=noise_stream(seed, f"{part.name}.{name}"))
+
+
+def sensor_feeds(parts: "PlantParts") -> dict[str, OutputPort]:
+    """What the inputs of sensors are connected to, by their names."""
+    plant, scene_graph = parts.plant, parts.scene_graph
+    return {
+        "plant_state": plant.get_state_output_port(),
+        "body_poses": plant.get_body_poses_output_port(),
+        "body_velocities": plant.get_body_spatial_velocities_output_port(),
+        "body_accelerations": plant.get_body_spatial_accelerations_output_port(),
+        "query_object": scene_graph.get_query_output_port(),
+    }

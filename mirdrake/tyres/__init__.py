@@ -1,5 +1,5 @@
 """Tyres: forces of a wheel on the road beside Drake's contact."""
 
-from mirdrake.tyres.rolling_resistance import RollingResistance, RollingWheel, make_rolling_wheels
+from mirdrake.tyres.rolling_resistance import LOAD_PERIOD, RollingResistance, RollingWheel, make_rolling_wheels
 
-__all__ = ["RollingResistance", "RollingWheel", "make_rolling_wheels"]
+__all__ = ["LOAD_PERIOD", "RollingResistance", "RollingWheel", "make_rolling_wheels"]

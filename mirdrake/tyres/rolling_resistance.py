@@ -44,8 +44,8 @@ from mirdrake.vehicles import WHEELS
 FILTER_TIME = 0.1
 """Time constant of the estimate of the numerical moment's ratio to N·ω [s]: several facets at walking pace."""
 
-LOADS_EVERY = 5
-"""Updates between two readings of the contact results where only the loads are wanted from them."""
+LOAD_PERIOD = 0.1
+"""Period that is enough where nothing is cancelled, as in point contact [s]: loads change no faster than a car rolls."""
 
 SMOOTH_SPEED = 0.3
 """ω_0: wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
@@ -120,7 +120,8 @@ class RollingResistance(LeafSystem):
         wheels: the wheels.
         ground: geometries of the road plane, whose normal is z of the world.
         period: time between updates [s], a multiple of the plant's step.
-        cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place.
+        cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place; then, as in point
+            contact, :data:`LOAD_PERIOD` is enough.
 
     Raises:
         ConfigError: the period is not positive.
@@ -152,7 +153,6 @@ class RollingResistance(LeafSystem):
         self._torque = self.DeclareDiscreteState(count)
         self._others = self.DeclareDiscreteState(1)
         self._filters = self.DeclareDiscreteState(3 * count)  # per wheel: filtered M, N·ω, moment about the vertical
-        self._tick = self.DeclareDiscreteState(1)
         self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
         loads = [Signal(f"{wheel.vehicle}.wheel_load.{wheel.name}", "N", "normal load of the road") for wheel in wheels]
         torques = [
@@ -166,15 +166,8 @@ class RollingResistance(LeafSystem):
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         x = self.plant_state.Eval(context).tolist()
-        tick = int(context.get_discrete_state(self._tick).value()[0])
-        state.get_mutable_vector(self._tick).SetFromVector([tick + 1])
         poses = self._wheel_poses(x)
-        if self._cancel or tick % LOADS_EVERY == 0:
-            contacts, others = self._measure(context, poses)
-            state.get_mutable_vector(self._load).SetFromVector([contact.load for contact in contacts])
-            state.get_mutable_vector(self._others).SetFromVector([others])
-        else:
-            contacts = [_Contact(load) for load in context.get_discrete_state(self._load).value().tolist()]
+        contacts, others = self._measure(context, poses)
         filters = context.get_discrete_state(self._filters).value().tolist()
         force, torques = [0.0] * self._velocities, []
         for i, (wheel, contact, pose) in enumerate(zip(self._wheels, contacts, poses, strict=True)):
@@ -200,6 +193,8 @@ class RollingResistance(LeafSystem):
             force[base] += torque * pose.ax
             force[base + 1] += torque * pose.ay
             torques.append(torque)
+        state.get_mutable_vector(self._load).SetFromVector([contact.load for contact in contacts])
+        state.get_mutable_vector(self._others).SetFromVector([others])
         state.get_mutable_vector(self._force).SetFromVector(force)
         state.get_mutable_vector(self._torque).SetFromVector(torques)
         state.get_mutable_vector(self._filters).SetFromVector(filters)

@@ -1,0 +1,104 @@
+"""Inertial measurement unit: three accelerometers and three rate gyros."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.sensors import Accelerometer, Gyroscope
+
+from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
+from mirdrake.signals import copy_signals, signals
+from mirdrake.vehicles.spec import ImuMount
+from mirdrake.worlds.world import GRAVITY
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+IMU = signals(
+    ("fx", "m/s²", "specific force, ahead"),
+    ("fy", "m/s²", "specific force, to the left"),
+    ("fz", "m/s²", "specific force, up: +g at rest"),
+    ("wx", "rad/s", "roll rate"),
+    ("wy", "rad/s", "pitch rate"),
+    ("wz", "rad/s", "yaw rate"),
+)
+"""Specific force a - g of the mount's origin and angular velocity, both in the world and expressed in the mount."""
+
+
+class Imu(Diagram):  # type: ignore[misc, unused-ignore]
+    """Specific force and angular velocity of a frame, in that frame; lever arm and rotation follow from the motion.
+
+    Drake's Accelerometer and Gyroscope measure, without noise; samples are taken at a rate, with white noise. The
+    acceleration is that of the plant, for a discrete plant the mean over its step that begins with the sample.
+
+    Input ports:
+        body_poses, body_velocities, body_accelerations: the plant's outputs of all bodies.
+    Output ports:
+        sample (6) [m/s², rad/s]: :data:`IMU`; before the first sample that of an IMU at rest on the level.
+
+    Args:
+        plant: the finalised plant.
+        frame: where the IMU is mounted; fixed to a body.
+        rate: samples per second [Hz].
+        acceleration_noise: standard deviation of a sample, each axis [m/s²].
+        gyro_noise: the same of the angular velocity [rad/s].
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        frame: Frame,
+        *,
+        rate: float,
+        acceleration_noise: float = 0.0,
+        gyro_noise: float = 0.0,
+        stream: int = 0,
+    ) -> None:
+        super().__init__()
+        builder = DiagramBuilder()
+        body, X_BS = mount_pose(frame)
+        gravity = plant.gravity_field().gravity_vector()
+        force = builder.AddNamedSystem("accelerometer", Accelerometer(body, X_BS, gravity))
+        rates = builder.AddNamedSystem("gyroscope", Gyroscope(body, X_BS))
+        noise = [acceleration_noise] * 3 + [gyro_noise] * 3
+        sampler = builder.AddNamedSystem("sampler", _Sampler(rate=rate, noise=noise, stream=stream))
+        builder.Connect(force.get_measurement_output_port(), sampler.force)
+        builder.Connect(rates.get_measurement_output_port(), sampler.rates)
+        for name, of_force, of_rates in (
+            ("body_poses", force.get_body_poses_input_port(), rates.get_body_poses_input_port()),
+            ("body_velocities", force.get_body_velocities_input_port(), rates.get_body_velocities_input_port()),
+        ):
+            builder.ExportInput(of_force, name)
+            builder.ConnectInput(name, of_rates)
+        builder.ExportInput(force.get_body_accelerations_input_port(), "body_accelerations")
+        builder.ExportOutput(sampler.sample, "sample")
+        builder.BuildInto(self)
+        self.sample = self.GetOutputPort("sample")
+        copy_signals(sampler.sample, self.sample)
+
+
+class _Sampler(SampledSensor):
+    """Samples force and rates together."""
+
+    def __init__(self, *, rate: float, noise: list[float], stream: int) -> None:
+        super().__init__(IMU, rate=rate, noise=noise, stream=stream, initial=[0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0])
+        self.force = self.DeclareVectorInputPort("specific_force", 3)
+        self.rates = self.DeclareVectorInputPort("angular_velocity", 3)
+
+    def measure(self, context: Context) -> Array:
+        return np.concatenate((self.force.Eval(context), self.rates.Eval(context)))
+
+
+def make_imu(mount: ImuMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
+    """The IMU of a vehicle as its sensors.yaml describes it."""
+    return Imu(
+        parts.plant,
+        parts.plant.GetFrameByName(mount.frame, part.instance),
+        rate=mount.rate,
+        acceleration_noise=mount.acceleration_noise,
+        gyro_noise=mount.gyro_noise,
+        stream=stream,
+    )
