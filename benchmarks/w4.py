@@ -9,7 +9,7 @@ from typing import Any
 RUNS, DURATION = 32, 10.0
 """Number of runs, and simulated time of each [s]."""
 
-STEPS = (0.005, 0.010)
+STEPS = (0.005, 0.010, 0.020)
 """Plant steps [s]; point contact."""
 
 _worker: dict[str, Any] = {}

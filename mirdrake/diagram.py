@@ -250,8 +250,10 @@ def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramS
 
 def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> str | None:
     """Control unit, ground truth and driver of one vehicle; returns the track it is measured against."""
-    plant, name = parts.plant, part.name
-    control, truth = VehicleControl(plant, part), GroundTruth(plant, part)
+    plant, name, tracks = parts.plant, part.name, parts.world.tracks
+    driver_spec = spec.control.get(name)
+    track = getattr(driver_spec, "track", None) or next(iter(tracks), None)
+    control, truth = VehicleControl(plant, part), GroundTruth(plant, part, track=tracks.get(track or ""))
     split, join = Demultiplexer(len(COMMAND), 1), Multiplexer(len(COMMAND))
     wiring.add(f"{name}.control", control)
     wiring.add(f"{name}.truth", truth)
@@ -263,18 +265,14 @@ def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPl
     wiring.link(join.get_output_port(), control.command)
     for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
         wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
-    for port in (truth.state, truth.wheel_speeds, truth.steering_angles, control.status):
+    for port in (*(truth.get_output_port(index) for index in range(truth.num_output_ports())), control.status):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
     torques = plant.get_net_actuation_output_port(part.instance)
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
 
-    tracks = parts.world.tracks
-    track = next(iter(tracks), None)
-    driver_spec = spec.control.get(name)
     if driver_spec is None:
         return track
     driver = driver_spec.make_system(part.vehicle, parts.world, where=where(spec, "control", name))
-    track = getattr(driver_spec, "track", None) or track
     wiring.add(f"{name}.driver", driver)
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())

@@ -5,6 +5,7 @@ before it is finalised. The road is one half space; what the eye sees lies on to
 """
 
 import logging
+import re
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 from math import cos, sin, sqrt
@@ -199,7 +200,10 @@ def add_vehicle(
         raise ModelError(f"add_vehicle: the plant has no scene graph, so '{name}' cannot touch the road")
     parser.SetAutoRenaming(True)
     parser.package_map().AddMap(make_package_map(vehicle.packages))
-    (instance,) = parser.AddModelsFromString(vehicle.urdf, "urdf")
+    urdf = vehicle.urdf
+    if contact == "point":  # else Drake makes meshes of all hydroelastic shapes for nothing, 0.1 s a vehicle
+        urdf = re.sub(r"<drake:(?:compliant|rigid)_hydroelastic\s*/>", "", urdf)
+    (instance,) = parser.AddModelsFromString(urdf, "urdf")
     if plant.GetModelInstanceName(instance) != name:
         plant.RenameModelInstance(instance, name)
 

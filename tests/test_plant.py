@@ -111,3 +111,17 @@ def test_ground_truth_equals_what_the_plant_says_of_itself(parked):
     x = plant.GetPositionsAndVelocities(context)[:, None]
     twist = x[plant.num_positions() + part.base.floating_velocities_start_in_v() :][:6]
     assert vehicle_states(x[start : start + 7], twist)[:, 0] == pytest.approx(expected, abs=1e-12)
+
+
+def test_ground_truth_on_a_track_gives_offset_heading_error_and_progress():
+    builder = DiagramBuilder()
+    world = load_world("test_track")
+    parts = make_plant(builder, world, {"ego": load_vehicle("bolt")}, spec=PlantSpec(contact="point"))
+    plant, part = parts.plant, parts.vehicles["ego"]
+    truth = builder.AddSystem(GroundTruth(plant, part, track=world.tracks["main"]))
+    builder.Connect(plant.get_state_output_port(), truth.plant_state)
+    root = builder.Build().CreateDefaultContext()
+    # the start straight runs along x at y = -41 from x = -92, where progress is zero
+    set_start(plant, plant.GetMyMutableContextFromRoot(root), part, x=-62.0, y=-40.5, yaw=0.1)
+    path = truth.path.Eval(truth.GetMyContextFromRoot(root))
+    assert path == pytest.approx([0.5, 0.1, 30.0], abs=1e-9)

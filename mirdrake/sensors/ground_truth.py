@@ -1,17 +1,18 @@
 """Ground truth: the exact state of a vehicle, as no sensor gives it."""
 
 from collections.abc import Sequence
-from math import asin, atan2, sqrt
+from math import asin, atan2, pi, remainder, sqrt
 from typing import TYPE_CHECKING
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from mirdrake.controllers.vectors import STATE, STEERING_ANGLES, WHEEL_SPEEDS
+from mirdrake.controllers.vectors import PATH_ERROR, STATE, STEERING_ANGLES, WHEEL_SPEEDS
 from mirdrake.signals import declare_vector_output
 
 if TYPE_CHECKING:
     from mirdrake.plant import VehicleInPlant
+    from mirdrake.worlds import Track
 
 
 class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
@@ -24,14 +25,18 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
             origin and angular velocity, both expressed in B.
         wheel_speeds (4) [rad/s]: front_left, front_right, rear_left, rear_right; positive when rolling forward.
         steering_angles (2) [rad]: left, right; positive to the left.
+        path (3) [m, rad, m]: lateral and heading error against the track's centre line, and progress along it; only with
+            a track.
 
     Args:
         plant: the finalised plant.
         part: the vehicle in it.
+        track: the track it is measured against.
     """
 
-    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
+    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, track: "Track | None" = None) -> None:
         super().__init__()
+        self._track = track
         positions = plant.num_positions()
         self._pose = part.base.floating_positions_start()
         self._twist = positions + part.base.floating_velocities_start_in_v()
@@ -42,10 +47,20 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.wheel_speeds = declare_vector_output(self, "wheel_speeds", WHEEL_SPEEDS, self._calc_wheels)
         self.steering_angles = declare_vector_output(self, "steering_angles", STEERING_ANGLES, self._calc_steering)
 
+        if track is not None:
+            self.path = declare_vector_output(self, "path", PATH_ERROR[:3], self._calc_path)
+
     def _calc_state(self, context: Context, output: BasicVector) -> None:
         x = self.plant_state.Eval(context)
         pose, twist = x[self._pose : self._pose + 7].tolist(), x[self._twist : self._twist + 6].tolist()
         output.SetFromVector(vehicle_state(pose, twist))
+
+    def _calc_path(self, context: Context, output: BasicVector) -> None:
+        assert self._track is not None
+        x, y, _, _, _, yaw, *_ = self.state.Eval(context).tolist()
+        s, lateral = self._track.project(x, y)
+        _, _, direction = self._track.pose_at(s)
+        output.SetFromVector([lateral, remainder(yaw - direction, 2.0 * pi), s])
 
     def _calc_wheels(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.plant_state.Eval(context)[self._wheels])
