@@ -20,7 +20,7 @@ from mirdrake.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 
-STEPS = {"point": (0.002, 0.005, 0.010), "hydroelastic": (0.002, 0.005, 0.010)}
+STEPS = {"point": (0.002, 0.005, 0.010, 0.020), "hydroelastic": (0.002, 0.005, 0.010, 0.020)}
 """Plant steps [s] per contact setting."""
 
 

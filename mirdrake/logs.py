@@ -48,7 +48,7 @@ FLUSH_AFTER = 0.25
 JPEG_QUALITY = 90
 """Of pictures, 1 .. 95."""
 
-ROWS = 20_000
+ROWS = 5_000
 """Rows of a row group of signals.parquet."""
 
 
@@ -117,7 +117,7 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         return pd.DataFrame(index=pd.Index([], name="time"))
     known = pq.read_schema(stored[0]).names
     wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
-    table: pd.DataFrame = pa.concat_tables([pq.read_table(part, columns=wanted) for part in stored]).to_pandas()
+    table: pd.DataFrame = pa.concat_tables([_read(part, wanted) for part in stored]).to_pandas()
     return table.set_index("time")
 
 
@@ -127,6 +127,12 @@ def _stored(folder: Path) -> list[Path]:
         return [folder / SIGNALS]
     parts = folder / SIGNALS if (folder / SIGNALS).is_dir() else folder / _PARTS  # killed between two renames
     return sorted(parts.glob("part-*.parquet"))
+
+
+def _read(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """A Parquet file, read in this thread: the reader's own pool would keep some ten megabytes for good."""
+    with pq.ParquetFile(path) as file:
+        return file.read(columns=columns, use_threads=False)
 
 
 def _stored_schema(folder: Path) -> pa.Schema:
@@ -253,6 +259,7 @@ class RunWriter:
                 os.replace(whole, parts)
                 shutil.rmtree(self.folder / _PARTS)
         figures = dict(summary())
+        pa.default_memory_pool().release_unused()
         write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
         return figures
 
@@ -304,7 +311,7 @@ def _regroup(parts: Sequence[Path]) -> Iterator[pa.Table]:
     """The rows of many files in groups of the same size, few at a time in memory."""
     rest: pa.Table | None = None
     for part in parts:
-        table = pq.read_table(part)
+        table = _read(part)
         rest = table if rest is None else pa.concat_tables([rest, table])
         while rest.num_rows >= ROWS:
             yield rest.slice(0, ROWS).combine_chunks()
