@@ -160,6 +160,8 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
     taps = _add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
     unread = wiring.export(parts)
+    idle = [f"{vehicle}.{sensor}" for vehicle, sensor in _cameras(spec, vehicles)]
+    unread = (*unread, *(f"{name}.color_image" for name in idle if name not in wiring.systems))
     try:
         diagram = builder.Build()
     except RuntimeError as error:

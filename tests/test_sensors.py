@@ -62,8 +62,8 @@ class Carousel:
         plant = self.plant
         feeds = {
             "body_poses": plant.get_body_poses_output_port(),
-            "body_velocities": plant.get_body_spatial_velocities_output_port(),
-            "body_accelerations": plant.get_body_spatial_accelerations_output_port(),
+            "body_spatial_velocities": plant.get_body_spatial_velocities_output_port(),
+            "body_spatial_accelerations": plant.get_body_spatial_accelerations_output_port(),
         }
         self.builder.AddSystem(sensor)
         for port in map(sensor.get_input_port, range(sensor.num_input_ports())):
@@ -121,8 +121,8 @@ def test_an_imu_in_free_fall_reads_no_force() -> None:
     imu = builder.AddSystem(Imu(plant, body.body_frame(), rate=100.0))
     for name, port in (
         ("body_poses", plant.get_body_poses_output_port()),
-        ("body_velocities", plant.get_body_spatial_velocities_output_port()),
-        ("body_accelerations", plant.get_body_spatial_accelerations_output_port()),
+        ("body_spatial_velocities", plant.get_body_spatial_velocities_output_port()),
+        ("body_spatial_accelerations", plant.get_body_spatial_accelerations_output_port()),
     ):
         builder.Connect(port, imu.GetInputPort(name))
     simulator = Simulator(builder.Build())
@@ -232,6 +232,7 @@ def test_a_camera_that_nobody_looks_through_is_not_there(monkeypatch: pytest.Mon
     assembly = assemble(parked(["front_camera"]))
     assert assembly.parts.scene_graph.RendererCount() == 0
     assert not assembly.diagram.HasSubsystemNamed("ego.front_camera")
+    assert assembly.unread == ("ego.front_camera.color_image",)
 
 
 def test_recording_cameras_without_a_camera_is_refused() -> None:

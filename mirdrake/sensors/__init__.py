@@ -51,7 +51,7 @@ def sensor_feeds(parts: "PlantParts") -> dict[str, OutputPort]:
     return {
         "plant_state": plant.get_state_output_port(),
         "body_poses": plant.get_body_poses_output_port(),
-        "body_velocities": plant.get_body_spatial_velocities_output_port(),
-        "body_accelerations": plant.get_body_spatial_accelerations_output_port(),
+        "body_spatial_velocities": plant.get_body_spatial_velocities_output_port(),
+        "body_spatial_accelerations": plant.get_body_spatial_accelerations_output_port(),
         "query_object": scene_graph.get_query_output_port(),
     }

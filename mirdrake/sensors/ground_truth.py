@@ -25,8 +25,8 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
             origin and angular velocity, both expressed in B.
         wheel_speeds (4) [rad/s]: front_left, front_right, rear_left, rear_right; positive when rolling forward.
         steering_angles (2) [rad]: left, right; positive to the left.
-        path (3) [m, rad, m]: lateral and heading error against the track's centre line, and progress along it; only with
-            a track.
+        path (3) [m, rad, m]: lateral and heading error against the track's centre line, and progress along it; only
+            with a track.
 
     Args:
         plant: the finalised plant.

@@ -34,7 +34,7 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
     acceleration is that of the plant, for a discrete plant the mean over its step that begins with the sample.
 
     Input ports:
-        body_poses, body_velocities, body_accelerations: the plant's outputs of all bodies.
+        body_poses, body_spatial_velocities, body_spatial_accelerations: the plant's outputs of all bodies.
     Output ports:
         sample (6) [m/s², rad/s]: :data:`IMU`; before the first sample that of an IMU at rest on the level.
 
@@ -69,11 +69,11 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
         builder.Connect(rates.get_measurement_output_port(), sampler.rates)
         for name, of_force, of_rates in (
             ("body_poses", force.get_body_poses_input_port(), rates.get_body_poses_input_port()),
-            ("body_velocities", force.get_body_velocities_input_port(), rates.get_body_velocities_input_port()),
+            ("body_spatial_velocities", force.get_body_velocities_input_port(), rates.get_body_velocities_input_port()),
         ):
             builder.ExportInput(of_force, name)
             builder.ConnectInput(name, of_rates)
-        builder.ExportInput(force.get_body_accelerations_input_port(), "body_accelerations")
+        builder.ExportInput(force.get_body_accelerations_input_port(), "body_spatial_accelerations")
         builder.ExportOutput(sampler.sample, "sample")
         builder.BuildInto(self)
         self.sample = self.GetOutputPort("sample")

@@ -45,7 +45,7 @@ FILTER_TIME = 0.1
 """Time constant of the estimate of the numerical moment's ratio to N·ω [s]: several facets at walking pace."""
 
 LOAD_PERIOD = 0.1
-"""Period that is enough where nothing is cancelled, as in point contact [s]: loads change no faster than a car rolls."""
+"""Period that is enough where nothing is cancelled, as in point contact [s]: loads change slowly."""
 
 SMOOTH_SPEED = 0.3
 """ω_0: wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
