@@ -26,7 +26,8 @@ def run_w4(*, runs: int = RUNS, duration: float = DURATION, repeat: int = 3) -> 
         duration: simulated time of each [s].
         repeat: how often; the best is given, since other load can only add to it.
     """
-    from mirdrake.diagram_spec import load_diagram  # not in the peers' workers
+    import mirdrake.simulation  # noqa: F401  (forked workers inherit it; not in the peers' workers)
+    from mirdrake.diagram_spec import load_diagram
 
     gains = [0.3 + 0.4 * i / max(runs - 1, 1) for i in range(runs)]
     results = {}

@@ -33,6 +33,9 @@ from mirdrake.yaml_io import shown, where
 BLOCK = 1.0
 """Simulated time between two looks at the logs [s], the grain of the progress bar."""
 
+LONG_BLOCK = 10.0
+"""The same where nobody waits for the samples [s]."""
+
 SLICE = 0.125
 """Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
 
@@ -191,7 +194,8 @@ class Simulation:
         vehicles = list(self.assembly.parts.vehicles)
         count = 0
         commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
-        slices = round(BLOCK / SLICE)
+        watched = blocks.written or laps is not None or progress is not None
+        slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
         while context.get_time() < end - 1e-9:
             count += 1
             self._simulator.AdvanceTo(min(count * SLICE, end))
@@ -380,6 +384,7 @@ class _Blocks:
 
     def __init__(self, writer: RunWriter | None) -> None:
         self._writer = writer
+        self.written = writer is not None
         self._times: list[Array] = []
         self._columns: list[Columns] = []
 
