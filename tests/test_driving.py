@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from rigs import drive, free_rolling
 
 from mirdrake.diagram import assemble
 from mirdrake.plant import PlantSpec, make_plant, set_start
@@ -14,6 +13,7 @@ from mirdrake.simulation import Simulation
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
+from tests.rigs import drive, free_rolling
 
 WHEELBASE = 2.601
 TOLERANCE = {"point": 0.005, "hydroelastic": 0.01}

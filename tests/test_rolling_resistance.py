@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from rigs import GRAVITY, coasting_car
 
 from mirdrake.plant import PlantSpec
+from tests.rigs import GRAVITY, coasting_car
 
 BOLT_CRR = 0.0073
 SETTLE, COAST = 0.6, 2.0
