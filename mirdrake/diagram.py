@@ -14,7 +14,7 @@ what they measure; a camera's pictures are ``<vehicle>.<sensor>.color_image``.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import hypot
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, VectorLogSink
 
 from mirdrake.blocks import make_block
@@ -35,16 +35,11 @@ from mirdrake.sensors import Camera, GroundTruth, make_sensor, sensor_feeds
 from mirdrake.signals import Signal, signals_of
 from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.wiring import JOIN, SPLIT, Wiring
 from mirdrake.worlds import Start, load_world
 from mirdrake.yaml_io import Source, where
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
-
-SPLIT = ("speed_command", "steering_command", "command_stamp")
-JOIN = ("speed_reference", "steering_reference", "reference_stamp")
-"""What the ports between a driver and a vehicle's control unit are called, where a user's blocks may stand."""
-
-_RESERVED = {"plant", "scene_graph", "meshcat_visualizer"}  # Drake gives its own systems these names
 
 
 @dataclass(frozen=True)
@@ -140,7 +135,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
-    wiring = _Wiring(builder, spec)
+    wiring = Wiring(builder, spec)
     rolling = _add_rolling_resistance(wiring, parts, spec)
     tracks = {}
     for part in parts.vehicles.values():
@@ -229,7 +224,7 @@ def _cameras(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> list[tuple[s
     return [(name, sensor) for name, sensor in named if vehicles[name].sensors.mounts[sensor].kind == "camera"]
 
 
-def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
+def _add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
     """One system for all wheels, so that contact results are read once."""
     plant = parts.plant
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
@@ -250,7 +245,7 @@ def _add_rolling_resistance(wiring: "_Wiring", parts: PlantParts, spec: DiagramS
     return system
 
 
-def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> str | None:
+def _add_vehicle_systems(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> str | None:
     """Control unit, ground truth and driver of one vehicle; returns the track it is measured against."""
     plant, name, tracks = parts.plant, part.name, parts.world.tracks
     driver_spec = spec.control.get(name)
@@ -293,7 +288,7 @@ def _add_vehicle_systems(wiring: "_Wiring", parts: PlantParts, part: VehicleInPl
     return track
 
 
-def _add_sensors(wiring: "_Wiring", parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> None:
+def _add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> None:
     """The sensors of one vehicle; a camera only if its pictures are wanted."""
     feeds = sensor_feeds(parts)
     for index, sensor in enumerate(spec.sensors.get(part.name, ())):
@@ -316,7 +311,7 @@ def _add_sensors(wiring: "_Wiring", parts: PlantParts, part: VehicleInPlant, spe
             wiring.builder.ExportOutput(port, full)
 
 
-def _add_taps(wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> dict[str, Tap]:
+def _add_taps(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> dict[str, Tap]:
     """Log sinks, which are C++ and cost nothing to speak of, on what a run writes down."""
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),
@@ -341,108 +336,6 @@ def _add_taps(wiring: "_Wiring", parts: PlantParts, rolling: RollingResistance, 
         wiring.link(port, sink.get_input_port())
         taps[name] = Tap(name, sink, contents)
     return taps
-
-
-# --- wiring by name ----------------------------------------------------------------------------------------------
-
-_Source = tuple[OutputPort, tuple[Signal, ...] | None]
-_Sink = tuple[InputPort, tuple[Signal, ...] | None]
-
-
-@dataclass
-class _Wiring:
-    """The ports of a diagram under construction by name, and their connections."""
-
-    builder: DiagramBuilder
-    spec: DiagramSpec
-    sources: dict[str, _Source] = field(default_factory=dict)
-    sinks: dict[str, _Sink] = field(default_factory=dict)
-    defaults: list[tuple[str, str]] = field(default_factory=list)
-    systems: dict[str, System] = field(default_factory=dict)
-    read: set[str] = field(default_factory=set)
-
-    def add(self, name: str, system: System) -> None:
-        """Add a system under a name; the ports of a user's own become known as ``name.port``."""
-        if name in self.systems or name in self.spec.vehicles or name in _RESERVED:
-            place = where(self.spec, "systems", name)
-            raise ConfigError(f"{place}: the name '{name}' is taken; choose another")
-        system.set_name(name)
-        self.builder.AddSystem(system)
-        self.systems[name] = system
-        if name in self.spec.systems:
-            outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
-            inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
-            self.sources |= {f"{name}.{_short(port, outputs)}": (port, signals_of(port)) for port in outputs}
-            self.sinks |= {f"{name}.{_short(port, inputs)}": (port, signals_of(port)) for port in inputs}
-
-    def link(self, source: OutputPort, sink: InputPort) -> None:
-        """Connect two ports of ours."""
-        self.builder.Connect(source, sink)
-
-    def connect(self) -> None:
-        """Make the user's connections, then those of the defaults whose input is still free."""
-        taken: dict[str, str] = {}
-        for index, (source, sink) in enumerate(self.spec.connect):
-            place = where(self.spec, "connect", index)
-            if source not in self.sources:
-                if source in self.sinks:
-                    raise ConfigError(f"{place}: '{source}' is an input; write it second")
-                raise ConfigError(f"{place}: unknown output '{source}'; {did_you_mean(source, self.sources)}")
-            if sink not in self.sinks:
-                if sink in self.sources:
-                    raise ConfigError(f"{place}: '{sink}' is an output; write it first")
-                raise ConfigError(f"{place}: unknown input '{sink}'; {did_you_mean(sink, self.sinks)}")
-            if sink in taken:
-                raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[sink]}'; remove one of the two")
-            self._check(source, sink, place)
-            taken[sink] = source
-        for source, sink in self.defaults:
-            taken.setdefault(sink, source)
-        for sink, source in taken.items():
-            self.link(self.sources[source][0], self.sinks[sink][0])
-            self.read.add(source)
-
-    def _check(self, source: str, sink: str, place: str) -> None:
-        """Sizes, types and units of a connection."""
-        (output, contents), (port, wanted) = self.sources[source], self.sinks[sink]
-        if output.get_data_type() != port.get_data_type():
-            kinds = {PortDataType.kVectorValued: "a vector", PortDataType.kAbstractValued: "an abstract value"}
-            given, taken = kinds[output.get_data_type()], kinds[port.get_data_type()]
-            raise ConfigError(f"{place}: '{source}' gives {given}, '{sink}' takes {taken}")
-        if output.get_data_type() == PortDataType.kVectorValued and output.size() != port.size():
-            raise ConfigError(f"{place}: '{source}' has {output.size()} elements, '{sink}' takes {port.size()}")
-        for have, want in zip(contents or (), wanted or (), strict=False):
-            if have.unit != want.unit and have.unit and want.unit:
-                raise ConfigError(
-                    f"{place}: '{source}' gives {have.name} in {have.unit}, '{sink}' takes {want.name} in {want.unit}"
-                )
-
-    def export(self, parts: PlantParts) -> tuple[str, ...]:
-        """Export what the outside may need, refuse inputs that are open, name the outputs that nothing reads."""
-        for name in parts.vehicles:
-            self.builder.ExportOutput(self.sources[f"{name}.state"][0], f"{name}.state")
-            for port in JOIN:
-                sink = self.sinks[f"{name}.{port}"][0]
-                if not self.builder.IsConnectedOrExported(sink):
-                    self.builder.ExportInput(sink, f"{name}.{port}")
-        for sink, (port, _) in self.sinks.items():
-            system = sink.split(".", maxsplit=1)[0]
-            optional = getattr(self.systems.get(system), "optional_inputs", ())
-            if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
-                place = where(self.spec, "systems", system)
-                choices = ", ".join([*sorted(self.sources)[:12], *(["…"] if len(self.sources) > 12 else [])])
-                raise ConfigError(
-                    f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices})"
-                )
-        return tuple(
-            source for source in self.sources if source.split(".")[0] in self.spec.systems and source not in self.read
-        )
-
-
-def _short(port: InputPort | OutputPort, ports: Sequence[InputPort | OutputPort]) -> str:
-    """The name of a port in diagram files: u or y where it is the only one, and Drake has no word for it."""
-    name: str = port.get_name()
-    return {"u0": "u", "y0": "y", "delayed_u": "y"}.get(name, name) if len(ports) == 1 else name
 
 
 def _build_fault(error: Exception) -> str:

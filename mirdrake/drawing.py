@@ -11,8 +11,9 @@ import shutil
 import subprocess
 from collections import defaultdict
 
-from mirdrake.diagram import JOIN, SPLIT, Assembly
+from mirdrake.diagram import Assembly
 from mirdrake.errors import MissingDependencyError
+from mirdrake.wiring import JOIN, SPLIT
 
 _COLOURS = {"plant": "#dbe7f3", "other": "#eceff1", "user": "#fdebd0", "vehicle": "#e3f1e4"}
 _SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn to the right of the plant

@@ -2,31 +2,25 @@
 
 import math
 import os
-import platform
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context
 
-from mirdrake.controllers.ackermann import Ackermann
-from mirdrake.controllers.vectors import STATE
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import PictureLog, Run, RunWriter, read_signals, spec_hash
-from mirdrake.sensors import Camera, GroundTruth
+from mirdrake.logs import Run, RunWriter, read_signals
+from mirdrake.recorder import Blocks, Events, Pictures
+from mirdrake.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.telemetry import Array, Columns, Telemetry
 from mirdrake.yaml_io import shown, where
 
@@ -38,12 +32,6 @@ LONG_BLOCK = 10.0
 
 SLICE = 0.125
 """Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
-
-STRAIGHT = 1e-4
-"""Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
-STEADY = 2.0
-
-_VX = [signal.name for signal in STATE].index("vx")
 
 Progress = Callable[[float, float], None]
 
@@ -125,10 +113,10 @@ class Simulation:
         simulator.clear_monitor()
         watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
         if writer is not None and assembly.cameras:
-            watchers.append(_Pictures(assembly, writer.folder))
+            watchers.append(Pictures(assembly, writer.folder))
         if watchers:
             simulator.set_monitor(lambda context: _call_all(watchers, context))
-        telemetry, blocks, events = Telemetry(assembly), _Blocks(writer), _Events(writer)
+        telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
         try:
@@ -156,7 +144,7 @@ class Simulation:
         figures = partial(make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason)
         table, summary = None, {}
         if writer is not None:
-            summary = writer.finish(lambda: figures(read_signals(writer.folder, _figure_columns(assembly))))
+            summary = writer.finish(lambda: figures(read_signals(writer.folder, figure_columns(assembly))))
         else:
             table = blocks.frame()
             summary = figures(table)
@@ -182,8 +170,8 @@ class Simulation:
         context: Context,
         end: float,
         telemetry: Telemetry,
-        blocks: "_Blocks",
-        events: "_Events",
+        blocks: Blocks,
+        events: Events,
         progress: Progress | None,
         interrupted: threading.Event,
     ) -> str:
@@ -265,224 +253,6 @@ def _failure(error: Exception) -> str:
         return text
     file = Path(frame.tb_frame.f_code.co_filename)
     return text if file.is_relative_to(Path(__file__).parent) else f"{shown(file)}:{frame.tb_lineno}: {text}"
-
-
-def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
-    """The spec with every default, the hash of what it refers to, and the versions in use: enough to repeat a run."""
-    data = assembly.spec.model_dump(mode="json")
-    data["duration"] = duration
-    data.pop("provenance", None)
-    folder = data.pop("folder", None)  # the hash is that of the contents, wherever they lie
-    world = assembly.parts.world
-    content = {
-        name: spec_hash(
-            {
-                "urdf": part.vehicle.urdf,
-                "spec": part.vehicle.spec.model_dump(mode="json"),
-                "control": part.vehicle.control.model_dump(mode="json"),
-                "sensors": part.vehicle.sensors.model_dump(mode="json"),
-            }
-        )
-        for name, part in assembly.parts.vehicles.items()
-    }
-    content["world"] = spec_hash(world.spec.model_dump(mode="json"))
-    for name, system in assembly.own_systems().items():
-        content[name] = spec_hash({"source": _source_text(system)})
-    versions = {name: version(name) for name in ("mirdrake", "drake", "numpy")} | {"python": platform.python_version()}
-    digest = spec_hash({"spec": data, "content": content})
-    if folder is not None:
-        data["folder"] = folder
-    data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
-    return data
-
-
-def _source_text(system: System) -> str:
-    """The file that defines a user's class; empty for a class without one."""
-    module = sys.modules.get(type(system).__module__)
-    file = getattr(module, "__file__", None)
-    return Path(file).read_text(encoding="utf-8", errors="replace") if file and file.endswith(".py") else ""
-
-
-def make_summary(
-    assembly: Assembly, data: Mapping[str, Any], signals: pd.DataFrame, *, simulated: float, wall: float, reason: str
-) -> dict[str, Any]:
-    """The figures of a run, as in summary.json."""
-    summary: dict[str, Any] = {
-        "diagram": data["name"],
-        "world": data["world"],
-        "simulated_s": round(simulated, 9),
-        "wall_s": round(wall, 3),
-        "real_time_factor": round(simulated / wall, 2) if wall > 0.0 else None,
-        "stop_reason": reason,
-        "seed": data["seed"],
-        "spec_sha256": data["provenance"]["spec_sha256"],
-        "versions": data["provenance"]["versions"],
-        "vehicles": {},
-    }
-    for name, part in assembly.parts.vehicles.items():
-        summary["vehicles"][name] = {"model": part.vehicle.name} | _vehicle_figures(signals, name)
-    return summary
-
-
-_FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "curvature")
-
-
-def _figure_columns(assembly: Assembly) -> list[str]:
-    """The signals that the figures of a summary are made of."""
-    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
-
-
-def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
-    """Figures of one vehicle; those that the world or the run cannot give are None."""
-
-    def column(suffix: str) -> Array | None:
-        key = f"{name}.{suffix}"
-        return signals[key].to_numpy() if key in signals and len(signals) else None
-
-    figures: dict[str, Any] = {
-        "laps": None,
-        "max_abs_lateral_error_m": None,
-        "mean_speed_error_percent": None,
-        "off_road_s": None,
-        "distance_m": None,
-        "max_speed_mps": None,
-    }
-    vx, command, wheels = column("vx"), column("speed_command"), column("wheels_on_road")
-    lap, lateral, curvature = column("lap"), column("lateral_error"), column("curvature")
-    if vx is None or len(signals) < 2:
-        return figures
-    times = signals.index.to_numpy()
-    step = float(times[1] - times[0])
-    figures["distance_m"] = round(float(np.sum(np.abs(vx)) * step), 3)
-    figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)
-    if wheels is not None:
-        figures["off_road_s"] = round(float(np.sum(wheels < 4) * step), 3)
-    if lap is not None and lateral is not None:
-        figures["laps"] = round(float(lap[-1]), 4)
-        figures["max_abs_lateral_error_m"] = round(float(np.max(np.abs(lateral))), 4)
-    if command is not None:
-        steady = _steady(command, samples=max(1, round(STEADY / step))) & (np.abs(command) > 0.1)
-        if curvature is not None:
-            steady &= np.abs(curvature) < STRAIGHT
-        if steady.any():
-            error = np.mean((vx[steady] - command[steady]) / command[steady])
-            figures["mean_speed_error_percent"] = round(100.0 * float(error), 4)
-    return figures
-
-
-def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Where a signal has not changed during the last samples."""
-    changed = np.abs(np.diff(values, prepend=values[0])) > 1e-9
-    changed[0] = True
-    last = np.maximum.accumulate(np.where(changed, np.arange(values.size), 0))
-    result: np.ndarray[Any, np.dtype[np.bool_]] = np.arange(values.size) - last >= samples
-    return result
-
-
-class _Blocks:
-    """The blocks of samples of a run, written as they come or kept until the end."""
-
-    def __init__(self, writer: RunWriter | None) -> None:
-        self._writer = writer
-        self.written = writer is not None
-        self._times: list[Array] = []
-        self._columns: list[Columns] = []
-
-    def add(self, times: Array, columns: Columns, units: Mapping[str, str]) -> None:
-        """Keep a block, or write it."""
-        if not times.size:
-            return
-        if self._writer is not None:
-            self._writer.write_signals(times, columns, units)
-        else:
-            self._times.append(times)
-            self._columns.append(columns)
-
-    def frame(self) -> pd.DataFrame:
-        """All blocks as one table."""
-        if not self._times:
-            return pd.DataFrame(index=pd.Index([], name="time"))
-        data = {name: np.concatenate([block[name] for block in self._columns]) for name in self._columns[0]}
-        return pd.DataFrame(data, index=pd.Index(np.concatenate(self._times), name="time"))
-
-
-class _Events:
-    """What happens in a run, found in its samples."""
-
-    def __init__(self, writer: RunWriter | None) -> None:
-        self._writer = writer
-        self._last: dict[str, float] = {}
-        self.entries: list[dict[str, Any]] = []
-
-    def add(self, time: float, kind: str, text: str) -> None:
-        """Keep an event, and write it."""
-        self.entries.append({"time": round(time, 6), "kind": kind, "text": text})
-        if self._writer is not None:
-            self._writer.write_event(time, kind, text)
-
-    def look(self, times: Array, columns: Columns, vehicles: list[str]) -> None:
-        """Wheels that leave or regain the road, laps, and contacts that are not tyres on the road."""
-        watched = {f"{name}.wheels_on_road": "road" for name in vehicles} | {f"{name}.lap": "lap" for name in vehicles}
-        for key, kind in (watched | {"other_contacts": "contact"}).items():
-            if key not in columns:
-                continue
-            values = np.floor(columns[key] + 1e-6)
-            before = self._last.get(key, float(values[0]) if kind != "contact" else 0.0)
-            for index in np.flatnonzero(np.diff(values, prepend=before)):
-                self._report(float(times[index]), kind, key.split(".")[0], float(values[index]))
-            self._last[key] = float(values[-1])
-
-    def _report(self, time: float, kind: str, name: str, value: float) -> None:
-        texts = {
-            "road": f"{name}: {value:.0f} of 4 wheels on the road",
-            "lap": f"{name}: lap {value:.0f} completed",
-            "contact": f"{value:.0f} contacts that are not tyres on the road",
-        }
-        self.add(time, kind, texts[kind])
-
-
-class _Pictures:
-    """A monitor that writes each picture in the moment that its camera takes it.
-
-    Steps of the simulator end at these moments, as they are events of the camera.
-    """
-
-    def __init__(self, assembly: Assembly, folder: Path) -> None:
-        self._cameras = [
-            _Recorded(
-                camera,
-                PictureLog(folder / name),
-                assembly.diagram.GetSubsystemByName(f"{vehicle}.truth"),
-                Ackermann(assembly.parts.vehicles[vehicle].vehicle.geometry),
-            )
-            for name, (camera, vehicle) in assembly.cameras.items()
-        ]
-
-    def __call__(self, context: Context) -> None:
-        for camera in self._cameras:
-            camera.look(context)
-
-
-@dataclass
-class _Recorded:
-    """A camera, where its pictures go, and who knows what its vehicle does."""
-
-    camera: Camera
-    log: PictureLog
-    truth: GroundTruth
-    ackermann: Ackermann
-    taken: int = 0
-
-    def look(self, context: Context) -> None:
-        """Write a picture if it is time for one."""
-        time = context.get_time()
-        if time < self.taken / self.camera.rate - 1e-9:
-            return
-        truth = self.truth.GetMyContextFromRoot(context)
-        steering = self.ackermann.bicycle_angle(*self.truth.steering_angles.Eval(truth))
-        speed = float(self.truth.state.Eval(truth)[_VX])
-        self.log.write(time, self.camera.look(context), steering=steering, speed=speed)
-        self.taken += 1
 
 
 def _call_all(watchers: list[Callable[[Context], None]], context: Context) -> None:

@@ -1,0 +1,132 @@
+"""What a run was made from, and its figures: the provenance in spec.yaml, and summary.json."""
+
+import platform
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydrake.systems.framework import System
+
+from mirdrake.diagram import Assembly
+from mirdrake.logs import spec_hash
+from mirdrake.telemetry import Array
+
+STRAIGHT = 1e-4
+"""Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
+STEADY = 2.0
+
+
+def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
+    """The spec with every default, the hash of what it refers to, and the versions in use: enough to repeat a run."""
+    data = assembly.spec.model_dump(mode="json")
+    data["duration"] = duration
+    data.pop("provenance", None)
+    folder = data.pop("folder", None)  # the hash is that of the contents, wherever they lie
+    world = assembly.parts.world
+    content = {
+        name: spec_hash(
+            {
+                "urdf": part.vehicle.urdf,
+                "spec": part.vehicle.spec.model_dump(mode="json"),
+                "control": part.vehicle.control.model_dump(mode="json"),
+                "sensors": part.vehicle.sensors.model_dump(mode="json"),
+            }
+        )
+        for name, part in assembly.parts.vehicles.items()
+    }
+    content["world"] = spec_hash(world.spec.model_dump(mode="json"))
+    for name, system in assembly.own_systems().items():
+        content[name] = spec_hash({"source": _source_text(system)})
+    versions = {name: version(name) for name in ("mirdrake", "drake", "numpy")} | {"python": platform.python_version()}
+    digest = spec_hash({"spec": data, "content": content})
+    if folder is not None:
+        data["folder"] = folder
+    data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
+    return data
+
+
+def _source_text(system: System) -> str:
+    """The file that defines a user's class; empty for a class without one."""
+    module = sys.modules.get(type(system).__module__)
+    file = getattr(module, "__file__", None)
+    return Path(file).read_text(encoding="utf-8", errors="replace") if file and file.endswith(".py") else ""
+
+
+def make_summary(
+    assembly: Assembly, data: Mapping[str, Any], signals: pd.DataFrame, *, simulated: float, wall: float, reason: str
+) -> dict[str, Any]:
+    """The figures of a run, as in summary.json."""
+    summary: dict[str, Any] = {
+        "diagram": data["name"],
+        "world": data["world"],
+        "simulated_s": round(simulated, 9),
+        "wall_s": round(wall, 3),
+        "real_time_factor": round(simulated / wall, 2) if wall > 0.0 else None,
+        "stop_reason": reason,
+        "seed": data["seed"],
+        "spec_sha256": data["provenance"]["spec_sha256"],
+        "versions": data["provenance"]["versions"],
+        "vehicles": {},
+    }
+    for name, part in assembly.parts.vehicles.items():
+        summary["vehicles"][name] = {"model": part.vehicle.name} | _vehicle_figures(signals, name)
+    return summary
+
+
+_FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "curvature")
+
+
+def figure_columns(assembly: Assembly) -> list[str]:
+    """The signals that the figures of a summary are made of."""
+    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
+
+
+def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
+    """Figures of one vehicle; those that the world or the run cannot give are None."""
+
+    def column(suffix: str) -> Array | None:
+        key = f"{name}.{suffix}"
+        return signals[key].to_numpy() if key in signals and len(signals) else None
+
+    figures: dict[str, Any] = {
+        "laps": None,
+        "max_abs_lateral_error_m": None,
+        "mean_speed_error_percent": None,
+        "off_road_s": None,
+        "distance_m": None,
+        "max_speed_mps": None,
+    }
+    vx, command, wheels = column("vx"), column("speed_command"), column("wheels_on_road")
+    lap, lateral, curvature = column("lap"), column("lateral_error"), column("curvature")
+    if vx is None or len(signals) < 2:
+        return figures
+    times = signals.index.to_numpy()
+    step = float(times[1] - times[0])
+    figures["distance_m"] = round(float(np.sum(np.abs(vx)) * step), 3)
+    figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)
+    if wheels is not None:
+        figures["off_road_s"] = round(float(np.sum(wheels < 4) * step), 3)
+    if lap is not None and lateral is not None:
+        figures["laps"] = round(float(lap[-1]), 4)
+        figures["max_abs_lateral_error_m"] = round(float(np.max(np.abs(lateral))), 4)
+    if command is not None:
+        steady = _steady(command, samples=max(1, round(STEADY / step))) & (np.abs(command) > 0.1)
+        if curvature is not None:
+            steady &= np.abs(curvature) < STRAIGHT
+        if steady.any():
+            error = np.mean((vx[steady] - command[steady]) / command[steady])
+            figures["mean_speed_error_percent"] = round(100.0 * float(error), 4)
+    return figures
+
+
+def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Where a signal has not changed during the last samples."""
+    changed = np.abs(np.diff(values, prepend=values[0])) > 1e-9
+    changed[0] = True
+    last = np.maximum.accumulate(np.where(changed, np.arange(values.size), 0))
+    result: np.ndarray[Any, np.dtype[np.bool_]] = np.arange(values.size) - last >= samples
+    return result
