@@ -829,14 +829,13 @@ def centre_parts() -> Mesh:
     mesh.add_mesh(plate("MIR 2017"), None, (float(front[0]) - 0.005, 0, 0.535))
     rear = surface_point((-0.3, 0, 0.79), (-1, 0, 0))
     mesh.add_mesh(plate("BOLT EV"), flip, (float(rear[0]) + 0.002, 0, 0.79))
-    # Bow-tie emblems.
-    tie = outline([(-0.075, -0.008), (-0.032, -0.008), (-0.022, -0.024), (0.032, -0.024), (0.026, -0.008),
-                   (0.075, -0.008), (0.068, 0.012), (0.028, 0.012), (0.022, 0.024), (-0.032, 0.024), (-0.026, 0.012),
-                   (-0.068, 0.012)])  # fmt: skip
+    # Oval emblems of no maker.
+    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    oval = outline([(0.055 * float(np.cos(a)), 0.022 * float(np.sin(a))) for a in angles])
     nose = surface_point((3.0, 0, 0.69), (1, 0, 0))
-    mesh.add_mesh(prism("gold", tie, 0.014), None, (float(nose[0]) - 0.004, 0, 0.69))
+    mesh.add_mesh(prism("gold", oval, 0.014), None, (float(nose[0]) - 0.004, 0, 0.69))
     hatch = surface_point((-0.3, 0, 0.965), (-1, 0, 0))
-    mesh.add_mesh(prism("gold", tie, 0.014), flip, (float(hatch[0]) + 0.004, 0, 0.965))
+    mesh.add_mesh(prism("gold", oval, 0.014), flip, (float(hatch[0]) + 0.004, 0, 0.965))
     # Aerial and rear wiper.
     mesh.add_mesh(pillow("gloss_black", (0.15, 0.035, 0.075), 0.8, (16, 9)), rot_y(-0.25), (-0.17, 0, 1.560))
     return mesh
