@@ -160,11 +160,9 @@ def test_check_tells_the_faults_of_all_that_are_bad_and_goes_on(
     code, out, err = here("check", "bad.yaml", "empty", "nobody", "drive.yaml")
     assert code == 2
     assert out.splitlines() == ["empty: sound", "drive.yaml: sound"]
-    assert [line.split(":")[1:3] for line in err.splitlines()] == [
-        [" bad.yaml", "6"],
-        [" bad.yaml", "7"],
-        [" nothing is called 'nobody'; (allowed", " bolt, bolt_test_track, empty, skidpad, test_track)"],
-    ]
+    first, second, third = err.splitlines()
+    assert [line.split(":")[1:3] for line in (first, second)] == [[" bad.yaml", "6"], [" bad.yaml", "7"]]
+    assert third.startswith("error: nothing is called 'nobody'; (allowed: bolt, ")
 
 
 def test_check_names_outputs_that_nothing_reads(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
