@@ -148,7 +148,7 @@ def _w1_targets(w1: dict[str, Any]) -> dict[str, Any]:
         best = max(sound, key=lambda drive: drive["rtf_cpu"], default=None)
         found[f"w1_{contact}_rtf"] = _at_least(best["rtf_cpu"] if best else 0.0, must=must, aim=aim)
         if best:
-            found[f"w1_{contact}_rtf"]["step_ms"] = best["step_ms"]
+            found[f"w1_{contact}_rtf"] |= {key: best[key] for key in ("step_ms", "approximation")}
         drives = [d for d in w1["drives"] if d["contact"] == contact]
         worst = max(abs(d["speed_error_percent"]) for d in drives)
         found[f"w1_{contact}_speed_error_percent"] = _at_most(worst, must=0.5)
