@@ -302,7 +302,8 @@ def _kind_of(name: str) -> str:
     path = Path(name)
     if (path / "spec.yaml").is_file():
         return "runs"
-    if (path / "vehicle.yaml").is_file() or name in names("models"):
+    model = name.rpartition("@")[0] or name  # bolt@published
+    if any((Path(one) / "vehicle.yaml").is_file() or one in names("models") for one in (name, model)):
         return "models"
     if path.suffix in {".yaml", ".yml"} and path.is_file():
         from mirdrake.yaml_io import parse_tree

@@ -28,10 +28,10 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer, VectorLogSink
 from mirdrake.blocks import make_block
 from mirdrake.controllers import VehicleControl
 from mirdrake.controllers.vectors import COMMAND
-from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.diagram_spec import DiagramSpec, Place, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.plant import PlantParts, VehicleInPlant, make_plant, set_start
-from mirdrake.sensors import Camera, GroundTruth, make_sensor, sensor_feeds
+from mirdrake.sensors import SENSORS, Camera, GroundTruth, make_sensor, sensor_feeds
 from mirdrake.signals import Signal, signals_of
 from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -180,7 +180,10 @@ def _load(spec: DiagramSpec, name: str) -> Vehicle:
 
 def _start(spec: DiagramSpec, name: str, world: Any) -> Start:
     entry = spec.vehicles[name]
-    if entry.start is None and not world.starts:
+    if isinstance(entry.start, Place):
+        start = Start(entry.start.x, entry.start.y, entry.start.yaw)
+        world.ground.check_place(start.x, start.y, where=where(spec, "vehicles", name, "start"))
+    elif entry.start is None and not world.starts:
         start = Start(0.0, 0.0, 0.0)
     else:
         start = world.start(entry.start or next(iter(world.starts)), where=where(spec, "vehicles", name, "start"))
@@ -208,6 +211,11 @@ def _check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
             if sensor not in mounts:
                 raise ConfigError(
                     f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}"
+                )
+            kind = mounts[sensor].kind
+            if kind not in SENSORS:
+                raise ConfigError(
+                    f"{place}: '{sensor}' is mounted, but no {kind} is simulated yet; simulated: {', '.join(SENSORS)}"
                 )
             if sensor in names[:index]:
                 raise ConfigError(f"{place}: '{sensor}' is named twice; once is enough")

@@ -13,16 +13,27 @@ from pydantic import ConfigDict, Field, field_validator
 from mirdrake.controllers.spec import DriverSpec
 from mirdrake.paths import find
 from mirdrake.plant import PlantSpec
-from mirdrake.yaml_io import Duration, Frequency, Schema, Source, Speed, load_yaml, validate
+from mirdrake.vehicles.vehicle import VARIANT_MARK
+from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="letters, digits and _ [-]")]
+
+
+class Place(Schema):
+    """A place on the ground of the world."""
+
+    x: Length = Field(0.0, description="of the rear axle's centre [m]")
+    y: Length = Field(0.0, description="the same, to the left [m]")
+    yaw: Angle = Field(0.0, description="heading, positive to the left [rad]")
 
 
 class VehicleEntry(Schema):
     """A vehicle in the world."""
 
-    model: str = Field(description="name of a folder in models/, or a path [-]")
-    start: str | None = Field(None, description="a start of the world; its first one if left out [-]")
+    model: str = Field(description="name of a folder in models/, or a path; with @ and a variant behind it [-]")
+    start: str | Place | None = Field(
+        None, description="a start of the world, or {x, y, yaw}; the world's first one if left out [-]"
+    )
     speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
     parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
@@ -98,8 +109,10 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
         spec.name = path.stem
     if spec.folder is None and any(":" in entry.kind for entry in spec.systems.values()):
         spec.folder = str(path.parent)
-    for holder, key in ((spec, "world"), *((entry, "model") for entry in spec.vehicles.values())):
-        setattr(holder, key, _absolute(getattr(holder, key), path.parent))
+    spec.world = _absolute(spec.world, path.parent)
+    for entry in spec.vehicles.values():
+        model, mark, variant = entry.model.partition(VARIANT_MARK)
+        entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"
     return spec
 
 

@@ -89,7 +89,7 @@ class VehicleInPlant:
         wheel_actuators: actuators of the wheel joints.
         steering_actuators: actuators of the steering joints.
         tyres: collision geometry of each wheel's tyre.
-        compression: how far a tyre under a load [N] is pressed in at rest [m].
+        compression: how far a front and a rear tyre under a load [N] are pressed in at rest [m].
     """
 
     name: str
@@ -101,7 +101,7 @@ class VehicleInPlant:
     wheel_actuators: tuple[JointActuator, ...]
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
-    compression: Callable[[float], float]
+    compression: tuple[Callable[[float], float], Callable[[float], float]]
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
@@ -109,7 +109,14 @@ class VehicleInPlant:
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, self.base, RigidTransform())
         weight = plant.CalcTotalMass(context, [self.instance]) * GRAVITY
         share = plant.CalcCenterOfMassPositionInWorld(context, [self.instance])[0] / self.vehicle.geometry.wheelbase
-        return self.compression(weight * share / 2.0), self.compression(weight * (1.0 - share) / 2.0)
+        front, rear = self.compression
+        return front(weight * share / 2.0), rear(weight * (1.0 - share) / 2.0)
+
+    def rolling_radii(self, plant: MultibodyPlant) -> tuple[float, float]:
+        """Height of the front and the rear axle over the road [m] when the car rests on the flat."""
+        geometry = self.vehicle.geometry
+        front, rear = self.rest_compressions(plant)
+        return geometry.front_wheel_radius - front, geometry.rear_wheel_radius - rear
 
 
 @dataclass(frozen=True)
@@ -231,19 +238,29 @@ def add_vehicle(
             gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
             actuator.set_controller_gains(gains)
 
-    shape = make_wheel_shape(contact, radius=vehicle.geometry.wheel_radius, width=vehicle.geometry.wheel_width)
     tyres = []
-    for joint in wheels:
+    for joint, radius, width in zip(wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True):
         geometries = plant.GetCollisionGeometriesForBody(joint.child_body())
         if len(geometries) != 1:
             raise ModelError(
                 f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
             )
         scene_graph.ChangeShape(
-            source_id=plant.get_source_id(), geometry_id=geometries[0], shape=shape, X_FG=RigidTransform()
+            source_id=plant.get_source_id(),
+            geometry_id=geometries[0],
+            shape=make_wheel_shape(contact, radius=radius, width=width),
+            X_FG=RigidTransform(),
         )
         tyres.append(geometries[0])
-    material = scene_graph.model_inspector().GetProximityProperties(tyres[0])
+    inspector, geometry = scene_graph.model_inspector(), vehicle.geometry
+    compression = (
+        _compression(
+            inspector.GetProximityProperties(tyres[0]), contact, geometry.front_wheel_radius, geometry.front_wheel_width
+        ),
+        _compression(
+            inspector.GetProximityProperties(tyres[2]), contact, geometry.rear_wheel_radius, geometry.rear_wheel_width
+        ),
+    )
     return VehicleInPlant(
         name=name,
         vehicle=vehicle,
@@ -254,17 +271,18 @@ def add_vehicle(
         wheel_actuators=wheel_actuators,
         steering_actuators=steering_actuators,
         tyres=tuple(tyres),
-        compression=_compression(material, contact, vehicle),
+        compression=compression,
     )
 
 
-def _compression(material: ProximityProperties, contact: ContactModel, vehicle: Vehicle) -> Callable[[float], float]:
+def _compression(
+    material: ProximityProperties, contact: ContactModel, radius: float, width: float
+) -> Callable[[float], float]:
     """Compression [m] of a tyre at rest under a load [N].
 
     Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
     2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5.
     """
-    radius, width = vehicle.geometry.wheel_radius, vehicle.geometry.wheel_width
     if contact == "point":
         stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
         return lambda load: float(load / stiffness)
@@ -315,6 +333,6 @@ def set_start(
     velocities = plant.GetVelocities(context).copy()
     start = part.base.floating_velocities_start_in_v()
     velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
-    for joint in part.wheels:
-        velocities[joint.velocity_start()] = speed / (part.vehicle.geometry.wheel_radius - rear)
+    for joint, radius in zip(part.wheels, [radius for radius in part.rolling_radii(plant) for _ in SIDES], strict=True):
+        velocities[joint.velocity_start()] = speed / radius
     plant.SetVelocities(context, velocities)

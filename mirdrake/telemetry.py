@@ -14,8 +14,12 @@ from mirdrake.controllers.vectors import STATE
 from mirdrake.diagram import Assembly, Tap
 from mirdrake.plant import VehicleInPlant
 from mirdrake.vehicles import WHEELS
+from mirdrake.worlds.tracks import Track
 
 Array = NDArray[np.float64]
+
+LEAP = 1.0
+"""Progress [m] beyond twice the distance travelled that is taken for another stretch of road."""
 Columns = dict[str, Array]
 
 
@@ -127,7 +131,7 @@ class Telemetry:
         if track_name is None or px.size == 0:
             return
         track = world.tracks[track_name]
-        s, lateral = track.project(px, py)
+        s, lateral = _follow(track, px, py, self._progress.get(name))
         _, _, direction = track.pose(s)
         last = self._progress.get(name, float(s[0]))
         if track.closed:
@@ -143,6 +147,29 @@ class Telemetry:
         self._put(columns, f"{name}.heading_error", heading, "rad")
         self._put(columns, f"{name}.curvature", track.curvature(s), "1/m")
         self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
+
+
+def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array, Array]:
+    """Track coordinates of a path, which does not leap to another stretch of road where the track meets itself.
+
+    Args:
+        track: the track.
+        x: positions [m] (n).
+        y: the same, to the left [m] (n).
+        last: s [m] before the first position, at any lap; None at the start.
+    """
+    s, lateral = track.project(x, y)
+    if not s.size:
+        return s, lateral
+    near = float(s[0] if last is None else np.mod(last, track.length) if track.closed else last)
+    leaps = np.abs(np.diff(s, prepend=near))
+    if track.closed:
+        leaps = np.minimum(leaps, track.length - leaps)
+    if (leaps > 2.0 * np.hypot(np.diff(x, prepend=x[0]), np.diff(y, prepend=y[0])) + LEAP).any():
+        for i in range(x.size):
+            near, lateral[i] = track.project(float(x[i]), float(y[i]), near=near)
+            s[i] = near
+    return s, lateral
 
 
 def vehicle_states(pose: Array, twist: Array) -> Array:

@@ -19,7 +19,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, PrivateAttr, Valida
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.yaml_tree import Key as Key  # with `as`: also public here
 from mirdrake.yaml_tree import Source as Source
-from mirdrake.yaml_tree import dotted, in_file
+from mirdrake.yaml_tree import dotted, in_file, lay_over
 from mirdrake.yaml_tree import parse_tree as parse_tree
 
 SchemaT = TypeVar("SchemaT", bound="Schema")
@@ -153,15 +153,36 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     return spec
 
 
-def load_yaml(path: Path, schema: type[SchemaT], *, overrides: Iterable[str] = ()) -> SchemaT:
+def load_yaml(
+    path: Path, schema: type[SchemaT], *, overrides: Iterable[str] = (), over: tuple[Any, Source] | None = None
+) -> SchemaT:
     """A YAML file as a checked model; see :func:`parse_yaml`.
+
+    Args:
+        path: the file.
+        schema: the pydantic model of the format.
+        overrides: ``"dotted.path=value"`` texts.
+        over: a partial tree and its places, laid over the file; see :func:`mirdrake.yaml_tree.lay_over`.
 
     Raises:
         ConfigError: the file cannot be read, or has faults.
     """
+    text, name = read_text(path), shown(path)
+    if over is None:
+        return parse_yaml(text, schema, name=name, overrides=overrides)
+    data, source = lay_over(*parse_tree(text, name), *over)
+    return validate(data, schema, source)
+
+
+def read_text(path: Path) -> str:
+    """A text file.
+
+    Raises:
+        ConfigError: it cannot be read, or is not UTF-8.
+    """
     name = shown(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(f"{name}: no such file") from None
     except IsADirectoryError:
@@ -170,7 +191,6 @@ def load_yaml(path: Path, schema: type[SchemaT], *, overrides: Iterable[str] = (
         raise ConfigError(f"{name}: not UTF-8 text (byte {error.start})") from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise ConfigError(f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    return parse_yaml(text, schema, name=name, overrides=overrides)
 
 
 def shown(path: Path) -> str:

@@ -27,13 +27,52 @@ class Source(NamedTuple):
     def where(self, *path: Hashable) -> str:
         """``file:line: dotted.path`` of a key below this place, or the line of its nearest parent in the file."""
         full = (*self.prefix, *path)
+        place = self.place(*path)
+        return f"{place}: {dotted(full)}" if full else place
+
+    def place(self, *path: Hashable) -> str:
+        """``file:line`` of a key below this place, or of its nearest parent in the file."""
+        full = (*self.prefix, *path)
         top = self._replace(prefix=())
         for length in range(len(full), -1, -1):
             key = in_file(full[:length], top)
             if len(key) == length:
                 break
-        place = self.overrides.get(key) or (f"{self.name}:{self.lines[key]}" if key in self.lines else self.name)
-        return f"{place}: {dotted(full)}" if full else place
+        return self.overrides.get(key) or (f"{self.name}:{self.lines[key]}" if key in self.lines else self.name)
+
+
+def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:
+    """A tree with a partial tree laid over it.
+
+    Mappings merge key by key unless their kinds differ; anything else is replaced.
+
+    Args:
+        data: the tree below, not changed.
+        source: its places.
+        over: the partial tree.
+        over_source: its places; its prefix is the place of `over` in its file.
+
+    Returns:
+        the merged tree, and a source that finds every key where it was written last.
+    """
+    lines, places = dict(source.lines), dict(source.overrides)
+
+    def merge(below: Any, above: Any, path: Key) -> Any:
+        if path:
+            places[path] = over_source.place(*path)
+        if (
+            isinstance(below, dict)
+            and isinstance(above, dict)
+            and below.get("kind") == above.get("kind", below.get("kind"))
+        ):
+            return {**below, **{key: merge(below.get(key), value, (*path, key)) for key, value in above.items()}}
+        for key in [key for key in lines if key[: len(path)] == path and len(key) > len(path)]:
+            del lines[key]
+        if isinstance(above, dict):
+            return {key: merge(None, value, (*path, key)) for key, value in above.items()}
+        return above
+
+    return merge(data, over, ()), source._replace(lines=lines, overrides=places)
 
 
 def parse_tree(text: str, name: str) -> tuple[Any, Source]:

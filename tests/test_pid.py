@@ -302,7 +302,7 @@ def test_initialising_again_does_not_disturb_a_running_controller():
 
 
 def test_free_rolling_wheels_at_6_m_per_s_with_radius_0_3_turn_at_20_rad_per_s():
-    assert wheel_speed_setpoints(6.0, (1.0, 1.0, 1.0, 1.0), wheel_radius=0.3) == pytest.approx((20.0,) * 4)
+    assert wheel_speed_setpoints(6.0, (1.0,) * 4, radii=(0.3, 0.3, 0.4, 0.4)) == pytest.approx((20.0, 20.0, 15.0, 15.0))
 
 
 def test_speed_trim_takes_out_a_slip_of_5_percent():

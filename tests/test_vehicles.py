@@ -73,8 +73,8 @@ def test_the_bolts_dimensions_are_measured_on_its_kinematics(bolt: Vehicle) -> N
     assert geometry.front_track == pytest.approx(1.501, abs=1e-12)
     assert geometry.rear_track == pytest.approx(1.501, abs=1e-12)
     assert geometry.kingpin_track == pytest.approx(1.501 - 2 * 0.02, abs=1e-12)
-    assert geometry.wheel_radius == pytest.approx(17 * 0.0254 / 2 + 0.5 * 0.215, abs=1e-12)
-    assert geometry.wheel_width == pytest.approx(0.215, abs=1e-12)
+    assert geometry.wheel_radii == pytest.approx((17 * 0.0254 / 2 + 0.5 * 0.215,) * 4, abs=1e-12)
+    assert geometry.wheel_widths == pytest.approx((0.215,) * 4, abs=1e-12)
     assert geometry.steering_limit == pytest.approx(0.6, abs=1e-12)
     assert geometry.steering_rate == pytest.approx(0.5, abs=1e-12)
 

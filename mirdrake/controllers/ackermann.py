@@ -215,6 +215,56 @@ class Ackermann:
         return math.atan2(tangent, 1.0 + abs(tangent) * self._kingpin) / factor
 
 
+class UniorLinkage(Ackermann):
+    """The steering of the Avrora Unior as a law of its own; see :meth:`Ackermann.unior_wheel_angles`.
+
+    What the other law calls bicycle angle is here the robot's input: ``limit`` and ``rate`` are those of the input.
+
+    Args:
+        geometry: lengths and limits of the vehicle.
+        factor: angle of the directly set wheel over the input.
+        printed: as printed, or with the outer wheel set directly.
+    """
+
+    __slots__ = ("_factor", "_printed")
+
+    def __init__(self, geometry: SteeringGeometry, *, factor: float = 0.5, printed: bool = False):
+        super().__init__(geometry)
+        self._factor, self._printed = check_number("steering geometry", "factor", factor, above=0.0), printed
+        self.limit = self.unior_input(self.limit, factor=factor)
+        self.rate /= factor
+
+    def wheel_angles(self, steering: float) -> tuple[float, float]:
+        """Left and right wheel angle [rad] for an input [rad]; not clipped."""
+        return self.unior_wheel_angles(steering, factor=self._factor, printed=self._printed)
+
+    def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
+        """Those of the bicycle angle that the two wheels come nearest to."""
+        return super().wheel_speed_ratios(super().bicycle_angle(*self.wheel_angles(steering)))
+
+    def bicycle_angle(self, left: float, right: float) -> float:
+        """Input [rad] of two wheel angles: the wheel set directly turns less."""
+        return min(left, right, key=abs) / self._factor
+
+
+def make_steering_law(geometry: SteeringGeometry, linkage: str = "ackermann", *, factor: float = 0.5) -> Ackermann:
+    """The steering law of a name.
+
+    Args:
+        geometry: lengths and limits of the vehicle.
+        linkage: one of :data:`LINKAGES`.
+        factor: input factor of the unior linkages.
+
+    Raises:
+        ConfigError: no such linkage, or a factor, length or limit that makes no sense.
+    """
+    if linkage not in LINKAGES:
+        raise ConfigError(f"AckermannSteering: unknown linkage '{linkage}'; {did_you_mean(linkage, LINKAGES)}")
+    if linkage == "ackermann":
+        return Ackermann(geometry)
+    return UniorLinkage(geometry, factor=factor, printed=linkage == "unior_printed")
+
+
 class AckermannSteering(LeafSystem):
     """Bicycle steering angle to the angles of the two front wheels.
 
@@ -249,11 +299,7 @@ class AckermannSteering(LeafSystem):
         factor: float = 0.5,
     ):
         super().__init__()
-        if linkage not in LINKAGES:
-            raise ConfigError(f"AckermannSteering: unknown linkage '{linkage}'; {did_you_mean(linkage, LINKAGES)}")
-        self.law = Ackermann(geometry)
-        self.linkage: Linkage = linkage
-        self.factor = check_number("AckermannSteering", "factor", factor, above=0.0)
+        self.law = make_steering_law(geometry, linkage, factor=factor)
         self.period = period
         self.steering = declare_vector_input(self, "steering", signals(("steering", "rad")))
         if period is None:
@@ -271,30 +317,18 @@ class AckermannSteering(LeafSystem):
 
     def set_steering(self, context: Context, steering: float) -> None:
         """Write the bicycle angle [rad] from which a system with a period starts into its Context."""
-        context.SetDiscreteState(self._angle, [self._clip(steering)])
-        context.SetDiscreteState(self._wheels, list(self._angles(self._clip(steering))))
-
-    def _clip(self, steering: float) -> float:
-        if self.linkage == "ackermann":
-            return self.law.clip(steering)
-        limit = self.law.unior_input(self.law.limit, factor=self.factor)
-        return min(max(steering, -limit), limit)
-
-    def _angles(self, steering: float) -> tuple[float, float]:
-        if self.linkage == "ackermann":
-            return self.law.wheel_angles(steering)
-        return self.law.unior_wheel_angles(steering, factor=self.factor, printed=self.linkage == "unior_printed")
+        context.SetDiscreteState(self._angle, [self.law.clip(steering)])
+        context.SetDiscreteState(self._wheels, list(self.law.wheel_angles(self.law.clip(steering))))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._angles(self._clip(self.steering.Eval(context).item())))
+        output.SetFromVector(self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item())))
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         angle = context.get_discrete_state(self._angle).value().item()
-        values.set_value(self._wheels, self._angles(angle))
+        values.set_value(self._wheels, self.law.wheel_angles(angle))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         angle = context.get_discrete_state(self._angle).value().item()
-        step = self.law.rate * (self.period or 0.0) / (1.0 if self.linkage == "ackermann" else self.factor)
-        angle = self._clip(min(max(self.steering.Eval(context).item(), angle - step), angle + step))
+        angle = self.law.approach(angle, self.steering.Eval(context).item(), period=self.period or 0.0)
         values.set_value(self._angle, [angle])
-        values.set_value(self._wheels, self._angles(angle))
+        values.set_value(self._wheels, self.law.wheel_angles(angle))

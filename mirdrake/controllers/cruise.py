@@ -21,17 +21,17 @@ CRUISE_LIMITS = PidLimits(minimum=-1.0, maximum=1.0)
 """The trim is limited to 1 m/s."""
 
 
-def wheel_speed_setpoints(speed: float, ratios: WheelRates, *, wheel_radius: float) -> WheelRates:
+def wheel_speed_setpoints(speed: float, ratios: WheelRates, *, radii: WheelRates) -> WheelRates:
     """Spin rates of free rolling [rad/s].
 
     Args:
         speed: speed of the rear axle centre [m/s].
         ratios: speeds of the wheel centres over that speed, from :meth:`Ackermann.wheel_speed_ratios`.
-        wheel_radius: rolling radius [m].
+        radii: rolling radius of each wheel [m].
     """
-    spin = speed / wheel_radius
+    a, b, c, d = radii
     front_left, front_right, rear_left, rear_right = ratios
-    return spin * front_left, spin * front_right, spin * rear_left, spin * rear_right
+    return speed * front_left / a, speed * front_right / b, speed * rear_left / c, speed * rear_right / d
 
 
 def cruise_step(
@@ -129,7 +129,7 @@ class SpeedControl(LeafSystem):
         gains = self.get_gains(context)
         state, trimmed = cruise_step(state, speed, measured, period=self.period, gains=gains, limits=self.limits)
         ratios = self.law.wheel_speed_ratios(self.law.clip(steering))
-        return state, wheel_speed_setpoints(trimmed, ratios, wheel_radius=self.wheel_radius)
+        return state, wheel_speed_setpoints(trimmed, ratios, radii=(self.wheel_radius,) * 4)
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         """Show the set-points of the first inputs; the first update, at the same time, counts as the first step."""

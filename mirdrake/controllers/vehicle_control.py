@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from mirdrake.controllers.ackermann import Ackermann
+from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, WHEELS
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.vehicles.spec import Beliefs
 
 if TYPE_CHECKING:
     from mirdrake.plant import VehicleInPlant
@@ -54,18 +55,16 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         control, geometry = part.vehicle.control, part.vehicle.geometry
         self._period = 1.0 / control.rate
         self._control = control
-        compressions = dict(
-            zip(WHEELS, [pressed for pressed in part.rest_compressions(plant) for _ in range(2)], strict=True)
-        )
-        driven = part.vehicle.spec.driven_wheels()
-        self._radius = geometry.wheel_radius - sum(compressions[wheel] for wheel in driven) / len(driven)
-        self._ackermann = Ackermann(geometry)
+        steering, believes = part.vehicle.spec.steering, control.believes
+        front, rear = [believes.wheel_radius or radius for radius in part.rolling_radii(plant)]
+        self._radii = (front, front, rear, rear)
+        self._ackermann = make_steering_law(believed_geometry(geometry, believes), steering.law, factor=steering.factor)
         self._index = _Indices(plant, part)
         count = self._index.actuators
         self._wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
         self._steering_pid = control.steering if control.steering.kind == "pid" else None
         mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
-        self._inertia = mass * self._radius**2 / len(self._index.driven)  # of the car, at each driven wheel [kg m²]
+        self._push = [mass * radius / len(self._index.driven) for radius in self._radii]  # torque per acceleration
         torque_share = part.vehicle.spec.powertrain.max_torque / len(self._index.driven)
         correction = control.speed.max_correction
         self._speed_limits = PidLimits(-correction, correction)
@@ -142,12 +141,13 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             limits=self._speed_limits,
         )
         memory[:_MEMORY] = pid
-        rates = wheel_speed_setpoints(trimmed, ratios, wheel_radius=self._radius)
+        rates = wheel_speed_setpoints(trimmed, ratios, radii=self._radii)
 
         desired = [0.0] * (2 * index.actuators)
         actuation = [0.0] * index.actuators
-        push = self._inertia * (speed - last[0]) / (self._radius * period)  # torque for the slope of the set-point
+        slope = (speed - last[0]) / period
         for i in index.driven:
+            push = self._push[i] * slope
             actuation[index.wheel_inputs[i]] = push
             if self._wheel_pid is None:
                 desired[index.actuators + index.wheel_inputs[i]] = rates[i]
@@ -197,6 +197,20 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _read_gains(self, context: Context, group: int, filter_time: float) -> PidGains:
         kp, ki, kd = context.get_numeric_parameter(self._gains[group]).value().tolist()
         return PidGains(kp, ki, kd, filter_time=filter_time)
+
+
+def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> SteeringGeometry:
+    """The geometry that a controller calculates with: the model's, or what control.yaml says instead."""
+    if believes.wheelbase is None and believes.track is None:
+        return geometry
+    return AxleGeometry(
+        wheelbase=believes.wheelbase or geometry.wheelbase,
+        front_track=believes.track or geometry.front_track,
+        rear_track=believes.track or geometry.rear_track,
+        kingpin_track=believes.track or geometry.kingpin_track,
+        steering_limit=geometry.steering_limit,
+        steering_rate=geometry.steering_rate,
+    )
 
 
 class _Indices:

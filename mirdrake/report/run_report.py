@@ -178,7 +178,7 @@ def load_geometry(model: str) -> dict[str, float]:
     except MirdrakeError:
         return {}
     track = max(geometry.front_track, geometry.rear_track)
-    return {"wheelbase": geometry.wheelbase, "body_width": track + geometry.wheel_width}
+    return {"wheelbase": geometry.wheelbase, "body_width": track + max(geometry.wheel_widths)}
 
 
 # --- parts of the page ---------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Sensors: what a vehicle knows of itself and of its surroundings.
 
 A new kind is a module with a function ``make_...`` and a line in :data:`SENSORS`; its data are a Mount in
-:mod:`mirdrake.vehicles.spec`. The system's inputs are named after what they need (:func:`sensor_feeds`); its output
+:mod:`mirdrake.vehicles.mounts`. The system's inputs are named after what they need (:func:`sensor_feeds`); its output
 ``sample`` is known as ``<vehicle>.<sensor>`` and recorded, others are ``<vehicle>.<sensor>.<port>``.
 """
 

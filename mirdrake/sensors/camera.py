@@ -41,7 +41,7 @@ from scipy.special import ndtri
 from mirdrake.errors import MissingDependencyError
 from mirdrake.sensors.noise import sample_noise
 from mirdrake.sensors.sampling import mount_pose
-from mirdrake.vehicles.spec import CameraMount
+from mirdrake.vehicles.mounts import CameraMount
 from mirdrake.worlds.scenery import render_params
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
 from mirdrake.signals import signals
-from mirdrake.vehicles.spec import GpsMount
+from mirdrake.vehicles.mounts import GpsMount
 
 if TYPE_CHECKING:
     from mirdrake.plant import PlantParts, VehicleInPlant

@@ -10,7 +10,7 @@ from pydrake.systems.sensors import Accelerometer, Gyroscope
 
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
 from mirdrake.signals import copy_signals, signals
-from mirdrake.vehicles.spec import ImuMount
+from mirdrake.vehicles.mounts import ImuMount
 from mirdrake.worlds.world import GRAVITY
 
 if TYPE_CHECKING:

@@ -81,9 +81,9 @@ def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
     """The wheels of a vehicle in a finalised plant."""
     geometry = part.vehicle.geometry
     front, rear, kingpin = (0.5 * t for t in (geometry.front_track, geometry.rear_track, geometry.kingpin_track))
-    length, radius = geometry.wheelbase, geometry.wheel_radius
-    places = [((length, kingpin, radius), front - kingpin), ((length, -kingpin, radius), kingpin - front)]
-    places += [((0.0, rear, radius), 0.0), ((0.0, -rear, radius), 0.0)]
+    length, high, low = geometry.wheelbase, geometry.front_wheel_radius, geometry.rear_wheel_radius
+    places = [((length, kingpin, high), front - kingpin), ((length, -kingpin, high), kingpin - front)]
+    places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
     joints = [(joint.position_start(), joint.velocity_start()) for joint in part.steering]
     return [
         RollingWheel(

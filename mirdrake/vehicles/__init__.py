@@ -2,7 +2,8 @@
 
 ::
 
-    vehicle.yaml  control.yaml  sensors.yaml          spec.py
+    vehicle.yaml  control.yaml  variants/*.yaml       spec.py
+    sensors.yaml                                      mounts.py
     main.urdf.xacro ── render_xacro ──► Urdf          xacro_render.py
     Urdf ── check_urdf, resolve_meshes ──► text       inspect_urdf.py, numbers_in_urdf.py
     text ── parse_urdf ──► throw-away plant           parse.py
@@ -11,9 +12,10 @@
 """
 
 from mirdrake.vehicles.geometry import VehicleGeometry
+from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.parse import make_package_map
-from mirdrake.vehicles.spec import WHEELS, ControlSpec, SensorsSpec, VehicleSpec
-from mirdrake.vehicles.vehicle import Vehicle, load_vehicle, make_vehicle
+from mirdrake.vehicles.spec import WHEELS, ControlSpec, VehicleSpec
+from mirdrake.vehicles.vehicle import Vehicle, find_vehicle, load_vehicle, make_vehicle, variants
 from mirdrake.vehicles.xacro_render import Urdf, render_xacro
 
 __all__ = [
@@ -24,8 +26,10 @@ __all__ = [
     "Vehicle",
     "VehicleGeometry",
     "VehicleSpec",
+    "find_vehicle",
     "load_vehicle",
     "make_package_map",
     "make_vehicle",
     "render_xacro",
+    "variants",
 ]

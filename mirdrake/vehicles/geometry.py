@@ -20,13 +20,17 @@ TOLERANCE = 1e-3  # [m] and [rad]: what counts as symmetric, lateral, vertical
 class VehicleGeometry:
     """Lengths [m] and steering limits of a vehicle at its design position.
 
+    The wheels of one axle are alike; front and rear axle may differ.
+
     Attributes:
         wheelbase: between the axles.
         front_track: between the contact centres of the front wheels.
         rear_track: the same at the rear.
         kingpin_track: between the steering axes, on the road.
-        wheel_radius: unloaded.
-        wheel_width: of the collision shape.
+        front_wheel_radius: unloaded.
+        rear_wheel_radius: the same at the rear.
+        front_wheel_width: of the collision shape.
+        rear_wheel_width: the same at the rear.
         steering_limit: [rad] of the inner wheel.
         steering_rate: [rad/s] at the road wheel; inf if nobody limits it.
     """
@@ -35,10 +39,22 @@ class VehicleGeometry:
     front_track: float
     rear_track: float
     kingpin_track: float
-    wheel_radius: float
-    wheel_width: float
+    front_wheel_radius: float
+    rear_wheel_radius: float
+    front_wheel_width: float
+    rear_wheel_width: float
     steering_limit: float
     steering_rate: float
+
+    @property
+    def wheel_radii(self) -> tuple[float, float, float, float]:
+        """Radius [m] of each wheel, in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
+        return (self.front_wheel_radius,) * 2 + (self.rear_wheel_radius,) * 2
+
+    @property
+    def wheel_widths(self) -> tuple[float, float, float, float]:
+        """Width [m] of each wheel, in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
+        return (self.front_wheel_width,) * 2 + (self.rear_wheel_width,) * 2
 
 
 def measure_geometry(
@@ -82,14 +98,15 @@ def measure_geometry(
     p_BK = np.array([axis_and_centre(joint)[1] for joint in kingpins])
     for pair, points in ((wheels[:2], p_BW[:2]), (wheels[2:], p_BW[2:]), (kingpins, p_BK)):
         _check_pair(pair, points, where)
-    radius, width = _measure_wheels(plant, scene_graph, wheels, where)
-    for joint, (x, _, z) in zip(wheels, p_BW, strict=True):
+    sizes = [_measure_axle(plant, scene_graph, axle, where) for axle in (wheels[:2], wheels[2:])]
+    for i, (joint, (x, _, z)) in enumerate(zip(wheels, p_BW, strict=True)):
+        radius = sizes[i // 2][0]
         if abs(z - radius) > TOLERANCE:
             raise ModelError(
                 f"{where(joint.name())}: wheel of '{joint.name()}' has its centre {z:.4f} m above '{spec.base_link}' "
                 f"but a radius of {radius:.4f} m; '{spec.base_link}' should lie on the road"
             )
-        if joint in wheels[2:] and abs(x) > TOLERANCE:
+        if i >= 2 and abs(x) > TOLERANCE:
             raise ModelError(
                 f"{where(joint.name())}: rear wheel '{joint.name()}' is at x = {x:.4f} m; "
                 f"'{spec.base_link}' should lie below the rear axle"
@@ -100,8 +117,10 @@ def measure_geometry(
         front_track=float(p_BW[0, 1] - p_BW[1, 1]),
         rear_track=float(p_BW[2, 1] - p_BW[3, 1]),
         kingpin_track=float(p_BK[0, 1] - p_BK[1, 1]),
-        wheel_radius=radius,
-        wheel_width=width,
+        front_wheel_radius=sizes[0][0],
+        rear_wheel_radius=sizes[1][0],
+        front_wheel_width=sizes[0][1],
+        rear_wheel_width=sizes[1][1],
         steering_limit=min(limit, spec.steering.limit or math.inf),
         steering_rate=min(rate, spec.steering.rate or math.inf),
     )
@@ -122,10 +141,10 @@ def _check_pair(joints: list[RevoluteJoint], points: np.ndarray, where: Callable
         )
 
 
-def _measure_wheels(
+def _measure_axle(
     plant: MultibodyPlant, scene_graph: SceneGraph, wheels: list[RevoluteJoint], where: Callable[[str], str]
 ) -> tuple[float, float]:
-    """Radius and width of the four wheels' collision shapes, which must be equal and coaxial with their joints."""
+    """Radius and width [m] of the collision shapes of an axle's wheels: alike, and coaxial with their joints."""
     inspector = scene_graph.model_inspector()
     sizes = []
     for joint in wheels:
@@ -145,7 +164,8 @@ def _measure_wheels(
     low, high = np.min(sizes, axis=0), np.max(sizes, axis=0)
     if high[0] - low[0] > TOLERANCE:
         raise ModelError(
-            f"{where(wheels[0].name())}: wheels of different radius, {low[0]:.4f} to {high[0]:.4f} m; one is supported"
+            f"{where(wheels[0].name())}: '{wheels[0].name()}' and '{wheels[1].name()}' turn wheels of different "
+            f"radius, {low[0]:.4f} and {high[0]:.4f} m; make the wheels of an axle alike"
         )
     return float(high[0]), float(high[1])
 

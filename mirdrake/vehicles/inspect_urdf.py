@@ -16,8 +16,9 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from mirdrake.errors import ConfigError, ModelError, did_you_mean
 from mirdrake.paths import data_root
+from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.numbers_in_urdf import check_numbers, number
-from mirdrake.vehicles.spec import WHEELS, SensorsSpec, VehicleSpec
+from mirdrake.vehicles.spec import WHEELS, VehicleSpec
 from mirdrake.vehicles.xacro_render import Urdf
 from mirdrake.yaml_io import where as where_in
 

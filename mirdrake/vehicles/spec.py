@@ -1,13 +1,14 @@
-"""The three YAML files of a vehicle folder: vehicle.yaml, control.yaml and sensors.yaml.
+"""The YAML files of a vehicle folder: vehicle.yaml, control.yaml and variants; sensors.yaml is in mounts.py.
 
-They hold what a URDF has no words for: which joint is which wheel, what drives and brakes, gains, sensors.
+They hold what a URDF has no words for: which joint is which wheel, what drives and brakes, gains.
 Dimensions and masses are not repeated here; they are measured on the kinematics (:mod:`mirdrake.vehicles.geometry`).
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from itertools import pairwise
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from mirdrake.errors import did_you_mean
 from mirdrake.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Power, Schema, Speed, Torque
@@ -53,7 +54,12 @@ class Joints(Schema):
 class Steering(Schema):
     """How one steering command becomes two wheel angles."""
 
-    law: Literal["ackermann"] = "ackermann"
+    law: Literal["ackermann", "unior", "unior_printed"] = Field(
+        default="ackermann", description="exact geometry, or a linkage: see mirdrake/controllers/ackermann.py"
+    )
+    factor: float = Field(
+        default=0.5, gt=0, description="[-] angle of the directly set wheel over the input; unior laws only"
+    )
     limit: Angle | None = Field(
         default=None, gt=0, lt=1.5, description="[rad] limit of the inner wheel; empty: the joints' own limit"
     )
@@ -75,6 +81,10 @@ class Powertrain(Schema):
 
     max_torque: Torque = Field(gt=0, description="[N m] sum over the driven wheels")
     max_power: Power = Field(gt=0, description="[W] sum over the driven wheels")
+    gears: list[Annotated[float, Field(gt=0)]] = Field(
+        default_factory=list, description="[-] ratios of the gearbox, first gear first. Data only"
+    )
+    final_drive: float | None = Field(default=None, gt=0, description="[-] ratio behind the gearbox. Data only")
 
 
 class Brakes(Schema):
@@ -82,6 +92,27 @@ class Brakes(Schema):
 
     max_torque: Torque = Field(ge=0, description="[N m] sum over the four wheels")
     front_share: float = Field(ge=0, le=1, description="[-] part of it that acts on the front axle")
+
+
+Duty = Annotated[float, Field(ge=0, le=1)]
+
+
+class Pedals(Schema):
+    """What a pedal position means. Data only: speed commands do not go through pedals yet."""
+
+    throttle: list[tuple[Duty, Duty]] = Field(
+        default_factory=list, description="[-], [-] pedal position and part of the drive torque, ascending"
+    )
+    brake: list[tuple[Duty, Annotated[Torque, Field(ge=0)]]] = Field(
+        default_factory=list, description="[-], [N m] pedal position and braking torque of the four wheels, ascending"
+    )
+
+    @field_validator("throttle", "brake")
+    @classmethod
+    def _ascending(cls, rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        if any(late[0] <= early[0] or late[1] < early[1] for early, late in pairwise(rows)):
+            raise ValueError("the rows should ascend")
+        return rows
 
 
 class Aerodynamics(Schema):
@@ -106,6 +137,7 @@ class VehicleSpec(Schema):
     powertrain: Powertrain
     brakes: Brakes
     aerodynamics: Aerodynamics
+    pedals: Pedals = Field(default_factory=Pedals)
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="dotted path of a number in this file -> where it is from, or why it is assumed",
@@ -147,6 +179,14 @@ class SpeedControl(Schema):
     max_deceleration: Acceleration = Field(default=5.0, gt=0, description="[m/s²] slope of the set-point, slower")
 
 
+class Beliefs(Schema):
+    """Dimensions that the controllers calculate with in place of the model's own; empty: the model's."""
+
+    wheelbase: Length | None = Field(default=None, gt=0, description="[m]")
+    track: Length | None = Field(default=None, gt=0, description="[m] of both axles, and between the steering axes")
+    wheel_radius: Length | None = Field(default=None, gt=0, description="[m] of all wheels, when rolling")
+
+
 class VelocityServo(Schema):
     """Torque = gain x (wanted - measured wheel speed), solved implicitly by Drake."""
 
@@ -179,52 +219,20 @@ class ControlSpec(Schema):
 
     rate: Frequency = Field(default=50.0, gt=0, le=10_000, description="[Hz] of every controller")
     dead_man: Duration = Field(default=0.2, gt=0, description="[s] without a command until zero speed is commanded")
+    believes: Beliefs = Field(default_factory=Beliefs)
     speed: SpeedControl = Field(default_factory=SpeedControl)
     wheel_speed: Annotated[VelocityServo | Pid, Field(discriminator="kind")]
     steering: Annotated[PositionServo | Pid, Field(discriminator="kind")]
 
 
-# --- sensors.yaml ------------------------------------------------------------------------------------------------
+# --- variants/<name>.yaml ----------------------------------------------------------------------------------------
 
 
-class Mount(Schema):
-    """What every mounted sensor has."""
+class VariantSpec(Schema):
+    """variants/<name>.yaml: what is different from the folder's own files."""
 
-    frame: str = Field(min_length=1, description="link of the URDF; x ahead, y left, z up, also for cameras")
-    rate: Frequency = Field(gt=0, le=10_000, description="[Hz]")
-
-
-class CameraMount(Mount):
-    """Colour camera."""
-
-    kind: Literal["camera"]
-    width: int = Field(gt=0, le=8192, description="[pixel]")
-    height: int = Field(gt=0, le=8192, description="[pixel]")
-    horizontal_fov: Angle = Field(gt=0, lt=3.14, description="[rad] whole angle")
-    near: Length = Field(default=0.1, gt=0, description="[m] clipping")
-    far: Length = Field(default=300.0, gt=0, description="[m] clipping")
-    noise: float = Field(default=0.0, ge=0, description="[-] standard deviation, of full scale 1")
-
-
-class GpsMount(Mount):
-    """Position receiver."""
-
-    kind: Literal["gps"]
-    noise: Length = Field(default=0.0, ge=0, description="[m] standard deviation, horizontal, each axis")
-
-
-class ImuMount(Mount):
-    """Rate gyros and accelerometers."""
-
-    kind: Literal["imu"]
-    gyro_noise: AngularRate = Field(default=0.0, ge=0, description="[rad/s] standard deviation of a sample")
-    acceleration_noise: Acceleration = Field(default=0.0, ge=0, description="[m/s²] standard deviation of a sample")
-
-
-SensorMount = Annotated[CameraMount | GpsMount | ImuMount, Field(discriminator="kind")]
-
-
-class SensorsSpec(Schema):
-    """sensors.yaml: mounted sensors by name."""
-
-    mounts: dict[str, SensorMount] = Field(default_factory=dict)
+    description: str = Field(min_length=1, description="one line")
+    arguments: dict[str, str] = Field(default_factory=dict, description="of the xacro files")
+    vehicle: dict[str, Any] = Field(default_factory=dict, description="laid over vehicle.yaml")
+    control: dict[str, Any] = Field(default_factory=dict, description="laid over control.yaml")
+    sensors: dict[str, Any] = Field(default_factory=dict, description="laid over sensors.yaml")

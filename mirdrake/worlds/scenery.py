@@ -77,7 +77,7 @@ def scenery(world: World) -> list[SceneryItem]:
     items: list[SceneryItem] = []
     roads = {
         name: track.band(-track.width / 2.0, track.width / 2.0, sagitta=_SAGITTA)
-        for name, track in world.tracks.items()
+        for name, track in world.roads().items()
     }
     names = list(roads)
     for index, name in enumerate(names):
@@ -104,7 +104,7 @@ def scenery(world: World) -> list[SceneryItem]:
     ground = shapely.difference(plane, shapely.union_all(list(roads.values())))
     apron = shapely.difference(plane.buffer(_APRON, join_style="mitre"), plane)
     parts = []
-    for name, track in world.tracks.items():
+    for name, track in world.roads().items():
         edges = world.spec.tracks[name].edges
         if edges is not None and edges != world.ground.surface:
             beside = shapely.intersection(verge(track), ground)

@@ -200,6 +200,7 @@ class TrackSpec(Schema):
         default=None, description="surface of a verge of 2 m on both sides; default: the ground's [-]"
     )
     markings: list[MarkingSpec] = Field(default_factory=list, description="painted lines [-]")
+    road: bool = Field(default=True, description="false: only a line to follow, on roads of other tracks [-]")
     length: Annotated[Length, Field(gt=0.0, le=1e6)] | None = Field(
         default=None, description="wanted length: met by a third auto line, otherwise by scaling the centre line [m]"
     )

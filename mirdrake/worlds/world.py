@@ -76,6 +76,19 @@ class Ground:
             [-downhill * math.cos(self.heading), -downhill * math.sin(self.heading), -GRAVITY * math.cos(angle)]
         )
 
+    def check_place(self, x: float, y: float, *, where: str) -> None:
+        """Refuse a place to start from that is not on the ground.
+
+        Raises:
+            WorldError: it is outside; `where` is put before the message.
+        """
+        xmin, ymin, xmax, ymax = self.extent
+        if not (xmin <= x <= xmax and ymin <= y <= ymax):
+            raise WorldError(
+                f"{where}: start outside the world: ({x:g}, {y:g}) m; the ground reaches from "
+                f"({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; move the start or set ground.size"
+            )
+
 
 @dataclass(frozen=True)
 class World:
@@ -107,17 +120,21 @@ class World:
             edges = self.spec.tracks[name].edges
             if edges is not None and edges != self.ground.surface:
                 value[shapely.contains_xy(verge(track), x, y)] = SURFACE_MU[edges]
-        for name, track in self.tracks.items():
+        for name, track in self.roads().items():
             value[track.inside(x, y)] = track_mu(self.spec.tracks[name])
         return value
 
     def on_road(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Whether points (world x, y [m], any shape) are on a track; everywhere in a world without tracks."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        value = np.full(x.shape, not self.tracks)
-        for track in self.tracks.values():
+        value = np.full(x.shape, not self.roads())
+        for track in self.roads().values():
             value |= track.inside(x, y)
         return value
+
+    def roads(self) -> dict[str, Track]:
+        """The tracks that are roads, by name."""
+        return {name: track for name, track in self.tracks.items() if self.spec.tracks[name].road}
 
     def start(self, name: str, *, where: str = "") -> Start:
         """The start of that name.
@@ -322,12 +339,7 @@ def _make_ground(spec: GroundSpec, tracks: dict[str, Track]) -> Ground:
 def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> Start:
     if spec.on_track is None:
         x, y = spec.at or (0.0, 0.0)
-        xmin, ymin, xmax, ymax = ground.extent
-        if not (xmin <= x <= xmax and ymin <= y <= ymax):
-            raise WorldError(
-                f"{where(spec, 'at')}: start outside the world: ({x:g}, {y:g}) m; the ground reaches from "
-                f"({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; move the start or set ground.size"
-            )
+        ground.check_place(x, y, where=where(spec, "at"))
         return Start(x, y, _folded(spec.yaw or 0.0), spec.speed)
     on_track = spec.on_track
     if on_track.track not in tracks:

@@ -1,0 +1,240 @@
+"""What the files of a ROS or Gazebo package say about a vehicle, in one form for URDF, xacro and SDF.
+
+Readers fill it, repairs change it, the writer turns it into a vehicle folder. Values stand as they were given, also
+impossible ones: nothing is repaired while reading. Every part knows its place in the source, and everything that is
+changed or left out gets a :class:`Change`.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Change:
+    """One line of the import report.
+
+    Attributes:
+        where: ``file:line`` in the source.
+        what: the part, for example ``link 'chassis': inertia``.
+        was: what the source had, with unit.
+        became: what the vehicle folder has instead; "left out" if nothing.
+        why: the reason.
+    """
+
+    where: str
+    what: str
+    was: str
+    became: str
+    why: str
+
+
+@dataclass
+class Inertial:
+    """Mass [kg], place of the centre of mass with the axes of the tensor, and inertia about it [kg m²] (3 x 3)."""
+
+    mass: float
+    X_LI: RigidTransform
+    inertia: Vector
+    where: str = ""
+
+
+@dataclass
+class Shape:
+    """A visual or collision shape.
+
+    Attributes:
+        kind: box, cylinder (axis z), sphere, capsule (axis z), ellipsoid, plane or mesh.
+        size: box: three edges; cylinder and capsule: radius, length; sphere: radius; ellipsoid: three half axes [m].
+        X_LG: pose in its link.
+        mesh: resolved file of a mesh; None if the address leads nowhere.
+        address: of the mesh, as written.
+        scale: of the mesh, three factors.
+        submesh: name of the part of the mesh that is meant; "" for all.
+        rgba: colour; None if the source has none.
+        texture: picture file; None if there is none.
+        where: ``file:line``.
+    """
+
+    kind: str
+    size: tuple[float, ...] = ()
+    X_LG: RigidTransform = field(default_factory=RigidTransform)
+    mesh: Path | None = None
+    address: str = ""
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    submesh: str = ""
+    rgba: tuple[float, float, float, float] | None = None
+    texture: Path | None = None
+    where: str = ""
+
+
+@dataclass
+class Surface:
+    """Contact data of a link as Gazebo has them; None where the source says nothing.
+
+    Attributes:
+        mu: first friction coefficient.
+        mu2: second friction coefficient.
+        stiffness: kp [N/m].
+        damping: kd [N s/m].
+        others: further numbers by name, for example ``min_depth`` or ``max_vel``.
+    """
+
+    mu: float | None = None
+    mu2: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    others: dict[str, str] = field(default_factory=dict)
+    where: str = ""
+
+
+@dataclass
+class Link:
+    """A link with its shapes."""
+
+    name: str
+    inertial: Inertial | None = None
+    visuals: list[Shape] = field(default_factory=list)
+    collisions: list[Shape] = field(default_factory=list)
+    surface: Surface | None = None
+    where: str = ""
+
+
+@dataclass
+class Limits:
+    """Limits of a joint exactly as written; None where nothing is written."""
+
+    lower: float | None = None
+    upper: float | None = None
+    effort: float | None = None
+    velocity: float | None = None
+
+
+@dataclass
+class Joint:
+    """A joint.
+
+    Attributes:
+        kind: revolute, continuous, prismatic, fixed, floating, planar, universal, revolute2, ball, screw, gearbox.
+        X_PJ: pose of the joint frame in the parent link; the child link's frame is `X_JC` further.
+        X_JC: pose of the child link in the joint frame: identity in URDF, any in SDF.
+        axis: in the joint frame J, as written (not normalised).
+        axis2: second axis of universal and revolute2 joints, in J.
+        damping: [N m s/rad] or [N s/m].
+        friction: [N m] or [N].
+        stiffness: of a spring at the joint [N m/rad] or [N/m], from wherever the source hides it.
+        mimic: joint that it follows; "" for none.
+        others: further attributes and elements by name, kept for the report.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    X_PJ: RigidTransform = field(default_factory=RigidTransform)
+    X_JC: RigidTransform = field(default_factory=RigidTransform)
+    axis: Vector = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    axis2: Vector | None = None
+    limits: Limits = field(default_factory=Limits)
+    limits2: Limits = field(default_factory=Limits)
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float | None = None
+    mimic: str = ""
+    others: dict[str, str] = field(default_factory=dict)
+    where: str = ""
+
+
+@dataclass
+class SensorTag:
+    """A Gazebo sensor.
+
+    Attributes:
+        kind: Gazebo's type in lower case, for example camera, depth, ray, gpu_ray, imu, gps, sonar, contact.
+        link: that carries it.
+        X_LS: pose in its link.
+        rate: [Hz]; None if not given.
+        values: every leaf below the tag by dotted path without the tag itself, for example
+            ``camera.image.width: "800"``, ``ray.scan.horizontal.samples: "180"``.
+        plugins: file names of the plugins inside.
+    """
+
+    name: str
+    kind: str
+    link: str
+    X_LS: RigidTransform = field(default_factory=RigidTransform)
+    rate: float | None = None
+    values: dict[str, str] = field(default_factory=dict)
+    plugins: tuple[str, ...] = ()
+    where: str = ""
+
+
+@dataclass
+class Plugin:
+    """A model plugin with its parameters by dotted path."""
+
+    name: str
+    filename: str
+    values: dict[str, str] = field(default_factory=dict)
+    where: str = ""
+
+
+@dataclass
+class Transmission:
+    """A ros_control transmission, or a joint of a ros2_control system."""
+
+    joint: str
+    interfaces: tuple[str, ...] = ()
+    """What may be commanded, in lower case, without package and "JointInterface": effort, velocity, position."""
+    reduction: float = 1.0
+    where: str = ""
+
+
+@dataclass
+class Controller:
+    """A controller of ros_control's YAML files.
+
+    Attributes:
+        name: dotted path in the file.
+        kind: its type, for example ``effort_controllers/JointVelocityController``.
+        joints: that it moves.
+        gains: joint -> p, i, d, i_clamp ...; "" for gains without a joint.
+        values: all other leaves by dotted path.
+    """
+
+    name: str
+    kind: str
+    joints: tuple[str, ...] = ()
+    gains: dict[str, dict[str, float]] = field(default_factory=dict)
+    values: dict[str, str] = field(default_factory=dict)
+    where: str = ""
+
+
+@dataclass
+class SourceModel:
+    """A whole model as read.
+
+    Attributes:
+        name: of the model.
+        links: by name, in the order of the source.
+        joints: by name, in the order of the source.
+        files: that took part, main file first.
+        changes: what was left out or changed already while reading.
+        texts: licence and author found in the package, by file name.
+    """
+
+    name: str
+    links: dict[str, Link] = field(default_factory=dict)
+    joints: dict[str, Joint] = field(default_factory=dict)
+    sensors: list[SensorTag] = field(default_factory=list)
+    plugins: list[Plugin] = field(default_factory=list)
+    transmissions: list[Transmission] = field(default_factory=list)
+    controllers: list[Controller] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    texts: dict[str, str] = field(default_factory=dict)
