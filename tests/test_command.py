@@ -120,8 +120,8 @@ def test_a_scheduled_driver_stamps_its_messages_so_the_gate_stays_open():
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.005)
     context = gate.GetMyContextFromRoot(simulator.get_context())
-    # At t = 1.00 the gate still reads the message made at 0.95: both update from the state before.
-    np.testing.assert_allclose(gate.setpoint.Eval(context), [1.9, 0.095], atol=1e-12)
+    # At t = 1.00 the gate reads the message made at 1.00, which says 4 m/s x 1/2.
+    np.testing.assert_allclose(gate.setpoint.Eval(context), [2.0, 0.1], atol=1e-12)
     assert gate.alive.Eval(context)[0] == 1.0
     simulator.AdvanceTo(5.0)
     np.testing.assert_allclose(gate.setpoint.Eval(context), [4.0, 0.2], atol=1e-12)

@@ -1,15 +1,16 @@
 """Drivers that read their commands from a table: constant, or a schedule over time."""
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterable
 from typing import Literal
 
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import COMMAND, Setpoint
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.signals import declare_state_output
+from mirdrake.signals import declare_vector_output
 
 Interpolation = Literal["linear", "hold"]
 INTERPOLATIONS = ("linear", "hold")
@@ -67,8 +68,8 @@ class CommandSchedule(LeafSystem):
     """A driver that follows a :class:`Schedule`.
 
     Output ports:
-        command (3) [m/s, rad, s]: speed, steering, stamp; a state output, made anew every `period`, with the time as
-            its stamp.
+        command (3) [m/s, rad, s]: the message of the last multiple of `period`: speed, steering, and that time as its
+            stamp. It depends on the time alone, is there without delay and costs nothing when nobody reads it.
 
     Args:
         schedule: what to command when.
@@ -82,15 +83,12 @@ class CommandSchedule(LeafSystem):
         super().__init__()
         self.schedule = schedule
         self.period = check_number(type(self).__name__, "period", period, unit="s", above=0.0)
-        self._command = self.DeclareDiscreteState(3)
-        self.command = declare_state_output(self, "command", COMMAND, self._command)
-        self.DeclareInitializationDiscreteUpdateEvent(self._update)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
+        self.command = declare_vector_output(self, "command", COMMAND, self._calc, prerequisites=[self.time_ticket()])
 
-    def _update(self, context: Context, values: DiscreteValues) -> None:
-        time = context.get_time()
-        speed, steering = self.schedule.at(time)
-        values.set_value(self._command, [speed, steering, time])
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        stamp = math.floor(context.get_time() / self.period + 1e-9) * self.period
+        speed, steering = self.schedule.at(stamp)
+        output.SetFromVector([speed, steering, stamp])
 
 
 class ConstantCommand(CommandSchedule):

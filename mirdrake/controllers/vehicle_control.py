@@ -12,7 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
-from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
+from mirdrake.controllers.cruise import WheelRates, cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, WHEELS
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
@@ -21,7 +21,8 @@ from mirdrake.vehicles.spec import Beliefs
 if TYPE_CHECKING:
     from mirdrake.plant import VehicleInPlant
 
-_MEMORY = len(PidState())
+_MESSAGE, _LAST = slice(0, 3), slice(3, 5)
+"""Places in the memory of the last message and of the last speed and steering set-points; behind them the loops."""
 _STATUS = signals(
     ("speed_setpoint", "m/s", "speed asked of the wheels, before the trim"),
     ("steering_setpoint", "rad", "bicycle steering angle after limit and rate"),
@@ -83,11 +84,15 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         for loop in (self._wheel_pid, self._steering_pid):
             gains = [loop.kp, loop.ki, loop.kd] if loop is not None else [0.0, 0.0, 0.0]
             self._gains.append(self.DeclareNumericParameter(_vector(gains)))
+        self._filter_times = [0.0, *(loop.filter if loop else 0.0 for loop in (self._wheel_pid, self._steering_pid))]
+        self._known_gains: dict[int, tuple[list[float], PidGains]] = {}
+        self._wheels: dict[float, tuple[tuple[float, float], WheelRates]] = {}
         self._desired = self.DeclareDiscreteState(2 * count)
         self._actuation = self.DeclareDiscreteState(count)
         self._status = self.DeclareDiscreteState(3)
         loops = 7 if self._wheel_pid or self._steering_pid else 1  # speed, four wheels, two steering joints
-        self._memory = self.DeclareDiscreteState([*CommandState(), *(list(PidState()) * loops)])
+        # last message, last speed and steering set-point, last of each loop
+        self._memory = self.DeclareDiscreteState([*CommandState(), 0.0, 0.0, *(list(PidState()) * loops)])
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
         self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
         self.status = declare_state_output(self, "status", _STATUS, self._status)
@@ -102,57 +107,60 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         x = self.plant_state.Eval(context).tolist()
         left, right = (x[index] for index in self._index.steering_positions)
         speed, steering = self._index.forward_speed(x), self._ackermann.bicycle_angle(left, right)
-        self._step(context, state, x, (speed, steering))
-        state.get_mutable_vector(self._status).SetFromVector([speed, steering, 0.0])
-        memory = context.get_discrete_state(self._memory).value()
-        state.get_mutable_vector(self._memory).SetFromVector(memory)
+        memory = context.get_discrete_state(self._memory).value().tolist()
+        memory[_LAST] = speed, steering
+        self._step(context, state, x, list(memory))
+        state.set_value(self._status, [speed, steering, 0.0])
+        state.set_value(self._memory, memory)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        status = context.get_discrete_state(self._status).value()
-        last = (float(status[0]), float(status[1]))
-        self._step(context, state, self.plant_state.Eval(context).tolist(), last)
-
-    def _step(self, context: Context, state: DiscreteValues, x: list[float], last: tuple[float, float]) -> None:
-        period, loops, index = self._period, self._control.speed, self._index
         memory = context.get_discrete_state(self._memory).value().tolist()
-        received, memory = CommandState(*memory[:3]), memory[3:]
+        self._step(context, state, self.plant_state.Eval(context).tolist(), memory)
+
+    def _step(self, context: Context, state: DiscreteValues, x: list[float], memory: list[float]) -> None:
+        """One step of everything; the memory is changed."""
+        period, loops, index = self._period, self._control.speed, self._index
+        last_speed, last_steering = memory[_LAST]
         speed, steering, stamp = self.command.Eval(context).tolist()
-        received, (wanted, _) = command_step(
-            received, speed, steering, stamp=stamp, time=context.get_time(), limits=self._command_limits
+        memory[_MESSAGE], (wanted, _) = command_step(
+            CommandState(*memory[_MESSAGE]),
+            speed,
+            steering,
+            stamp=stamp,
+            time=context.get_time(),
+            limits=self._command_limits,
         )
 
         # Set-points: the slope of the speed and the rate of the steering are limited.
-        gain_up, gain_down = loops.max_acceleration * period, loops.max_deceleration * period
-        slower, faster = (gain_down, gain_up) if last[0] >= 0.0 else (gain_up, gain_down)
-        speed = min(max(wanted.speed, last[0] - slower), last[0] + faster)
-        steering = self._ackermann.approach(last[1], wanted.steering, period=period)
-        angles = self._ackermann.wheel_angles(steering)
-        old_angles = self._ackermann.wheel_angles(last[1])
-        ratios = self._ackermann.wheel_speed_ratios(steering)
+        up, down = loops.max_acceleration * period, loops.max_deceleration * period
+        slower, faster = (down, up) if last_speed >= 0.0 else (up, down)
+        speed = min(max(wanted.speed, last_speed - slower), last_speed + faster)
+        steering = self._ackermann.approach(last_steering, wanted.steering, period=period)
+        angles, ratios = self._wheels_at(steering)
+        old_angles, _ = self._wheels_at(last_steering)
 
         # Speed loop: trims the wheel speeds until the vehicle has the speed.
-        kp, ki = context.get_numeric_parameter(self._gains[0]).value().tolist()
-        pid, trimmed = cruise_step(
-            PidState(*memory[:_MEMORY]),
+        row = _row(0)
+        memory[row], trimmed = cruise_step(
+            PidState(*memory[row]),
             speed,
             index.forward_speed(x),
             period=period,
-            gains=PidGains(kp, ki),
+            gains=self._read_gains(context, 0),
             limits=self._speed_limits,
         )
-        memory[:_MEMORY] = pid
         rates = wheel_speed_setpoints(trimmed, ratios, radii=self._radii)
 
         desired = [0.0] * (2 * index.actuators)
         actuation = [0.0] * index.actuators
-        slope = (speed - last[0]) / period
+        slope = (speed - last_speed) / period
         for i in index.driven:
             push = self._push[i] * slope
             actuation[index.wheel_inputs[i]] = push
             if self._wheel_pid is None:
                 desired[index.actuators + index.wheel_inputs[i]] = rates[i]
             else:
-                gains = self._read_gains(context, 1, self._wheel_pid.filter)
+                gains = self._read_gains(context, 1)
                 actuation[index.wheel_inputs[i]] = self._pid(
                     memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits, push
                 )
@@ -161,14 +169,25 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
                 desired[index.steering_inputs[i]] = angle
                 desired[index.actuators + index.steering_inputs[i]] = (angle - old_angles[i]) / period
             else:
-                gains = self._read_gains(context, 2, self._steering_pid.filter)
+                gains = self._read_gains(context, 2)
                 actuation[index.steering_inputs[i]] = self._pid(
                     memory, 5 + i, angle, x[index.steering_positions[i]], gains, self._steering_limits
                 )
-        state.get_mutable_vector(self._desired).SetFromVector(desired)
-        state.get_mutable_vector(self._actuation).SetFromVector(actuation)
-        state.get_mutable_vector(self._status).SetFromVector([speed, steering, trimmed - speed])
-        state.get_mutable_vector(self._memory).SetFromVector([*received, *memory])
+        memory[_LAST] = speed, steering
+        state.get_mutable_value(self._desired)[:] = desired
+        state.get_mutable_value(self._actuation)[:] = actuation
+        state.get_mutable_value(self._status)[:] = speed, steering, trimmed - speed
+        state.get_mutable_value(self._memory)[:] = memory
+
+    def _wheels_at(self, steering: float) -> tuple[tuple[float, float], WheelRates]:
+        """Wheel angles and speed ratios of a steering angle; the last few are remembered, as most are asked twice."""
+        known = self._wheels.get(steering)
+        if known is None:
+            if len(self._wheels) > 8:
+                self._wheels.clear()
+            known = self._ackermann.wheel_angles(steering), self._ackermann.wheel_speed_ratios(steering)
+            self._wheels[steering] = known
+        return known
 
     def _pid(
         self,
@@ -181,8 +200,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         feedforward: float = 0.0,
     ) -> float:
         """One step of the PID kept in a row of the memory, which is changed."""
-        part = slice(row * _MEMORY, (row + 1) * _MEMORY)
-        after, control = pid_step(
+        part = _row(row)
+        memory[part], control = pid_step(
             PidState(*memory[part]),
             reference,
             measurement,
@@ -191,12 +210,17 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             limits=limits,
             feedforward=feedforward,
         )
-        memory[part] = after
         return control
 
-    def _read_gains(self, context: Context, group: int, filter_time: float) -> PidGains:
-        kp, ki, kd = context.get_numeric_parameter(self._gains[group]).value().tolist()
-        return PidGains(kp, ki, kd, filter_time=filter_time)
+    def _read_gains(self, context: Context, group: int) -> PidGains:
+        """Gains of a loop from the Context; those read last are not made anew."""
+        values = context.get_numeric_parameter(self._gains[group]).value().tolist()
+        known = self._known_gains.get(group)
+        if known is None or known[0] != values:
+            kp, ki, kd = values if group else (*values, 0.0)
+            gains = PidGains(kp, ki, kd, filter_time=self._filter_times[group])
+            known = self._known_gains[group] = values, gains
+        return known[1]
 
 
 def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> SteeringGeometry:
@@ -211,6 +235,12 @@ def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> Steering
         steering_limit=geometry.steering_limit,
         steering_rate=geometry.steering_rate,
     )
+
+
+def _row(loop: int) -> slice:
+    """Place of a loop in the memory: 0 speed, 1 to 4 wheels, 5 and 6 steering."""
+    size = len(PidState._fields)
+    return slice(5 + loop * size, 5 + (loop + 1) * size)
 
 
 class _Indices:

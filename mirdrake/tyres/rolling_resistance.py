@@ -193,11 +193,12 @@ class RollingResistance(LeafSystem):
             force[base] += torque * pose.ax
             force[base + 1] += torque * pose.ay
             torques.append(torque)
-        state.get_mutable_vector(self._load).SetFromVector([contact.load for contact in contacts])
-        state.get_mutable_vector(self._others).SetFromVector([others])
-        state.get_mutable_vector(self._force).SetFromVector(force)
-        state.get_mutable_vector(self._torque).SetFromVector(torques)
-        state.get_mutable_vector(self._filters).SetFromVector(filters)
+        state.get_mutable_value(self._load)[:] = [contact.load for contact in contacts]
+        state.get_mutable_value(self._others)[:] = others
+        state.get_mutable_value(self._force)[:] = force
+        state.get_mutable_value(self._torque)[:] = torques
+        if self._cancel:
+            state.get_mutable_value(self._filters)[:] = filters
 
     def _measure(self, context: Context, poses: Sequence["_Pose"]) -> tuple[list["_Contact"], int]:
         """The road's contact with each wheel in the last step, and the number of other contacts."""
@@ -206,29 +207,27 @@ class RollingResistance(LeafSystem):
         for k in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(k)
             pair = info.point_pair()
-            id_A, id_B = pair.id_A, pair.id_B
-            row = self._row.get(id_A, self._row.get(id_B))
-            if row is not None and (id_B in self._ground or id_A in self._ground):
+            row = self._wheel_on_road(pair.id_A, pair.id_B)
+            if row is not None:
                 contacts[row].load += abs(float(info.contact_force()[2]))
             else:
                 others += 1
         for k in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(k)
             surface = info.contact_surface()
-            id_M, id_N = surface.id_M(), surface.id_N()
-            row = self._row.get(id_M, self._row.get(id_N))
-            if row is None or not (id_N in self._ground or id_M in self._ground):
+            row = self._wheel_on_road(surface.id_M(), surface.id_N())
+            if row is None:
                 others += 1
                 continue
             contact, pose = contacts[row], poses[row]
-            wrench = info.F_Ac_W()
-            sign = 1.0 if id_M in self._row else -1.0  # the force is given on the body of M
-            fx, fy, fz = (sign * wrench.translational()).tolist()
+            wrench = info.F_Ac_W().get_coeffs().tolist()
+            tx, ty, tz, fx, fy, fz = (
+                wrench if wrench[5] >= 0.0 else [-value for value in wrench]
+            )  # the road only pushes
             contact.load += fz
             contact.fx += fx
             contact.fy += fy
             if self._cancel:
-                tx, ty, tz = (sign * wrench.rotational()).tolist()
                 cx, cy, _ = surface.centroid().tolist()
                 rx, ry = cx - pose.x, cy - pose.y
                 contact.yaw += rx * fy - ry * fx + tz
@@ -236,6 +235,12 @@ class RollingResistance(LeafSystem):
                     ty - rx * fz
                 ) * pose.ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
         return contacts, others
+
+    def _wheel_on_road(self, first: GeometryId, second: GeometryId) -> int | None:
+        """Number of the wheel of a pair of geometries that is a wheel on the road, else None."""
+        if first in self._ground:
+            return self._row.get(second)
+        return self._row.get(first) if second in self._ground else None
 
     def _wheel_poses(self, x: Sequence[float]) -> list["_Pose"]:
         """Centre and axle of every wheel, from the plant's state."""
