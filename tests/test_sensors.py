@@ -26,7 +26,7 @@ from mirdrake.sensors import Camera, Gps, Imu, camera
 from mirdrake.sensors.noise import noise_stream
 from mirdrake.signals import signals_of
 from mirdrake.simulation import Simulation
-from mirdrake.vehicles.spec import CameraMount
+from mirdrake.vehicles.mounts import CameraMount
 
 GRAVITY = 9.80665
 FAULT = camera._egl_fault()
