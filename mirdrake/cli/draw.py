@@ -1,0 +1,33 @@
+"""``mirdrake draw``: a diagram's blocks and connections."""
+
+import argparse
+from pathlib import Path
+
+from mirdrake.cli.verb import add_set
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import shown
+
+HELP = "draw a diagram's blocks and connections as SVG (needs Graphviz)"
+MORE = "example:\n  mirdrake draw bolt_test_track --out blocks.svg"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("diagram", help="name or path of a diagram file")
+    add_set(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE", help=".svg or .dot (default: <name>.svg)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Draw."""
+    from mirdrake.diagram import assemble, load_diagram
+    from mirdrake.drawing import draw_svg, write_dot
+    from mirdrake.logs import write_file
+
+    assembly = assemble(load_diagram(options.diagram, overrides=options.set))
+    out = options.out or Path(f"{assembly.spec.name}.svg")
+    if out.suffix not in {".svg", ".dot"}:
+        raise ConfigError(f"--out {out}: the name must end in .svg or .dot")
+    write_file(out, draw_svg(assembly) if out.suffix == ".svg" else write_dot(assembly))
+    print(shown(out))
+    return 0

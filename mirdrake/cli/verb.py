@@ -1,0 +1,43 @@
+"""What several verbs share."""
+
+import argparse
+from pathlib import Path
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.paths import names
+from mirdrake.yaml_io import shown
+
+
+def add_set(parser: argparse.ArgumentParser) -> None:
+    """The option ``--set``."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the file, for example control.ego.speed=8; may be given again",
+    )
+
+
+def kind_of(name: str) -> str:
+    """What a name or path stands for: "models", "worlds", "diagrams" or "runs".
+
+    Raises:
+        ConfigError: nothing has that name.
+    """
+    path = Path(name)
+    if (path / "spec.yaml").is_file():
+        return "runs"
+    model = name.rpartition("@")[0] or name  # bolt@published
+    if any((Path(one) / "vehicle.yaml").is_file() or one in names("models") for one in (name, model)):
+        return "models"
+    if path.suffix in {".yaml", ".yml"} and path.is_file():
+        from mirdrake.yaml_io import parse_tree
+
+        data, _ = parse_tree(path.read_text(encoding="utf-8", errors="replace"), shown(path))
+        return "worlds" if isinstance(data, dict) and "mirdrake" in data else "diagrams"
+    for kind in ("worlds", "diagrams"):
+        if name in names(kind):
+            return kind
+    known = [*names("models"), *names("worlds"), *names("diagrams")]
+    raise ConfigError(f"nothing is called '{name}'; {did_you_mean(name, known)}")

@@ -1,0 +1,65 @@
+"""``mirdrake view``: look at something in Meshcat."""
+
+import argparse
+import contextlib
+import signal
+from pathlib import Path
+from typing import Any
+
+from mirdrake.cli.verb import kind_of
+from mirdrake.yaml_io import shown
+
+HELP = "look at a vehicle, a world, a diagram or a run in Meshcat"
+MORE = """\
+For a vehicle there is a slider for every joint; Escape in the page, or Ctrl-C here, ends it.
+
+examples:
+  mirdrake view bolt
+  mirdrake view test_track --out track.html      a page that opens offline"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("name", help="name or path of a vehicle, a world, a diagram or a run folder")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show."""
+    from mirdrake.diagram_spec import load_diagram
+    from mirdrake.logs import load_run
+    from mirdrake.vehicles import load_vehicle
+    from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
+    from mirdrake.viewer.recording import draw_run
+    from mirdrake.viewer.show import write_page
+    from mirdrake.worlds import load_world
+
+    kind = kind_of(options.name)
+    sliders: Any = None
+    diagram: Any = None
+    if kind == "runs":
+        run = load_run(options.name)
+        meshcat = make_meshcat(world=load_world(run.spec["world"]))
+        draw_run(run, meshcat)
+    elif kind == "diagrams":
+        spec = load_diagram(options.name)
+        meshcat = make_meshcat(world=load_world(spec.world))
+        diagram = show_diagram(spec, meshcat)
+    elif kind == "worlds":
+        world = load_world(options.name)
+        meshcat = make_meshcat(world=world)
+        diagram = show_world(world, meshcat)
+    else:
+        meshcat = make_meshcat(world=load_world("empty"))
+        diagram, sliders = show_vehicle(load_vehicle(options.name), meshcat)
+    if options.out is not None:
+        write_page(meshcat, options.out)
+        print(shown(options.out))
+        return 0
+    print(f"Meshcat: {meshcat.web_url()}  (Ctrl-C ends)", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        if sliders is not None:
+            sliders.Run(diagram, stop_button_keycode="Escape")
+        else:
+            signal.pause()
+    return 0
