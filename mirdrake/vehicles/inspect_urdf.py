@@ -43,6 +43,7 @@ def check_urdf(urdf: Urdf, *, spec: VehicleSpec, sensors: SensorsSpec) -> None:
         raise ConfigError(
             f"{where_in(spec, 'base_link')}: no link '{spec.base_link}'; {did_you_mean(spec.base_link, links)}"
         )
+    _check_connected(urdf, spec, links, joints)
     _check_roles(urdf, spec, joints)
     _check_drive(urdf, spec, joints)
     frames = [*links, *(frame.get("name", "") for frame in urdf.root.findall("frame"))]
@@ -191,6 +192,31 @@ def _check_massless(
         if name not in parent_of and name != "world" and mass[name] == 0.0:
             raise ModelError(
                 f"{urdf.where(link)}: link '{name}' moves but has no mass; give it an <inertial> or a fixed joint"
+            )
+
+
+def _check_connected(
+    urdf: Urdf,
+    spec: VehicleSpec,
+    links: Mapping[str, ElementTree.Element],
+    joints: Mapping[str, ElementTree.Element],
+) -> None:
+    """All links hang on base_link: Drake would let the others fall beside the car."""
+    children: dict[str, list[str]] = {}
+    for joint in joints.values():
+        ends = [end.get("link", "") if (end := joint.find(tag)) is not None else "" for tag in ("parent", "child")]
+        children.setdefault(ends[0], []).append(ends[1])
+    reached, waiting = {"world"}, [spec.base_link]
+    while waiting:
+        name = waiting.pop()
+        if name not in reached:
+            reached.add(name)
+            waiting += children.get(name, [])
+    for name, link in links.items():
+        if name not in reached:
+            raise ModelError(
+                f"{urdf.where(link)}: link '{name}' hangs on nothing; add a joint that leads to it from "
+                f"'{spec.base_link}'"
             )
 
 

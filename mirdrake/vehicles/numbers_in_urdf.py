@@ -11,8 +11,20 @@ _DRAKE = "{http://drake.mit.edu}"
 Test = Callable[[float], bool]
 
 
+FARTHEST = 1000.0
+"""No part of a vehicle is farther away, and none larger [m]; beyond, products of lengths lose all meaning."""
+
+
 def _any(value: float) -> bool:
     return math.isfinite(value)
+
+
+def _length(value: float) -> bool:
+    return abs(value) <= FARTHEST
+
+
+def _size(value: float) -> bool:
+    return 0.0 < value <= FARTHEST
 
 
 def _positive(value: float) -> bool:
@@ -23,25 +35,31 @@ def _not_negative(value: float) -> bool:
     return 0.0 <= value < math.inf
 
 
-_MEANING: dict[Test, str] = {_any: "", _positive: " above zero", _not_negative: " not below zero"}
+_MEANING: dict[Test, str] = {
+    _any: "",
+    _positive: " above zero",
+    _not_negative: " not below zero",
+    _length: f" within ±{FARTHEST:g} m",
+    _size: f" above zero, at most {FARTHEST:g} m",
+}
 _RULES: tuple[tuple[str, str, int, Test], ...] = (  # element, attribute, how many numbers, which
-    ("origin", "xyz", 3, _any),
+    ("origin", "xyz", 3, _length),
     ("origin", "rpy", 3, _any),
     ("axis", "xyz", 3, _any),
-    ("frame", "xyz", 3, _any),
+    ("frame", "xyz", 3, _length),
     ("frame", "rpy", 3, _any),
     ("mesh", "scale", 3, _any),
-    ("box", "size", 3, _positive),
-    ("cylinder", "radius", 1, _positive),
-    ("cylinder", "length", 1, _positive),
-    ("sphere", "radius", 1, _positive),
-    ("capsule", "radius", 1, _positive),
-    ("capsule", "length", 1, _positive),
-    (_DRAKE + "capsule", "radius", 1, _positive),
-    (_DRAKE + "capsule", "length", 1, _positive),
-    (_DRAKE + "ellipsoid", "a", 1, _positive),
-    (_DRAKE + "ellipsoid", "b", 1, _positive),
-    (_DRAKE + "ellipsoid", "c", 1, _positive),
+    ("box", "size", 3, _size),
+    ("cylinder", "radius", 1, _size),
+    ("cylinder", "length", 1, _size),
+    ("sphere", "radius", 1, _size),
+    ("capsule", "radius", 1, _size),
+    ("capsule", "length", 1, _size),
+    (_DRAKE + "capsule", "radius", 1, _size),
+    (_DRAKE + "capsule", "length", 1, _size),
+    (_DRAKE + "ellipsoid", "a", 1, _size),
+    (_DRAKE + "ellipsoid", "b", 1, _size),
+    (_DRAKE + "ellipsoid", "c", 1, _size),
     ("limit", "lower", 1, _any),
     ("limit", "upper", 1, _any),
     ("limit", "velocity", 1, _not_negative),
