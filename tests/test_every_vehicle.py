@@ -1,0 +1,110 @@
+"""What every bundled vehicle can do: rest, a straight run, circles to both sides, a figure eight, random commands."""
+
+import numpy as np
+import pytest
+
+from mirdrake.diagram import assemble
+from mirdrake.paths import data_root
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle, variants
+
+ROOT = data_root()
+WORLDS = sorted(path.stem for path in (ROOT / "worlds").glob("*.yaml"))
+MODELS = sorted(path.parent.name for path in (ROOT / "models").glob("*/vehicle.yaml"))
+CONTACTS = ("point", "hydroelastic")
+VARIANTS = [f"{model}@{name}" for model in MODELS for name in variants(ROOT / "models" / model)]
+
+
+def run(model, control, *, duration, world="empty", contact="point", start=None):
+    entry = {"model": model, "start": start}
+    spec = {
+        "world": world,
+        "vehicles": {"ego": entry},
+        "control": {"ego": control},
+        "plant": {"contact": contact},
+    }
+    return Simulation(assemble(spec)).run(duration=duration)
+
+
+def pace(model):
+    """A speed that is brisk for the size of a vehicle: Froude number 0.4 on its wheelbase [m/s]."""
+    return round(float(np.sqrt(0.4 * 9.80665 * load_vehicle(model).geometry.wheelbase)), 1)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_it_loads_without_a_warning(model):
+    assert load_vehicle(model).warnings == ()
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("model", MODELS)
+def test_it_rests(model, contact):
+    still = run(model, {"kind": "constant", "speed": 0}, duration=4.0, contact=contact)
+    last = still.signals[still.signals.index >= 3.0]
+    for name in ("vx", "vy", "vz"):
+        assert last[f"ego.{name}"].abs().max() < 1e-3  # 1 mm/s
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("model", MODELS)
+def test_it_keeps_speed_and_heading_on_the_straight(model, contact):
+    speed = pace(model)
+    straight = run(model, {"kind": "constant", "speed": speed}, duration=10.0, contact=contact)
+    last = straight.signals[straight.signals.index >= 6.0]
+    assert last["ego.vx"].mean() == pytest.approx(speed, rel=0.005)
+    assert straight["ego.y"].abs().max() < 0.01
+    assert straight["other_contacts"].max() == 0
+
+
+@pytest.mark.parametrize(("contact", "tolerance"), [("point", 0.005), ("hydroelastic", 0.01)])
+@pytest.mark.parametrize("model", MODELS)
+def test_it_circles_as_its_geometry_says_and_alike_to_both_sides(model, contact, tolerance):
+    geometry, speed = load_vehicle(model).geometry, 0.7 * pace(model)
+    rates = []
+    for steering in (0.2, -0.2):
+        circle = run(
+            model, {"kind": "constant", "speed": speed, "steering": steering}, duration=8.0, contact=contact
+        ).signals
+        last = circle[circle.index >= 5.0]
+        rates.append(last["ego.wz"].mean())
+        expected = last["ego.vx"].mean() * np.tan(steering) / geometry.wheelbase
+        assert rates[-1] == pytest.approx(expected, rel=tolerance)
+        assert last["ego.vx"].mean() == pytest.approx(speed, rel=0.005)
+    assert rates[0] == pytest.approx(-rates[1], rel=0.005)
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("model", MODELS)
+def test_it_drives_a_figure_eight_under_path_tracking(model, contact):
+    length = 2.0 * 2.0 * np.pi * 9.125
+    eight = run(
+        model,
+        {"kind": "path_tracking", "track": "eight", "speed": 5},
+        world="skidpad",
+        start="eight",
+        contact=contact,
+        duration=length / 5.0 + 6.0,
+    )
+    assert eight["ego.lap"].max() > 1.0
+    assert eight["ego.lateral_error"].abs().max() < 0.3
+    assert eight["ego.vx"].loc[6.0:].mean() == pytest.approx(5.0, rel=0.005)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("model", MODELS)
+def test_random_commands_leave_it_finite_and_no_deeper_in_the_road(model, world, contact):
+    rng = np.random.default_rng(2026)
+    times = np.arange(0.0, 1.0, 0.1)
+    rows = [{"time": t, "speed": rng.uniform(-2, 8), "steering": rng.uniform(-0.5, 0.5)} for t in times.tolist()]
+    drive = run(model, {"kind": "schedule", "rows": rows}, world=world, contact=contact, duration=1.0)
+    assert np.isfinite(drive.signals.to_numpy()).all()
+    assert drive["ego.z"].iloc[-1] == pytest.approx(drive["ego.z"].iloc[0], abs=0.01)
+    assert drive["other_contacts"].max() == 0
+
+
+@pytest.mark.parametrize("model", VARIANTS)
+def test_a_variant_loads_and_moves(model):
+    moved = run(model, {"kind": "constant", "speed": 2.0}, duration=3.0)
+    assert np.isfinite(moved.signals.to_numpy()).all()
+    assert moved["ego.x"].iloc[-1] > 1.0
