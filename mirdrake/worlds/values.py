@@ -1,0 +1,280 @@
+"""Values in world files that are computed or drawn by chance.
+
+Wherever the world language takes a number or a word, a text may stand that says how it is found::
+
+    12.5   90 deg   8 m/s          a number, with a unit if it has one
+    0.15 .. 0.3                    uniform between two numbers
+    0 +- 3 deg                     normal: mean and standard deviation; a unit at the end counts for both
+    9 | 12 | 18    sedan | van     one of these, equally likely
+    $pitch - 2*$street             arithmetic (+ - * / and brackets) on parameters of the world or group
+
+They combine: ``0 .. $side | 5`` is a choice between a range and a number. There are no commas in it, so it stands in
+YAML's flow style without quotes. Nothing is ever evaluated as Python.
+
+Every random number comes from a stream of its own, found from the seed of the world and the path of the value, so that
+a new prop leaves all others where they were.
+"""
+
+import hashlib
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.yaml_io import to_si
+
+Number = float | int
+Parameters = Mapping[str, Number | str]
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.\d+|\.\d+|\d+(?:\.(?!\.))?)(?:[eE][-+]?\d+)?)"
+    r"|(?P<name>\$[A-Za-z_]\w*)|(?P<operator>\.\.|\+-|[-+*/()|])|(?P<word>[^\s\d$+*/()|.-][^\s$+*()|]*))"
+)
+_DEEPEST = 50
+
+
+@dataclass(frozen=True)
+class _Token:
+    kind: str
+    text: str
+
+
+class Stream:
+    """A random stream that depends on the seed and on a path alone.
+
+    Args:
+        seed: of the world.
+        path: of the value, for example ``props.car[3].yaw``.
+    """
+
+    def __init__(self, seed: int, path: str) -> None:
+        self.seed, self.path = seed, path
+        digest = hashlib.sha256(f"{seed}/{path}".encode()).digest()
+        self.generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
+
+    def below(self, name: str) -> "Stream":
+        """The stream of a part."""
+        return Stream(self.seed, f"{self.path}.{name}")
+
+    def again(self, attempt: int) -> "Stream":
+        """The stream of a repeated draw; attempt 0 is the stream itself."""
+        return Stream(self.seed, f"{self.path}#{attempt}") if attempt else self
+
+
+def draw_number(value: Number | str, *, unit: str, parameters: Parameters, stream: Stream, where: str = "") -> float:
+    """A number in the SI unit given.
+
+    Args:
+        value: a number, or a text of this little language.
+        unit: SI unit as :func:`mirdrake.yaml_io.to_si` knows it, "" for none.
+        parameters: values of ``$name``.
+        stream: what is random is drawn from it; the same stream object goes on where it stopped.
+        where: ``file:line: path`` for messages.
+
+    Raises:
+        ConfigError: the text is no such value, a parameter is unknown, or the result is not finite.
+    """
+    result = value if isinstance(value, int | float) else _Parser(value, unit, parameters, stream, where).value()
+    if isinstance(result, str):
+        raise ConfigError(f"{_prefix(where)}'{result}' is not a number{f' in {unit}' if unit else ''}")
+    if not math.isfinite(result):
+        raise ConfigError(f"{_prefix(where)}'{value}' is not finite")
+    return float(result)
+
+
+def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> str:
+    """A word, for example the name of a prop; ``a | b`` and ``$name`` are understood.
+
+    Raises:
+        ConfigError: a parameter is unknown, or it is no word.
+    """
+    words = [word.strip() for word in str(value).split("|")]
+    word = words[int(stream.generator.integers(len(words)))] if len(words) > 1 else words[0]
+    if word.startswith("$"):
+        found = _parameter(word[1:], parameters, where)
+        word = found if isinstance(found, str) else f"{found:g}"
+    if not word:
+        raise ConfigError(f"{_prefix(where)}'{value}' has an empty choice")
+    return word
+
+
+def is_random(value: object) -> bool:
+    """Whether a value is drawn by chance, as far as its own text says."""
+    return isinstance(value, str) and ("|" in value or ".." in value or "+-" in value)
+
+
+class _Parser:
+    """Recursive descent over the tokens; evaluates as it goes.
+
+    ::
+
+        value    choice  = spread ("|" spread)*
+                 spread  = sum | sum ".." sum | sum "+-" sum
+                 sum     = product (("+"|"-") product)*
+                 product = factor (("*"|"/") factor)*
+                 factor  = "-" factor | number [unit] | $name | "(" sum ")"
+    """
+
+    def __init__(self, text: str, unit: str, parameters: Parameters, stream: Stream, where: str) -> None:
+        self._text, self._unit, self._parameters = text, unit, parameters
+        self._stream, self._where = stream, where
+        self._tokens, self._at, self._depth = self._tokenise(), 0, 0
+        self._unit_given = False
+
+    def value(self) -> Number | str:
+        """The value of the whole text."""
+        alternatives = self._split_choice()
+        if len(alternatives) > 1:
+            chosen = int(self._stream.generator.integers(len(alternatives)))
+            for index, tokens in enumerate(alternatives):  # all are read, so that a fault never hides behind a choice
+                if index != chosen:
+                    self._spread(tokens, draw=False)
+            return self._spread(alternatives[chosen])
+        return self._spread(alternatives[0])
+
+    def _tokenise(self) -> list[_Token]:
+        tokens, at = [], 0
+        text = self._text.rstrip()
+        while at < len(text):
+            match = _TOKEN.match(text, at)
+            if match is None or match.end() == at:
+                self._fail(f"'{text[at:].strip()[:20]}' is not understood")
+            tokens.append(_Token(str(match.lastgroup), match.group(str(match.lastgroup))))
+            at = match.end()
+        return tokens
+
+    def _split_choice(self) -> list[list[_Token]]:
+        parts: list[list[_Token]] = [[]]
+        for token in self._tokens:
+            if token.text == "|":
+                parts.append([])
+            else:
+                parts[-1].append(token)
+        if any(not part for part in parts):
+            self._fail("something is missing" if len(parts) == 1 else "a choice is empty")
+        return parts
+
+    def _spread(self, tokens: list[_Token], *, draw: bool = True) -> Number | str:
+        self._tokens, self._at = tokens, 0
+        if len(tokens) == 1 and tokens[0].kind in {"word", "name"}:
+            return tokens[0].text if tokens[0].kind == "word" else self._lookup(tokens[0].text)
+        first_unit, first = self._with_unit(self._sum)
+        mark = self._peek()
+        if mark not in {"..", "+-"}:
+            self._expect_end()
+            return self._scaled(first, first_unit)
+        self._at += 1
+        second_unit, second = self._with_unit(self._sum)
+        self._expect_end()
+        low, high = self._scaled(first, first_unit or second_unit), self._scaled(second, second_unit)
+        if mark == ".." and high < low:
+            self._fail(f"the range goes down, from {low:g} to {high:g}; exchange them")
+        if mark == "+-" and high < 0.0:
+            self._fail(f"a standard deviation of {high:g} makes no sense")
+        if not (math.isfinite(low) and math.isfinite(high) and math.isfinite(high - low)):
+            self._fail("not finite")
+        if not draw:
+            return low
+        generator = self._stream.generator
+        return float(generator.uniform(low, high) if mark == ".." else generator.normal(low, high))
+
+    def _with_unit(self, parse: Callable[[], float]) -> tuple[str, float]:
+        """A sum, and the unit behind it, if there is one."""
+        number = parse()
+        words: list[str] = []
+        while self._at < len(self._tokens) and self._tokens[self._at].kind == "word":
+            words.append(self._take())
+        return " ".join(words), number
+
+    def _scaled(self, number: float, unit: str) -> float:
+        if not unit:
+            return number
+        if not self._unit:
+            self._fail(f"a number without unit is expected, not '{unit}'")
+        try:
+            scale = to_si(f"1 {unit}", self._unit)
+        except ValueError as error:
+            self._fail(str(error))
+        return number * float(scale)
+
+    def _sum(self) -> float:
+        value = self._product()
+        while self._peek() in {"+", "-"}:
+            sign = 1.0 if self._take() == "+" else -1.0
+            value += sign * self._product()
+        return value
+
+    def _product(self) -> float:
+        value = self._factor()
+        while self._peek() in {"*", "/"}:
+            if self._take() == "*":
+                value *= self._factor()
+                continue
+            divisor = self._factor()
+            if divisor == 0.0:
+                self._fail("division by zero")
+            value /= divisor
+        return value
+
+    def _factor(self) -> float:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            self._fail("too many brackets or signs")
+        try:
+            if self._at >= len(self._tokens):
+                self._fail("a number is missing at the end")
+            token = self._tokens[self._at]
+            self._at += 1
+            if token.text in {"-", "+"}:
+                return self._factor() * (-1.0 if token.text == "-" else 1.0)
+            if token.text == "(":
+                value = self._sum()
+                if self._peek() != ")":
+                    self._fail("a bracket is not closed")
+                self._at += 1
+                return value
+            if token.kind == "number":
+                return float(token.text)
+            if token.kind == "name":
+                found = self._lookup(token.text)
+                if isinstance(found, str):
+                    self._fail(f"{token.text} is '{found}', not a number")
+                return float(found)
+            self._fail(f"'{token.text}' stands where a number is expected")
+        finally:
+            self._depth -= 1
+
+    def _lookup(self, name: str) -> Number | str:
+        return _parameter(name[1:], self._parameters, self._where)
+
+    def _peek(self) -> str:
+        return self._tokens[self._at].text if self._at < len(self._tokens) else ""
+
+    def _take(self) -> str:
+        self._at += 1
+        return self._tokens[self._at - 1].text
+
+    def _expect_end(self) -> None:
+        if self._at < len(self._tokens):
+            self._fail(f"'{self._peek()}' is one too many")
+
+    def _fail(self, what: str) -> NoReturn:
+        raise ConfigError(
+            f"{_prefix(self._where)}'{self._text[:60]}': {what}; a value is a number with unit, a .. b, "
+            "mean +- deviation, a | b, or arithmetic on $parameters"
+        )
+
+
+def _parameter(name: str, parameters: Parameters, where: str) -> Number | str:
+    if name not in parameters:
+        known = did_you_mean(name, parameters) if parameters else "there are no parameters; add them under params"
+        raise ConfigError(f"{_prefix(where)}unknown parameter ${name}; {known}")
+    return parameters[name]
+
+
+def _prefix(where: str) -> str:
+    return f"{where}: " if where else ""
