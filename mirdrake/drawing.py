@@ -68,12 +68,21 @@ def draw_svg(assembly: Assembly) -> str:
     Raises:
         MissingDependencyError: Graphviz is not installed.
     """
+    return run_dot(write_dot(assembly), purpose="drawing a diagram")
+
+
+def run_dot(text: str, *, purpose: str) -> str:
+    """A text in Graphviz' language as SVG.
+
+    Raises:
+        MissingDependencyError: Graphviz is not installed; `purpose` says what it is needed for.
+    """
     dot = shutil.which("dot")
     if dot is None:
         raise MissingDependencyError(
-            "drawing a diagram needs Graphviz: install your system's package 'graphviz' (Debian: apt install graphviz)"
+            f"{purpose} needs Graphviz: install your system's package 'graphviz' (Debian: apt install graphviz)"
         )
-    done = subprocess.run([dot, "-Tsvg"], input=write_dot(assembly), capture_output=True, text=True, check=False)
+    done = subprocess.run([dot, "-Tsvg"], input=text, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise MissingDependencyError(f"Graphviz' dot failed: {done.stderr.strip().splitlines()[0]}")
     return done.stdout[done.stdout.index("<svg") :]

@@ -18,6 +18,8 @@ VERBS = {
     "view": "view",
     "check": "check",
     "draw": "draw",
+    "inspect": "inspect",
+    "new": "new",
 }
 """Module of each verb in this package."""
 
@@ -28,6 +30,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake run bolt_test_track          a Chevrolet Bolt drives a lap; results go to runs/
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
   mirdrake view bolt                    look at a vehicle, with a slider for every joint
+  mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and what looks wrong
   mirdrake check my_diagram.yaml        every fault with file and line, without running
   mirdrake draw bolt_test_track         the block diagram as SVG
 

@@ -1,0 +1,44 @@
+"""``mirdrake inspect``: what a vehicle is, in figures."""
+
+import argparse
+import json
+from pathlib import Path
+
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import shown
+
+HELP = "mass, axle loads, dimensions, turning circle, inertia, joints and sensors of a vehicle, and what looks wrong"
+MORE = """\
+examples:
+  mirdrake inspect bolt
+  mirdrake inspect bolt --out links.svg      links and joints as a picture (needs Graphviz)
+  mirdrake inspect bolt --json               the same figures as data"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("vehicle", help="name or path of a vehicle; bolt@published is a variant")
+    parser.add_argument("--json", action="store_true", help="print data instead of text")
+    parser.add_argument("--out", type=Path, metavar="FILE", help=".svg or .dot: links and joints; .json: the figures")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if there is a warning")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Inspect."""
+    from mirdrake.logs import write_file
+    from mirdrake.report.inspection import describe, draw_links, write_links_dot
+    from mirdrake.vehicles import load_vehicle
+    from mirdrake.vehicles.inspection import inspect_vehicle
+
+    out: Path | None = options.out
+    if out is not None and out.suffix not in {".svg", ".dot", ".json"}:
+        raise ConfigError(f"--out {out}: the name must end in .svg, .dot or .json")
+    figures = inspect_vehicle(load_vehicle(options.vehicle))
+    data = json.dumps(figures.to_dict(), indent=2, ensure_ascii=False)
+    print(data if options.json else describe(figures))
+    if out is not None:
+        text = data + "\n" if out.suffix == ".json" else None
+        write_file(out, text or (draw_links(figures) if out.suffix == ".svg" else write_links_dot(figures)))
+        if not options.json:
+            print(shown(out))
+    return 1 if options.strict and figures.warnings else 0

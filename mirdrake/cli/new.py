@@ -1,0 +1,105 @@
+"""``mirdrake new``: write something to start from."""
+
+import argparse
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any, get_args
+
+from mirdrake.errors import ConfigError
+from mirdrake.vehicles.questions import BODIES, QUANTITIES, REQUIRED, ask, parse_tyre
+from mirdrake.vehicles.spec import Drive
+from mirdrake.yaml_io import shown
+
+HELP = "write a new vehicle folder from a few dimensions"
+MORE = """\
+What is not given is estimated; README.md in the folder says of every number which it is. Numbers are SI or have a unit:
+"102.4 in", "3200 lb", "35 deg". In a terminal, what is missing is asked for. A diagram file to drive it comes along.
+
+example:
+  mirdrake new vehicle my_car --wheelbase 2.6 --track 1.5 --mass 1450 --tyre 205/55R16 --drive front"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("what", choices=["vehicle"], help="what to write")
+    parser.add_argument("name", metavar="NAME", help="of the folder: letters, digits, _")
+    for quantity in QUANTITIES.values():
+        parser.add_argument(
+            _option(quantity.key), metavar=quantity.unit.upper(), help=f"{quantity.text} [{quantity.unit}]"
+        )
+    parser.add_argument("--tyre", metavar="SIZE", help="such as 215/50R17, instead of wheel radius and width")
+    parser.add_argument("--drive", choices=get_args(Drive), help="driven axle (default: rear)")
+    parser.add_argument("--body", choices=BODIES, help="looks, and usual length and height (default: hatchback)")
+    parser.add_argument("--title", metavar="TEXT", help="make and model, for titles")
+    parser.add_argument("--folder", type=Path, default=Path("models"), metavar="DIR", help="where to (default: models)")
+    parser.add_argument("--diagram", action=argparse.BooleanOptionalAction, default=True, help="write a diagram file")
+    parser.add_argument("--force", action="store_true", help="replace a vehicle of that name")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the vehicle."""
+    from mirdrake.vehicles.scaffold import check_name, plan_vehicle, vehicle_place, write_diagram, write_vehicle
+
+    name: str = options.name
+    check_name(name)
+    vehicle_place(name, folder=options.folder, force=options.force)  # before anybody answers questions
+    given = _given(options)
+    missing = [key for key in REQUIRED if key not in given and not (key == "wheel_radius" and "tyre" in given)]
+    if missing and sys.stdin.isatty():
+        _say(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter takes what stands in brackets.")
+        given = ask(given, say=_say)
+    elif missing:
+        words = ["--wheel-radius (or --tyre)" if key == "wheel_radius" else _option(key) for key in missing]
+        raise ConfigError(f"missing: {', '.join(words)}")
+    plan = plan_vehicle(**given)
+    vehicle = write_vehicle(name, plan, title=options.title, folder=options.folder, force=options.force)
+    diagram = None
+    if options.diagram:
+        beside = vehicle.resolve().parent
+        folder = beside.parent / "diagrams" if beside.name == "models" else Path("diagrams")
+        diagram, written = write_diagram(vehicle, folder=folder, force=options.force)
+
+    _say(f"{shown(vehicle)}/")
+    estimated = plan.estimated()
+    _say(_listed("given", [key for key in plan.sources if key not in estimated]))
+    _say(_listed("estimated", list(estimated)))
+    _say("  README.md says how; replace what you know better")
+    if diagram is not None:
+        _say(f"{shown(diagram)}{'' if written else '  (was there already, left as it is)'}")
+    _say("next:")
+    if diagram is not None:
+        _say(f"  mirdrake run {_shortest('diagrams', diagram)}")
+    _say(f"  mirdrake view {_shortest('models', vehicle)}")
+    return 0
+
+
+def _given(options: argparse.Namespace) -> dict[str, Any]:
+    """The options that were given, by argument of :func:`mirdrake.vehicles.scaffold.plan_vehicle`."""
+    keys = [*QUANTITIES, "tyre", "drive", "body"]
+    given = {key: value for key in keys if (value := getattr(options, key)) is not None}
+    if "tyre" in given:
+        parse_tyre(given["tyre"], where="--tyre")
+    return given
+
+
+def _shortest(kind: str, path: Path) -> str:
+    """The name of a thing if it leads there, else its path."""
+    from mirdrake.paths import names
+
+    name = path.stem if kind == "diagrams" else path.name
+    known = names(kind).get(name)
+    return name if known is not None and known.resolve() == path.resolve() else shown(path)
+
+
+def _listed(title: str, keys: list[str]) -> str:
+    words = ", ".join(key.replace("_", " ") for key in keys)
+    return textwrap.fill(f"{title + ':':10} {words}", width=100, initial_indent="  ", subsequent_indent=" " * 13)
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")

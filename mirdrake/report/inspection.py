@@ -1,0 +1,139 @@
+"""An inspection in words for a terminal, and a vehicle's links and joints as a picture."""
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+
+from mirdrake.drawing import run_dot
+from mirdrake.vehicles.inspection import Inspection, JointFigures
+
+_COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "frame": "#eceff1"}
+
+
+def describe(figures: Inspection) -> str:
+    """The figures as text with aligned columns."""
+    front, rear = figures.loads
+    length, width, height = figures.size
+    inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
+    roll, pitch, yaw = figures.inertia
+    x, y, z = figures.com
+    rows = [
+        ("mass", f"{figures.mass:.1f} kg"),
+        ("centre of mass", f"{x:.3f} m ahead of the rear axle, {y:.3f} m to the left, {z:.3f} m above the road"),
+        ("axle loads", f"front {front:.0f} N ({100 * figures.front_share:.1f} %), rear {rear:.0f} N"),
+        ("left wheels", f"{100 * figures.side_share:.1f} % of the load"),
+        ("wheelbase", f"{figures.wheelbase:.3f} m"),
+        ("track", f"front {figures.tracks[0]:.3f} m, rear {figures.tracks[1]:.3f} m"),
+        ("between steering axes", f"{figures.kingpin_track:.3f} m"),
+        ("wheels", _wheels(figures)),
+        ("size", f"{length:.3f} x {width:.3f} x {height:.3f} m (collision shapes)"),
+        ("ground clearance", f"{figures.ground_clearance:.3f} m" if math.isfinite(figures.ground_clearance) else "-"),
+        ("full lock", f"inner wheel {inner:.1f} deg, outer wheel {outer:.1f} deg"),
+        ("turning radius", f"{figures.turning_radius:.2f} m (rear axle's centre)"),
+        ("turning circle", f"{figures.turning_circle:.2f} m (kerb to kerb, diameter)"),
+        ("inertia", f"roll {roll:.4g}, pitch {pitch:.4g}, yaw {yaw:.4g} kg m² (about the centre of mass)"),
+        ("dynamic index", f"{figures.dynamic_index:.2f}"),
+        ("static stability", f"{figures.static_stability:.2f} (tips at so many g sideways)"),
+    ]
+    parts = [
+        f"{figures.vehicle}: {figures.title}, {figures.drive} drive, grade {figures.grade}",
+        _columns(rows, indent=2),
+        "links",
+        _columns(
+            [
+                ("", "mass [kg]", "principal moments [kg m²]"),
+                *((link.name, f"{link.mass:.4g}", _numbers(link.moments)) for link in figures.links if link.mass),
+            ],
+            indent=2,
+        ),
+        "joints",
+        _columns(
+            [
+                ("", "type", "parent", "axis", "limits [rad]", "[rad/s]", "[N m]", "role"),
+                *(_joint_row(joint) for joint in figures.joints if joint.kind != "fixed"),
+            ],
+            indent=2,
+        ),
+    ]
+    if figures.sensors:
+        rows_of = [(s.name, s.kind, s.frame, _numbers(s.place), f"{s.rate:g} Hz") for s in figures.sensors]
+        parts += ["sensors", _columns([("", "kind", "frame", "place [m]", "rate"), *rows_of], indent=2)]
+    parts.append("warnings" if figures.warnings else "no warnings")
+    parts += [f"  {warning}" for warning in figures.warnings]
+    return "\n".join(parts)
+
+
+def draw_links(figures: Inspection) -> str:
+    """Links and joints as an SVG picture: body, knuckles, wheels and frames, each joint an arrow.
+
+    Raises:
+        MissingDependencyError: Graphviz is not installed.
+    """
+    return run_dot(write_links_dot(figures), purpose="drawing the links")
+
+
+def write_links_dot(figures: Inspection) -> str:
+    """Links and joints in Graphviz' language."""
+    roles = {joint.child: joint.role for joint in figures.joints}
+    lines = [
+        "digraph {",
+        '  graph [rankdir=LR, nodesep=0.2, ranksep=0.9, fontname="Helvetica", bgcolor="transparent"];',
+        '  node [shape=box, style="rounded,filled", fontname="Helvetica", fontsize=12, color="#607d8b"];',
+        '  edge [fontname="Helvetica", fontsize=10, color="#607d8b", fontcolor="#37474f", arrowsize=0.7];',
+    ]
+    for link in figures.links:
+        role = roles.get(link.name, "body")
+        kind = "wheel" if "wheel" in role else "knuckle" if "steering" in role else "body" if link.mass else "frame"
+        weight = f'<br/><font point-size="9">{link.mass:.4g} kg</font>' if link.mass else ""
+        label = f"<<b>{html.escape(link.name)}</b>{weight}>"
+        lines.append(f'  "{_quoted(link.name)}" [label={label}, fillcolor="{_COLOURS[kind]}"];')
+    for joint in figures.joints:
+        axis = f"\\n{joint.kind} about {_axis(joint.axis)}" if joint.axis else ""
+        style = ", style=dashed" if joint.kind == "fixed" else ""
+        name = "" if joint.kind == "fixed" else _quoted(joint.name)
+        ends = f'"{_quoted(joint.parent)}" -> "{_quoted(joint.child)}"'
+        lines.append(f'  {ends} [label="{name}{axis}"{style}];')
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def _wheels(figures: Inspection) -> str:
+    sizes = [
+        f"radius {radius:.4f} m, width {width:.3f} m"
+        for radius, width in zip(figures.wheel_radii, figures.wheel_widths, strict=True)
+    ]
+    return sizes[0] if sizes[0] == sizes[1] else f"front {sizes[0]}; rear {sizes[1]}"
+
+
+def _joint_row(joint: JointFigures) -> tuple[str, ...]:
+    free = math.isinf(joint.lower) and math.isinf(joint.upper)
+    limits = "free" if free else f"{joint.lower:g} .. {joint.upper:g}"
+    return (
+        joint.name,
+        joint.kind,
+        joint.parent,
+        _axis(joint.axis),
+        limits,
+        f"{joint.velocity:g}",
+        f"{joint.effort:.4g}" if joint.effort else "-",
+        joint.role or "-",
+    )
+
+
+def _axis(axis: Sequence[float]) -> str:
+    names: dict[tuple[float, ...], str] = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
+    return names.get(tuple(round(value, 6) + 0.0 for value in axis), _numbers(axis))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.4g}" for value in values)
+
+
+def _columns(rows: Sequence[Sequence[str]], *, indent: int) -> str:
+    """Rows as text, each column as wide as its widest entry."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = ("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(" " * indent + line.rstrip() for line in lines)
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')

@@ -1,0 +1,267 @@
+"""A new vehicle folder from a few dimensions, complete and ready to drive.
+
+What is not given is estimated (:mod:`mirdrake.vehicles.estimates`), and the folder says which is which: in its
+README.md, number by number, and in ``sources`` of its vehicle.yaml. The files are the templates beside this module.
+"""
+
+import json
+import os
+import re
+import shutil
+from math import atan, ceil, hypot, pi, sqrt, tan
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from mirdrake.errors import ConfigError
+from mirdrake.paths import search_folders
+from mirdrake.vehicles.questions import ask
+from mirdrake.vehicles.vehicle import load_vehicle
+from mirdrake.vehicles.vehicle_plan import TABLES, Plan, plan_vehicle, rounded
+from mirdrake.yaml_io import shown
+
+__all__ = ["ask", "check_name", "new_vehicle", "plan_vehicle", "vehicle_place", "write_diagram", "write_visuals"]
+
+TEMPLATES = Path(__file__).resolve().parent / "templates"
+
+SKIDPAD_RADIUS = 9.125
+"""Radius of the centre line of worlds/skidpad.yaml [m]."""
+
+SKIDPAD_WIDTH = 3.0
+"""Width of its track [m]."""
+
+
+def new_vehicle(
+    name: str,
+    *,
+    wheelbase: float | str,
+    track: float | str,
+    mass: float | str,
+    wheel_radius: float | str | None = None,
+    wheel_width: float | str | None = None,
+    tyre: str | None = None,
+    drive: str = "rear",
+    steering_limit: float | str | None = None,
+    length: float | str | None = None,
+    width: float | str | None = None,
+    height: float | str | None = None,
+    body: str = "hatchback",
+    title: str | None = None,
+    folder: Path | str | None = None,
+    force: bool = False,
+) -> Path:
+    """Write a vehicle folder that can be loaded and driven at once.
+
+    Numbers are SI; a text may have another unit, such as ``"102.4 in"``. What is left out is estimated.
+
+    Args:
+        name: of the folder and the model: letters, digits, underscores.
+        wheelbase: between the axles [m].
+        track: between the middles of the wheels of an axle [m].
+        mass: ready to drive [kg].
+        wheel_radius: [m]; needed if there is no `tyre`.
+        wheel_width: [m].
+        tyre: size such as ``215/50R17``, instead of wheel radius and width.
+        drive: driven axle: front, rear or all.
+        steering_limit: of the inner wheel [rad].
+        length: over all [m].
+        width: without mirrors [m].
+        height: [m].
+        body: hatchback, sedan, suv or buggy.
+        title: make and model for titles; made from the name if left out.
+        folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
+        force: replace a vehicle of that name.
+
+    Returns:
+        The vehicle's folder.
+
+    Raises:
+        ConfigError: the name, a number, or the place is not allowed; nothing is written then.
+    """
+    check_name(name)
+    plan = plan_vehicle(
+        drive=drive,
+        body=body,
+        tyre=tyre,
+        wheelbase=wheelbase,
+        track=track,
+        mass=mass,
+        wheel_radius=wheel_radius,
+        wheel_width=wheel_width,
+        steering_limit=steering_limit,
+        length=length,
+        width=width,
+        height=height,
+    )
+    return write_vehicle(name, plan, title=title, folder=folder, force=force)
+
+
+def write_vehicle(
+    name: str, plan: Plan, *, title: str | None = None, folder: Path | str | None = None, force: bool = False
+) -> Path:
+    """Write the folder of a planned vehicle; see :func:`new_vehicle`."""
+    check_name(name)
+    target = vehicle_place(name, folder=folder, force=force)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    building = target.parent / f".{name}.{os.getpid()}"
+    shutil.rmtree(building, ignore_errors=True)
+    try:
+        building.mkdir()
+        _write_files(building, name, title or name.replace("_", " ").capitalize(), plan)
+        load_vehicle(str(building))
+        _move(building, target)
+    finally:
+        shutil.rmtree(building, ignore_errors=True)
+    return target
+
+
+def check_name(name: str) -> None:
+    """Refuse what cannot name a folder, a robot and a package alike.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", name):
+        raise ConfigError(f"name '{name[:80]}' is not allowed; a letter, then letters, digits and _, at most 64")
+
+
+def vehicle_place(name: str, *, folder: Path | str | None = None, force: bool = False) -> Path:
+    """Where a new vehicle goes.
+
+    Raises:
+        ConfigError: something is there that may not be replaced.
+    """
+    target = Path(folder or "models") / name
+    if target.is_symlink() or target.exists():
+        if not force:
+            raise ConfigError(f"{shown(target)} is there already; take another name, or force to replace it")
+        if target.is_symlink() or not (target / "vehicle.yaml").is_file():
+            raise ConfigError(f"{shown(target)} is not a vehicle folder, so it is not replaced; take another name")
+    return target
+
+
+def write_diagram(vehicle: Path, *, folder: Path | str, force: bool = False) -> tuple[Path, bool]:
+    """Write a diagram file in which the vehicle drives circles on the skidpad, or on a plain if it is too large.
+
+    Args:
+        vehicle: its folder.
+        folder: where the file goes.
+        force: replace a file of that name.
+
+    Returns:
+        The file, and whether it was written; one that is there already is left alone.
+    """
+    loaded = load_vehicle(str(vehicle))
+    geometry, name = loaded.geometry, vehicle.name
+    known = any(parent == vehicle.resolve().parent for parent in search_folders("models"))
+    model = name if known else os.path.relpath(vehicle.resolve(), Path(folder).resolve())
+    tightest = geometry.wheelbase / tan(geometry.steering_limit) + geometry.kingpin_track / 2.0
+    side = (geometry.front_track + geometry.front_wheel_width) / 2.0
+    sweep = hypot(SKIDPAD_RADIUS + side, geometry.wheelbase) - SKIDPAD_RADIUS  # of the outer front wheel
+    fits = 1.2 * tightest < SKIDPAD_RADIUS and sweep < SKIDPAD_WIDTH / 2.0
+    radius = SKIDPAD_RADIUS if fits else 1.5 * tightest
+    # 0.4 g to the side like the Bolt's diagram, and not above 40 wheel radii per second: a third of the top speed
+    speed = float(f"{min(sqrt(3.9 * radius), 40.0 * geometry.rear_wheel_radius):.2g}")
+    duration = ceil(2.0 * 2.0 * pi * radius / speed + 2.0 * speed)  # two laps, and time to get faster
+    file = Path(folder) / f"{name}_{'skidpad' if fits else 'circle'}.yaml"
+    if file.exists() and not force:
+        return file, False
+    text = _templates().get_template("diagram.yaml.jinja")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    content = text.render(
+        model=model,
+        title=loaded.spec.name,
+        fits=fits,
+        radius=f"{radius:.4g}",
+        speed=f"{speed:g}",
+        duration=duration,
+        steering=f"{rounded(atan(geometry.wheelbase / radius))}",
+    )
+    file.write_text(content, encoding="utf-8")
+    return file, True
+
+
+# --- the parts ---------------------------------------------------------------------------------------------------
+
+
+def _templates() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # YAML, XML with numbers and checked names, Markdown
+    )
+    environment.filters["quoted"] = lambda text: json.dumps(text, ensure_ascii=False)
+    return environment
+
+
+def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
+    """All files of a vehicle folder."""
+    values = plan.values
+    rows = []
+    for heading, file, entries in TABLES:
+        rows.append(
+            (
+                heading,
+                file,
+                [
+                    {"label": label, "value": _cell(values[key]), "unit": unit, "source": plan.sources[key]}
+                    for key, label, unit in entries
+                ],
+            )
+        )
+    driven = "All-wheel-driven" if plan.drive == "all" else f"{plan.drive.capitalize()}-driven"
+    words = {
+        **values,
+        "name": name,
+        "title": " ".join(title.split()),
+        "drive": plan.drive,
+        "body": plan.body,
+        "sources": plan.sources,
+        "tables": rows,
+        "camera_near": rounded(min(0.3 * values["wheel_radius"], 0.1)),
+        "given_count": len(plan.sources) - len(plan.estimated()),
+        "summary": f"{driven} vehicle of {values['mass']:g} kg with a wheelbase of {values['wheelbase']:g} m.",
+    }
+    environment = _templates()
+    for template in sorted((TEMPLATES / "vehicle").glob("*.jinja")):
+        text = environment.get_template(f"vehicle/{template.name}").render(words)
+        (folder / template.stem).write_text(text, encoding="utf-8")
+    write_visuals(folder, plan)
+
+
+def _cell(value: Any) -> str:
+    return " x ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else f"{value:.10g}"
+
+
+def _move(building: Path, target: Path) -> None:
+    """Put a finished folder in its place; a vehicle that is replaced goes only when the new one stands."""
+    old = None
+    if target.exists():
+        old = building.with_name(f"{building.name}.old")
+        target.rename(old)
+    try:
+        building.rename(target)
+    except OSError:
+        if old is not None:
+            old.rename(target)
+        raise
+    if old is not None:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def write_visuals(folder: Path, plan: Plan) -> None:
+    """Write meshes/body.gltf and meshes/wheel.gltf, in the frames of base_link and of a wheel."""
+    import trimesh
+
+    values = plan.values
+    (folder / "meshes").mkdir()
+    length, width, height, low = (values[key] for key in ("length", "width", "height", "ground_clearance"))
+    body = trimesh.creation.box((length, height - low, 0.8 * width))
+    body.apply_translation((values["wheelbase"] / 2.0, (height + low) / 2.0, 0.0))
+    wheel = trimesh.creation.cylinder(radius=values["wheel_radius"], height=values["wheel_width"], sections=48)
+    for name, mesh in (("body", body), ("wheel", wheel)):
+        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
+        (folder / "meshes" / f"{name}.gltf").write_bytes(files["model.gltf"])

@@ -1,0 +1,439 @@
+"""A new vehicle from a few dimensions: its files, its estimates, and that it drives at once."""
+
+import argparse
+import io
+import math
+import re
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mirdrake.cli import new as cli_new
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import load_diagram
+from mirdrake.errors import ConfigError
+from mirdrake.logs import Run
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.estimates import HOW, Estimates, estimate
+from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.vehicles.questions import QUANTITIES, ask, parse_tyre
+from mirdrake.vehicles.scaffold import new_vehicle, vehicle_place, write_diagram
+from mirdrake.vehicles.vehicle_plan import plan_vehicle
+
+GRAVITY = 9.80665
+SMALL: dict[str, Any] = {"wheelbase": 0.325, "track": 0.2, "mass": 3.5, "wheel_radius": 0.05, "wheel_width": 0.045}
+MEDIUM: dict[str, Any] = {"wheelbase": 2.6, "track": 1.5, "mass": 1620, "tyre": "205/55R16", "drive": "front"}
+LARGE: dict[str, Any] = {"wheelbase": 3.9, "track": 1.9, "mass": 5000, "wheel_radius": 0.45, "wheel_width": 0.3}
+SMALL |= {"steering_limit": 0.42, "drive": "all", "body": "buggy"}
+MEDIUM |= {"steering_limit": "35 deg", "height": 1.5, "title": 'Our "car", 100 %: yes & no'}
+LARGE |= {"drive": "rear", "body": "suv"}
+CARS = {"small": SMALL, "medium": MEDIUM, "large": LARGE}
+SPEEDS = {"small": 2.0, "medium": 8.0, "large": 8.0}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    parent = tmp_path_factory.mktemp("scaffold") / "models"
+    return {name: new_vehicle(name, folder=parent, **sizes) for name, sizes in CARS.items()}
+
+
+@pytest.fixture(scope="module")
+def cars(folders: dict[str, Path]) -> dict[str, Vehicle]:
+    return {name: load_vehicle(str(folder)) for name, folder in folders.items()}
+
+
+# --- estimates ---------------------------------------------------------------------------------------------------
+
+
+def test_every_estimate_says_how() -> None:
+    assert set(HOW) == set(Estimates.__dataclass_fields__)
+    assert all(text.startswith("estimated: ") for text in HOW.values())
+
+
+def test_the_estimates_for_the_bolts_data_sheet_are_the_bolt() -> None:
+    """models/bolt: 20 and 10 kg, 2547 kg m² by its parts, 1e7 Pa, 2e5 N/m, 2538 N m, 8000 N m, 1000 N m, 200, 5e4."""
+    bolt = estimate(
+        mass=1616, wheelbase=2.601, track=1.501, wheel_radius=0.3234, wheel_width=0.215, height=1.595,
+        length=4.166, front_axle_share=0.56,
+    )  # fmt: skip
+    assert bolt.wheel_mass == pytest.approx(20, rel=0.01)
+    assert bolt.knuckle_mass == pytest.approx(10, rel=0.01)
+    assert bolt.yaw_inertia == pytest.approx(2547, rel=0.01)
+    assert bolt.roll_inertia == pytest.approx(547, rel=0.02)
+    assert bolt.pitch_inertia == pytest.approx(2374, rel=0.02)
+    assert bolt.tyre_modulus == pytest.approx(1e7, rel=0.02)
+    assert bolt.tyre_point_stiffness == pytest.approx(2e5, rel=0.02)
+    assert bolt.tyre_dissipation == pytest.approx(0.1, rel=0.02)
+    assert bolt.max_torque == pytest.approx(2538, rel=0.02)
+    assert bolt.max_power == pytest.approx(150e3, rel=0.02)
+    assert bolt.brake_torque == pytest.approx(8000, rel=0.05)
+    assert bolt.brake_front_share == pytest.approx(0.656, abs=0.02)
+    assert bolt.steering_effort == pytest.approx(1000, rel=0.03)
+    assert bolt.steering_rate == pytest.approx(0.5, rel=0.02)
+    assert bolt.wheel_servo_gain == pytest.approx(200, rel=0.02)
+    assert bolt.steering_stiffness == pytest.approx(5e4, rel=0.02)
+    assert (bolt.speed_kp, bolt.speed_ki, bolt.max_correction) == (1.0, 1.0, 2.0)
+
+
+def test_a_model_of_the_same_car_at_half_size_has_froudes_scales() -> None:
+    """Half the length, an eighth of the mass: forces 1/8, torques 1/16, inertias 1/32, times 1/sqrt 2, inputs alike."""
+    full = estimate(mass=1616, wheelbase=2.6, track=1.5, wheel_radius=0.32, wheel_width=0.2)
+    half = estimate(mass=202, wheelbase=1.3, track=0.75, wheel_radius=0.16, wheel_width=0.1)
+    assert half.max_torque == pytest.approx(full.max_torque / 16)
+    assert half.steering_effort == pytest.approx(full.steering_effort / 16)
+    assert half.yaw_inertia == pytest.approx(full.yaw_inertia / 32)
+    assert half.tyre_point_stiffness == pytest.approx(full.tyre_point_stiffness / 4)  # force over length
+    assert half.wheel_servo_gain / (202 * 0.16**2) == pytest.approx(
+        math.sqrt(2) * full.wheel_servo_gain / (1616 * 0.32**2)
+    )
+    assert half.speed_ki == pytest.approx(math.sqrt(2) * full.speed_ki)
+    assert half.brake_front_share == pytest.approx(full.brake_front_share)
+
+
+def test_the_whole_vehicles_mass_and_inertia_in_the_plant_are_the_planned_ones(cars: dict[str, Vehicle]) -> None:
+    for name, car in cars.items():
+        planned = plan_vehicle(**{key: value for key, value in CARS[name].items() if key != "title"}).values
+        plant, _, _ = parse_urdf(car.urdf, packages=car.packages, where_line=str)
+        context = plant.CreateDefaultContext()
+        assert plant.CalcTotalMass(context) == pytest.approx(planned["mass"])
+        com = plant.CalcCenterOfMassPositionInWorld(context)
+        assert com[0] == pytest.approx(planned["front_axle_share"] * planned["wheelbase"])
+        assert com[1] == pytest.approx(0.0, abs=1e-12)
+        assert com[2] == pytest.approx(planned["com_height"])
+        bodies = plant.GetBodyIndices(plant.GetBodyByName("base_link").model_instance())
+        inertia = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
+        about = inertia.Shift(com).CalcRotationalInertia().CopyToFullMatrix3()
+        assert about[2, 2] == pytest.approx(planned["yaw_inertia"], rel=0.02)  # wheels and knuckles are no points
+        assert about[0, 0] == pytest.approx(planned["roll_inertia"], rel=0.03)
+        assert about[1, 1] == pytest.approx(planned["pitch_inertia"], rel=0.03)
+
+
+# --- the folder --------------------------------------------------------------------------------------------------
+
+
+def test_the_folder_has_the_files_of_a_vehicle(folders: dict[str, Path]) -> None:
+    files = {str(path.relative_to(folders["small"])) for path in folders["small"].rglob("*") if path.is_file()}
+    assert files >= {
+        "README.md", "main.urdf.xacro", "properties.xacro", "structure.xacro", "contact.xacro", "sensors.xacro",
+        "vehicle.yaml", "control.yaml", "sensors.yaml", "meshes/body.gltf", "meshes/wheel.gltf",
+    }  # fmt: skip
+    assert sorted(path.name for path in folders["small"].parent.iterdir()) == ["large", "medium", "small"]
+
+
+def test_sizes_measured_are_sizes_given(cars: dict[str, Vehicle]) -> None:
+    small = cars["small"].geometry
+    assert small.wheelbase == pytest.approx(0.325, abs=1e-12)
+    assert small.front_track == pytest.approx(0.2, abs=1e-12)
+    assert small.rear_track == pytest.approx(0.2, abs=1e-12)
+    assert small.kingpin_track == pytest.approx(0.2 - 2 * 0.06 * 0.05)
+    assert small.wheel_radii == (0.05,) * 4
+    assert small.wheel_widths == (0.045,) * 4
+    assert small.steering_limit == 0.42
+    medium = cars["medium"].geometry
+    assert medium.rear_wheel_radius == pytest.approx(16 * 0.0254 / 2 + 0.55 * 0.205)  # 0.31595 m
+    assert medium.steering_limit == pytest.approx(35 * math.pi / 180)
+
+
+def test_nothing_is_warned_about_and_every_number_has_its_source(cars: dict[str, Vehicle]) -> None:
+    for car in cars.values():
+        assert car.warnings == ()
+        assert car.spec.grade == "C"
+        assert car.spec.numbers_without_source() == []
+        assert car.spec.sources_without_number() == []
+        assert all(text.startswith(("given", "estimated: ")) for text in car.spec.sources.values())
+    assert cars["medium"].spec.name == 'Our "car", 100 %: yes & no'
+    assert cars["medium"].spec.drive == "front"
+    assert set(cars["small"].sensors.mounts) == {"front_camera", "gps", "imu"}
+
+
+def test_the_readme_lists_every_number_with_its_origin(folders: dict[str, Path]) -> None:
+    text = (folders["medium"] / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| (given[^|]*|estimated: [^|]+) \|$", text, re.MULTILINE)
+    plan = plan_vehicle(**{key: value for key, value in MEDIUM.items() if key != "title"})
+    assert len(rows) == len(plan.values)
+    assert sorted(row[3] for row in rows) == sorted(plan.sources.values())
+    assert ("wheelbase", "2.6", "m", "given") in rows
+    assert ("wheel width", "0.205", "m", "given: tyre 205/55R16") in rows
+    assert ("limit of the inner wheel", "0.6108652382", "rad", "given: 35 deg") in rows
+
+
+def test_the_argument_drive_moves_the_driven_axle(folders: dict[str, Path]) -> None:
+    assert load_vehicle(str(folders["medium"]), arguments={"drive": "all"}).spec.driven_wheels() == (
+        "front_left", "front_right", "rear_left", "rear_right",
+    )  # fmt: skip
+
+
+# --- driving -----------------------------------------------------------------------------------------------------
+
+
+def drive(folder: Path, duration: float, *, speed: float, start: float, steering: float = 0.0, contact: str) -> Run:
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": str(folder), "speed": start}},
+        "control": {"ego": {"kind": "constant", "speed": speed, "steering": steering}},
+        "plant": {"contact": contact},
+    }
+    return Simulation(assemble(spec)).run(duration=duration)
+
+
+CONTACT = pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+CAR = pytest.mark.parametrize("name", list(CARS))
+
+
+@CONTACT
+@CAR
+def test_a_new_vehicle_stands_still(folders: dict[str, Path], name: str, contact: str) -> None:
+    run = drive(folders[name], 1.5, speed=0.0, start=0.0, contact=contact)
+    x, y = run["ego.x"].to_numpy(), run["ego.y"].to_numpy()
+    assert np.hypot(x - x[0], y - y[0]).max() < 1e-4  # [m]
+    assert np.hypot(x - x[-1], y - y[-1])[run["ego.x"].index >= 1.0].max() < 1e-6
+
+
+@CONTACT
+@CAR
+def test_a_new_vehicle_reaches_its_speed_straight_ahead_within_half_a_percent(
+    folders: dict[str, Path], name: str, contact: str
+) -> None:
+    speed = SPEEDS[name]
+    run = drive(folders[name], 10.0, speed=speed, start=0.0, contact=contact)
+    late = run["ego.vx"].index >= 8.0
+    assert run["ego.vx"][late].mean() == pytest.approx(speed, rel=0.005)
+    assert abs(run["ego.y"].iloc[-1]) < 0.005 * run["ego.x"].iloc[-1]
+
+
+@CONTACT
+@CAR
+def test_a_new_vehicle_circles_as_fast_as_its_geometry_says_within_one_percent(
+    folders: dict[str, Path], cars: dict[str, Vehicle], name: str, contact: str
+) -> None:
+    """Yaw rate v tan(delta) / L at 2 m/s² to the side, half the steering limit."""
+    wheelbase, steering = cars[name].geometry.wheelbase, 0.5 * cars[name].geometry.steering_limit
+    speed = math.sqrt(2.0 * wheelbase / math.tan(steering))
+    run = drive(folders[name], 4.0, speed=speed, start=speed, steering=steering, contact=contact)
+    late = run["ego.wz"].index >= 2.0
+    assert run["ego.wz"][late].mean() == pytest.approx(speed * math.tan(steering) / wheelbase, rel=0.01)
+    assert run["ego.vx"][late].mean() == pytest.approx(speed, rel=0.005)
+
+
+@CAR
+def test_the_diagram_that_comes_along_runs(
+    folders: dict[str, Path], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, written = write_diagram(folders[name], folder=tmp_path)
+    assert written
+    assert file.name == ("large_circle.yaml" if name == "large" else f"{name}_skidpad.yaml")
+    run = Simulation(assemble(load_diagram(str(file)))).run(duration=1.0)
+    assert run.summary["vehicles"]["ego"]["off_road_s"] == 0.0
+    assert write_diagram(folders[name], folder=tmp_path) == (file, False)
+
+
+# --- input that makes no sense -----------------------------------------------------------------------------------
+
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"mass": 0}, "mass 0 kg is not allowed; allowed: 0.1 to 20000 kg"),
+    ({"mass": -1450}, "mass -1450 kg is not allowed; allowed: 0.1 to 20000 kg"),
+    ({"mass": 3.5}, "mass 3.5 kg does not fit the other dimensions; allowed: 49.9 to 2.5e+04 kg"),
+    ({"mass": "heavy"}, "mass: 'heavy' is no number; for example 1450, 3200 lb"),
+    ({"mass": "1450 m"}, "mass: unit 'm' does not fit; allowed: kg, lb, t"),
+    ({"mass": True}, "mass: 'True' is no number"),
+    ({"mass": float("nan")}, "mass nan kg is not allowed"),
+    ({"wheelbase": 2600}, "wheelbase 2600 m is not allowed; allowed: 0.1 to 10 m; is it '2600 mm'?"),
+    ({"track": 5.3}, "track 5.3 m is not allowed; allowed: 0.05 to 4 m"),
+    ({"wheelbase": 0.7}, "track 1.5 m does not fit the other dimensions; allowed: 0.32 to 1.4 m (2 wheelbases)"),
+    (
+        {"wheel_radius": 0.9, "wheelbase": 1.8},
+        "wheel_radius 0.9 m does not fit the other dimensions; allowed: 0 to 0.864",
+    ),
+    ({"wheel_width": 0.75}, "wheel_width 0.75 m does not fit the other dimensions; allowed: 0.032 to 0.64 m"),
+    ({"steering_limit": 35}, "steering_limit 35 rad is not allowed; allowed: 0.05 to 1.3 rad; is it '35 deg'?"),
+    ({"steering_limit": "35 m"}, "steering_limit: unit 'm' does not fit; allowed: rad, deg, °"),
+    ({"length": 2.0}, "length 2 m does not fit the other dimensions; allowed: 2.6 to 7.8 m (1 to 3 wheelbases)"),
+    ({"height": 0.4}, "height 0.4 m does not fit the other dimensions; allowed: 0.672 to 4.8 m"),
+    ({"width": 4.5}, "width 4.5 m does not fit the other dimensions; allowed: 1.05 to 3 m"),
+    ({"wheel_radius": None}, "missing: wheel_radius (or tyre)"),
+    ({"tyre": "205/55R16"}, "tyre '205/55R16' says wheel_radius as well; give one or the other"),
+    ({"tyre": "big", "wheel_radius": None}, "tyre 'big' is no tyre size; an example is 215/50R17"),
+    ({"drive": "back"}, "drive 'back' is not allowed; (allowed: all, front, rear)"),
+    ({"body": "sedan chair"}, "body 'sedan chair' is not allowed; did you mean 'sedan'?"),
+]
+GOOD: dict[str, Any] = {"wheelbase": 2.6, "track": 1.5, "mass": 1450, "wheel_radius": 0.32}
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_what_fits_no_vehicle_is_refused_and_nothing_is_written(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        new_vehicle("car", folder=tmp_path / "models", **(GOOD | change))
+    assert message in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_several_faults_are_told_together(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        new_vehicle("car", folder=tmp_path, **(GOOD | {"mass": "heavy", "steering_limit": 35}))
+    assert [line.split(" ")[0] for line in str(caught.value).splitlines()] == ["mass:", "steering_limit"]
+
+
+@pytest.mark.parametrize(
+    "name", ["", "my car", "3car", "../car", "car.yaml", "_car", "wagen-neu", "ä", "a" * 65, "a\n"]
+)
+def test_a_name_that_is_no_word_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match="is not allowed; a letter, then letters, digits and _"):
+        new_vehicle(name, folder=tmp_path, **GOOD)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_vehicle_is_replaced_only_when_asked_for(tmp_path: Path) -> None:
+    folder = new_vehicle("car", folder=tmp_path, **GOOD)
+    with pytest.raises(ConfigError, match="car is there already; take another name, or force to replace it"):
+        new_vehicle("car", folder=tmp_path, **(GOOD | {"mass": 1500}))
+    (folder / "notes.txt").write_text("mine", encoding="utf-8")
+    new_vehicle("car", folder=tmp_path, force=True, **(GOOD | {"mass": 1500}))
+    assert "1500" in (folder / "README.md").read_text(encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == ["car"]
+
+
+def test_a_folder_that_is_no_vehicle_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "car").mkdir()
+    (tmp_path / "car" / "thesis.txt").write_text("two years", encoding="utf-8")
+    with pytest.raises(ConfigError, match="car is not a vehicle folder, so it is not replaced"):
+        new_vehicle("car", folder=tmp_path, force=True, **GOOD)
+    assert (tmp_path / "car" / "thesis.txt").is_file()
+
+
+@pytest.mark.parametrize(
+    ("text", "radius", "width"),
+    [
+        ("215/50R17", 0.3234, 0.215),  # 17 x 0.0254 / 2 + 0.5 x 0.215
+        ("P265/70 R 16", 0.3887, 0.265),  # 0.2032 + 0.1855
+        ("225/45ZR18 95Y", 0.32985, 0.225),  # 0.2286 + 0.10125
+        ("295/80r22.5", 0.52175, 0.295),  # 0.28575 + 0.236
+    ],
+)
+def test_a_tyre_size_is_a_radius_and_a_width(text: str, radius: float, width: float) -> None:
+    assert parse_tyre(text) == pytest.approx((radius, width))
+
+
+@settings(max_examples=8)
+@given(
+    wheelbase=st.floats(0.2, 8.0), track=st.floats(0.3, 1.2), radius=st.floats(0.06, 0.3),
+    tread=st.one_of(st.none(), st.floats(0.15, 1.0)), density=st.floats(50.0, 1500.0), limit=st.floats(0.1, 1.2),
+    drive=st.sampled_from(["front", "rear", "all"]), body=st.sampled_from(["hatchback", "sedan", "suv", "buggy"]),
+)  # fmt: skip
+def test_any_plausible_input_gives_a_vehicle_of_those_sizes(
+    wheelbase: float, track: float, radius: float, tread: float | None, density: float, limit: float,
+    drive: str, body: str,
+) -> None:  # fmt: skip
+    """Track, wheel radius as parts of the wheelbase, tread of the radius; kg/m³ of wheelbase x track x 4 radii."""
+    track, radius = min(track * wheelbase, 3.9), min(radius * wheelbase, 0.99)
+    radius = min(radius, track)
+    width = None if tread is None else min(tread * radius, 0.79 * track, 0.79)
+    mass = min(max(density * wheelbase * track * 4.0 * radius, 0.1), 20000.0)
+    with TemporaryDirectory() as parent:
+        folder = new_vehicle(
+            "any", folder=parent, wheelbase=wheelbase, track=track, mass=mass, wheel_radius=radius, wheel_width=width,
+            steering_limit=limit, drive=drive, body=body,
+        )  # fmt: skip
+        geometry = load_vehicle(str(folder)).geometry
+    assert geometry.wheelbase == pytest.approx(wheelbase)
+    assert geometry.rear_track == pytest.approx(track)
+    assert geometry.rear_wheel_radius == pytest.approx(radius)
+    assert geometry.steering_limit == pytest.approx(limit)
+
+
+# --- questions and the command line ------------------------------------------------------------------------------
+
+
+def test_what_is_missing_is_asked_for_until_the_answer_makes_sense() -> None:
+    answers = iter(
+        ["long", "26", "102.4 in", "1.5 m", "1450", "big", "215/50R17", "", "4.1", "", "", "front", "tank", ""]
+    )
+    asked: list[str] = []
+    told: list[str] = []
+
+    def reply(prompt: str) -> str:
+        asked.append(prompt)
+        return next(answers)
+
+    result = ask({"title": None}, input=reply, say=told.append)
+    assert result == {
+        "wheelbase": pytest.approx(2.60096), "track": 1.5, "mass": 1450.0, "tyre": "215/50R17", "length": 4.1,
+        "drive": "front", "body": "hatchback",
+    }  # fmt: skip
+    assert asked[0] == "wheelbase, between the axles (0.1 to 10 m; for example 2.6, 102.4 in): "
+    assert asked[5] == "wheel radius, or tyre size such as 215/50R17 (0.01 to 1 m): "
+    assert asked[7] == "steering limit of the inner wheel (0.05 to 1.3 rad; for example 0.6, 35 deg) [0.6 rad]: "
+    assert asked[11] == "drive: front, rear, all [rear]: "
+    assert [text.split(";")[0] for text in told] == [
+        "wheelbase: 'long' is no number",
+        "wheelbase 26 m is not allowed",
+        "wheel_radius: 'big' is no number",
+        "body 'tank' is not allowed",
+    ]
+
+
+def test_what_is_known_is_not_asked_for() -> None:
+    known = dict.fromkeys(QUANTITIES, 1.0) | {"drive": "all", "body": "suv"}
+    assert ask(known, input=lambda prompt: pytest.fail(prompt)) == known
+
+
+def test_the_end_of_the_input_is_an_error_and_no_traceback() -> None:
+    def end(prompt: str) -> str:
+        raise EOFError
+
+    with pytest.raises(ConfigError, match="no more input at: wheelbase"):
+        ask({}, input=end)
+
+
+def command(*words: str) -> int:
+    parser = argparse.ArgumentParser()
+    cli_new.add_arguments(parser)
+    return cli_new.run(parser.parse_args(words))
+
+
+def test_the_command_writes_a_vehicle_and_a_diagram_and_says_what_to_do_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sizes = ["--wheelbase", "102.4 in", "--track", "1.5", "--mass", "3200 lb", "--tyre", "205/55R16"]
+    assert command("vehicle", "my_car", *sizes, "--drive", "front") == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[:2] == ["models/my_car/", "  given:     wheelbase, track, mass, wheel radius, wheel width"]
+    assert out[2].startswith("  estimated: steering limit, length, height,")
+    assert out[-4:] == [
+        "diagrams/my_car_skidpad.yaml",
+        "next:",
+        "  mirdrake run my_car_skidpad",
+        "  mirdrake view my_car",
+    ]
+    assert load_vehicle("my_car").geometry.wheelbase == pytest.approx(102.4 * 0.0254)
+    assert load_diagram("my_car_skidpad").vehicles["ego"].model == "my_car"
+
+
+def test_the_command_without_a_terminal_names_all_missing_options(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    with pytest.raises(ConfigError) as caught:
+        command("vehicle", "my_car", "--mass", "1450")
+    assert str(caught.value) == "missing: --wheelbase, --track, --wheel-radius (or --tyre)"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_vehicle_elsewhere_gets_a_diagram_that_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    sizes = ["--wheelbase", "0.325", "--track", "0.2", "--mass", "3.5", "--wheel-radius", "0.05"]
+    assert command("vehicle", "tiny", *sizes, "--folder", "toys") == 0
+    monkeypatch.chdir(tmp_path.parent)
+    spec = load_diagram(str(tmp_path / "diagrams" / "tiny_skidpad.yaml"))
+    assert spec.vehicles["ego"].model == str((tmp_path / "toys" / "tiny").resolve())
+    assert vehicle_place("other", folder=tmp_path / "toys") == tmp_path / "toys" / "other"
