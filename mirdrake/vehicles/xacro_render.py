@@ -7,9 +7,10 @@ module globals anyway, hence the lock.
 """
 
 import contextlib
+import re
 import threading
 import xml.dom.minidom
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from mirdrake.yaml_io import shown
 
 Place = tuple[str, int]
 _AT = "_at"
+_USED = re.compile(r"\$\(arg\s+(\w+)\s*\)")
 _LOCK = threading.Lock()
 
 
@@ -61,11 +63,21 @@ class Urdf:
 class _Expansion:
     """What is noted while xacro works."""
 
+    given: frozenset[str] = frozenset()
     places: list[Place] = field(default_factory=list)
     arguments: dict[str, Place] = field(default_factory=dict)
+    required: dict[str, Place] = field(default_factory=dict)
+    used: dict[str, Place] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
     cursor: int | None = None
     warnings: list[str] = field(default_factory=list)
+
+    def missing(self) -> dict[str, Place]:
+        """Arguments that have neither a value nor a default, declared or only used."""
+        undeclared = {
+            name: place for name, place in self.used.items() if name not in self.arguments and name not in self.given
+        }
+        return self.required | undeclared
 
     def where(self) -> str:
         name, line = self.places[self.cursor] if self.cursor is not None else (shown(self.files[0]), 1)
@@ -94,12 +106,35 @@ class _Expansion:
         except expat.ExpatError as error:
             what = expat.ErrorString(error.code)
             raise ModelError(f"{name}:{error.lineno}: not valid XML: {what}") from None
+        for number, words in enumerate(data.decode("utf-8", errors="replace").splitlines(), start=1):
+            for match in _USED.finditer(words):
+                self.used.setdefault(match.group(1), (name, number))
         for node, line in zip(_elements(document.documentElement), lines, strict=True):
             node.setAttribute(_AT, str(len(self.places)))
             self.places.append((name, line))
             if node.tagName == "xacro:arg":
                 self.arguments.setdefault(node.getAttribute("name"), (name, line))
+                if not node.hasAttribute("default"):  # which xacro asks for, even of an argument that is given
+                    if node.getAttribute("name") in self.given:
+                        node.setAttribute("default", "")
+                    else:
+                        self.required.setdefault(node.getAttribute("name"), (name, line))
         return document
+
+
+class MissingArgumentsError(ModelError):
+    """Xacro arguments without value and without default.
+
+    Attributes:
+        arguments: name -> ``file:line``.
+    """
+
+    def __init__(self, arguments: Mapping[str, Place]) -> None:
+        self.arguments = {name: f"{file}:{line}" for name, (file, line) in arguments.items()}
+        first = next(iter(self.arguments.values()))
+        names = ", ".join(f"{name} ({place})" for name, place in self.arguments.items())
+        options = " ".join(f"--argument {name}=VALUE" for name in self.arguments)
+        super().__init__(f"{first}: xacro arguments without value: {names}; give them with {options}")
 
 
 def render_xacro(
@@ -108,6 +143,7 @@ def render_xacro(
     arguments: Mapping[str, str] | None = None,
     defaults: Mapping[str, str] | None = None,
     where: str = "",
+    find: Callable[[str], Path | None] | None = None,
 ) -> Urdf:
     """Expand a xacro file.
 
@@ -116,23 +152,34 @@ def render_xacro(
         arguments: values of its ``<xacro:arg>``.
         defaults: more values, for those arguments that the files know.
         where: prefix of errors about `arguments`, for example ``"drive.yaml:4: vehicles.ego.arguments"``.
+        find: folder of a package, for ``$(find name)``; None for one that it does not know. Without it there are no
+            packages.
 
     Raises:
+        MissingArgumentsError: arguments have neither a value nor a default.
         ModelError: XML or xacro errors, unknown arguments, or xacro tags that were not expanded.
     """
     given = {name: str(value) for name, value in (arguments or {}).items()}
-    note = _Expansion()
-    with _LOCK, _wrapped_xacro(note):
+    note = _Expansion(frozenset({*given, *(defaults or {})}))
+    with _LOCK, _wrapped_xacro(note, find):
         try:
             xacro.init_stacks(str(path))
             document = note.parse(path)
             xacro.process_doc(document, mappings=dict(defaults or {}) | given, verbosity=0)
         except xacro.XacroException as error:
             _check_arguments(given, note, where)
+            cause = getattr(error, "exc", None)
+            if isinstance(cause, ModelError):
+                raise cause from None
+            missing = note.missing()
+            if missing and ("argument" in str(error) or "'default'" in str(error)):
+                raise MissingArgumentsError(missing) from None
             raise ModelError(f"{note.where()}: {_one_line(error)}") from None
         except ModelError:
             raise
         except Exception as error:
+            if note.required and "'default'" in str(error):
+                raise MissingArgumentsError(note.required) from None
             raise ModelError(f"{note.where()}: xacro: {_one_line(error)}") from None
     _check_arguments(given, note, where)
     return _finish(document, note)
@@ -140,7 +187,7 @@ def render_xacro(
 
 def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> None:
     for name in given:
-        if name not in note.arguments:
+        if name not in note.arguments and name not in note.used:
             prefix = f"{where}: " if where else f"{shown(note.files[0])}: "
             raise ModelError(f"{prefix}unknown argument '{name}'; {did_you_mean(name, note.arguments)}")
 
@@ -169,7 +216,7 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
 
 
 @contextlib.contextmanager
-def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
+def _wrapped_xacro(note: _Expansion, find: Callable[[str], Path | None] | None) -> Iterator[None]:
     """Let xacro parse through `note`, tell it where it is, and print nothing."""
     check_attrs, handle_macro_call, eval_all = xacro.check_attrs, xacro.handle_macro_call, xacro.eval_all
     eval_extension = xacro.eval_extension
@@ -191,6 +238,13 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         return eval_all(node, *rest)
 
     def extension(text: str) -> Any:
+        words = text.removeprefix("$(").removesuffix(")").split()
+        if find is not None and words and words[0] in {"find", "find-pkg-share"} and len(words) == 2:
+            folder = find(words[1])
+            if folder is None:
+                hint = f"give its folder with --package {words[1]}=DIR"
+                raise ModelError(f"{note.where()}: package '{words[1]}' is not here; {hint}")
+            return str(folder)
         if text.startswith("$(find "):
             raise xacro.XacroException(f"{text}: there are no ROS packages here; give a path relative to this file")
         return eval_extension(text)

@@ -56,6 +56,7 @@ class Shape:
         address: of the mesh, as written.
         scale: of the mesh, three factors.
         submesh: name of the part of the mesh that is meant; "" for all.
+        center: the part is moved to the origin, by the middle of its bounds.
         rgba: colour; None if the source has none.
         texture: picture file; None if there is none.
         where: ``file:line``.
@@ -68,6 +69,7 @@ class Shape:
     address: str = ""
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     submesh: str = ""
+    center: bool = False
     rgba: tuple[float, float, float, float] | None = None
     texture: Path | None = None
     where: str = ""
@@ -95,7 +97,11 @@ class Surface:
 
 @dataclass
 class Link:
-    """A link with its shapes."""
+    """A link with its shapes.
+
+    Attributes:
+        X_ML: pose in the model, where the source says it (SDF); in a URDF the root link is the model's frame.
+    """
 
     name: str
     inertial: Inertial | None = None
@@ -103,6 +109,7 @@ class Link:
     collisions: list[Shape] = field(default_factory=list)
     surface: Surface | None = None
     where: str = ""
+    X_ML: RigidTransform | None = None
 
 
 @dataclass

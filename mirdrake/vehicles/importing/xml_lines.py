@@ -1,0 +1,112 @@
+"""XML as a tree whose elements know their line, and numbers read from it with errors that name it."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.errors import ModelError
+from mirdrake.vehicles.importing.model import Vector
+from mirdrake.yaml_io import shown
+
+LARGEST = 50_000_000
+"""Bytes of XML; more is no vehicle."""
+
+
+def parse_xml(path: Path) -> tuple[ElementTree.Element, dict[ElementTree.Element, str]]:
+    """A file as a tree, and ``file:line`` of every element.
+
+    Raises:
+        ModelError: it cannot be read, or is no XML.
+    """
+    name = shown(path)
+    try:
+        if path.stat().st_size > LARGEST:
+            raise ModelError(f"{name}: more than {LARGEST // 1_000_000} MB of XML; no vehicle needs that")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{name}: {error.strerror or error}") from None
+    places: dict[ElementTree.Element, str] = {}
+    root: list[ElementTree.Element] = []
+    stack: list[ElementTree.Element] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = ElementTree.Element(tag, attributes)
+        places[element] = f"{name}:{parser.CurrentLineNumber}"
+        (stack[-1].append if stack else root.append)(element)
+        stack.append(element)
+
+    def text(words: str) -> None:
+        if stack:
+            stack[-1].text = (stack[-1].text or "") + words
+
+    def end(_: str) -> None:
+        stack.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise ModelError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+    except (ValueError, LookupError) as error:  # an encoding that nobody knows
+        raise ModelError(f"{name}: not valid XML: {error}") from None
+    return root[0], places
+
+
+def read_numbers(text: str | None, *, count: int, default: Sequence[float], where: str, what: str) -> Vector:
+    """Numbers from a text; `default` where there is none.
+
+    Raises:
+        ModelError: not so many finite numbers.
+    """
+    if text is None or not text.strip():
+        return np.array(default, dtype=float)
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        wanted = f"{count} finite numbers" if count > 1 else "a finite number"
+        raise ModelError(f"{where}: {what} '{' '.join(text.split())[:60]}' should be {wanted}")
+    return np.array(values)
+
+
+def read_number(text: str | None, *, where: str, what: str) -> float | None:
+    """A number that may be infinite, or None where there is none.
+
+    Raises:
+        ModelError: it is no number.
+    """
+    if text is None or not text.strip():
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise ModelError(f"{where}: {what} '{text.strip()[:60]}' should be a number")
+    return value
+
+
+def make_pose(xyz: Sequence[float] | Vector, rpy: Sequence[float] | Vector) -> RigidTransform:
+    """A pose from place [m] and roll, pitch, yaw [rad]."""
+    return RigidTransform(RollPitchYaw(*[float(angle) for angle in rpy]), [float(value) for value in xyz])
+
+
+def leaves(element: ElementTree.Element, prefix: str = "") -> dict[str, str]:
+    """Texts and attributes of all elements below one, by dotted path."""
+    found: dict[str, str] = {}
+    for child in element:
+        path = f"{prefix}{child.tag}"
+        for key, value in child.attrib.items():
+            found[f"{path}.{key}"] = value
+        if len(child):
+            found |= leaves(child, f"{path}.")
+        elif (child.text or "").strip():
+            found.setdefault(path, (child.text or "").strip())
+    return found
