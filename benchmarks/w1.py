@@ -24,11 +24,11 @@ STEPS = {"point": (0.002, 0.005, 0.010, 0.020), "hydroelastic": (0.002, 0.005, 0
 """Plant steps [s] per contact setting."""
 
 
-APPROXIMATIONS = {"point": ("lagged", "sap"), "hydroelastic": ("lagged",)}
+APPROXIMATIONS = {"point": ("similar", "sap"), "hydroelastic": ("similar",)}
 """Drake's contact approximations that are tried; with point contact sap solves faster."""
 
 
-def make_spec(contact: str, step: float, *, approximation: str = "lagged", left: bool = True) -> DiagramSpec:
+def make_spec(contact: str, step: float, *, approximation: str = "similar", left: bool = True) -> DiagramSpec:
     """The diagram of the job with contact settings, a plant step [s] and a direction of the circle."""
     overrides = [f"plant.contact={contact}", f"plant.time_step={step}", f"plant.approximation={approximation}"]
     spec = load_diagram("w1", overrides=overrides)
@@ -120,7 +120,7 @@ def contact_faces(bare: BarePlant, duration: float) -> list[int]:
 
 
 def drive(
-    contact: str, step: float, *, approximation: str = "lagged", duration: float = DURATION, repeat: int = 3
+    contact: str, step: float, *, approximation: str = "similar", duration: float = DURATION, repeat: int = 3
 ) -> dict[str, Any]:
     """One row of W1: accuracy of the whole diagram, its speed, and what it costs over the bare plant.
 

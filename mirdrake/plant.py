@@ -66,7 +66,7 @@ class PlantSpec(Schema):
     time_step: Duration = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
     contact: ContactModel = Field("hydroelastic", description="patches (hydroelastic) or the fast points [-]")
     approximation: Literal["lagged", "sap", "similar"] = Field(
-        "lagged", description="Drake's discrete contact approximation [-]"
+        "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"
     )
     stiction_tolerance: float = Field(1e-5, gt=0.0, description="slip speed taken for sticking [m/s]")
     rolling_resistance: Literal["tyre", "raw"] = Field(

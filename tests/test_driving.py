@@ -178,3 +178,15 @@ def test_steering_command_and_wheel_angles_are_related_by_the_turning_centre():
     kingpin = 1.461 / 2.0
     assert steady["ego.steering_angle.left"].mean() == pytest.approx(atan(WHEELBASE / (radius - kingpin)), abs=2e-3)
     assert steady["ego.steering_angle.right"].mean() == pytest.approx(atan(WHEELBASE / (radius + kingpin)), abs=2e-3)
+
+
+@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
+def test_grip_does_not_fade_with_speed(contact):
+    """Drake's `lagged` loses the patch of a wheel that moves half its length in a step; the default must not."""
+    rows = [{"time": 0, "speed": 30}, {"time": 0.5, "speed": 30}, {"time": 0.51, "speed": 0}]
+    braking = drive(
+        3.5, speed=30.0, control={"kind": "schedule", "rows": rows, "interpolation": "hold"}, contact=contact
+    )
+    speed = braking["ego.vx"]
+    slope = (speed.loc[3.0] - speed.loc[1.5]) / 1.5
+    assert slope == pytest.approx(-5.0, rel=0.05)  # max_deceleration of the Bolt's control.yaml
