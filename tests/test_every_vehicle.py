@@ -99,7 +99,7 @@ def test_random_commands_leave_it_finite_and_no_deeper_in_the_road(model, world,
     rows = [{"time": t, "speed": rng.uniform(-2, 8), "steering": rng.uniform(-0.5, 0.5)} for t in times.tolist()]
     drive = run(model, {"kind": "schedule", "rows": rows}, world=world, contact=contact, duration=1.0)
     assert np.isfinite(drive.signals.to_numpy()).all()
-    assert drive["ego.z"].iloc[-1] == pytest.approx(drive["ego.z"].iloc[0], abs=0.01)
+    assert -0.01 < drive["ego.z"].iloc[-1] - drive["ego.z"].iloc[0] < 0.03  # braking lifts the rear axle a little
     assert drive["other_contacts"].max() == 0
 
 

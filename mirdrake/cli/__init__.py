@@ -18,6 +18,7 @@ VERBS = {
     "view": "view",
     "check": "check",
     "draw": "draw",
+    "import": "importing",
     "inspect": "inspect",
     "new": "new",
 }

@@ -1,0 +1,89 @@
+"""``mirdrake import``: files of other simulators into mirdrake's own."""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import shown
+
+if TYPE_CHECKING:
+    from mirdrake.vehicles.importing import ImportResult
+
+HELP = "make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package"
+MORE = """\
+Finds the packages around the file, recognises wheels, steering and drive from the kinematics, converts meshes and
+repairs what no body can have. The README.md of the new folder says what was changed, and why.
+
+examples:
+  mirdrake import vehicle my_car_description/urdf/my_car.urdf.xacro
+  mirdrake import vehicle buggy/model.sdf --name buggy --drive rear
+  mirdrake import vehicle car.xacro --package car_meshes=../car_meshes --argument camera=false"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("what", choices=["vehicle"], help="what the file describes")
+    parser.add_argument("file", type=Path, help=".urdf, .xacro, .sdf, or the folder of a package or model")
+    parser.add_argument("--name", help="of the vehicle (default: that of the model)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the new one (default: models)")
+    parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="where a ROS package lies")
+    parser.add_argument("--argument", action="append", default=[], metavar="NAME=VALUE", help="a xacro argument")
+    parser.add_argument("--drive", choices=["front", "rear", "all"], help="driven axle, if the files do not say it")
+    parser.add_argument("--force", action="store_true", help="replace a folder of that name")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Import."""
+    from mirdrake.vehicles.importing import import_vehicle
+    from mirdrake.vehicles.xacro_render import MissingArgumentsError
+
+    packages = {name: Path(value) for name, value in _pairs("--package", options.package).items()}
+    arguments = _pairs("--argument", options.argument)
+    progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
+    while True:
+        try:
+            result = import_vehicle(
+                options.file,
+                name=options.name,
+                folder=options.out,
+                packages=packages,
+                arguments=arguments,
+                drive=options.drive,
+                force=options.force,
+                progress=progress,
+            )
+        except MissingArgumentsError as error:
+            if not sys.stdin.isatty():
+                raise
+            for name, place in error.arguments.items():
+                arguments[name] = input(f"{place}: value of the xacro argument {name}: ")
+        else:
+            _print_result(result)
+            return 0
+
+
+def _print_result(result: "ImportResult") -> None:
+    geometry, name = result.vehicle.geometry, result.folder.name
+    print(f"{shown(result.folder)}/")
+    print(
+        f"  wheelbase {geometry.wheelbase:.3f} m, track {geometry.front_track:.3f} and {geometry.rear_track:.3f} m, "
+        f"wheel radius {geometry.front_wheel_radius:.3f} m, {result.vehicle.spec.drive} drive"
+    )
+    kinds = Counter("left out" if change.became == "left out" else "changed" for change in result.changes)
+    counted = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())) or "nothing changed"
+    print(f"  {counted}; every one is in {shown(result.folder / 'README.md')}")
+    print(f"next: mirdrake view {name}; mirdrake inspect {name}")
+
+
+def _pairs(option: str, texts: list[str]) -> dict[str, str]:
+    """``NAME=VALUE`` texts as a mapping."""
+    pairs = {}
+    for text in texts:
+        name, mark, value = text.partition("=")
+        if not mark or not name:
+            raise ConfigError(f"{option} {text}: expected NAME=VALUE")
+        pairs[name] = value
+    return pairs

@@ -1,0 +1,139 @@
+"""Vehicles of ROS and Gazebo packages into vehicle folders of mirdrake.
+
+::
+
+    .urdf .xacro .sdf ── read_source ──► SourceModel    read.py, read_urdf.py, read_sdf.py, ...
+    SourceModel ── recognise ──► Roles                  recognise.py, round_shapes.py, kinematics.py, driven.py
+    Roles ── repair ──► Car, Changes                    repair.py: straighten.py, masses.py, limits.py, sensors.py, ...
+    Car ── write_car ──► folder                         write.py, shapes.py, report.py, templates/
+    all of it: import_vehicle ──► ImportResult          here
+
+Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
+the README.md of the new folder.
+"""
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.vehicles.importing.check import check_loads
+from mirdrake.vehicles.importing.model import Change
+from mirdrake.vehicles.importing.places import shorten
+from mirdrake.vehicles.importing.read import read_source
+from mirdrake.vehicles.importing.recognise import recognise
+from mirdrake.vehicles.importing.repair import repair
+from mirdrake.vehicles.importing.write import write_car
+from mirdrake.vehicles.scaffold import check_name, vehicle_place
+from mirdrake.vehicles.spec import Drive
+from mirdrake.vehicles.vehicle import Vehicle, load_vehicle
+
+__all__ = ["Change", "ImportResult", "import_vehicle"]
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """What an import made.
+
+    Attributes:
+        folder: of the vehicle.
+        vehicle: loaded from it.
+        changes: everything that differs from the source.
+    """
+
+    folder: Path
+    vehicle: Vehicle
+    changes: tuple[Change, ...]
+
+
+def import_vehicle(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    folder: Path | str | None = None,
+    packages: Mapping[str, Path] | None = None,
+    arguments: Mapping[str, str] | None = None,
+    drive: Drive | None = None,
+    force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> ImportResult:
+    """Make a vehicle folder from a URDF, xacro or SDF file.
+
+    Args:
+        path: the file, or the folder of a package or model.
+        name: of the vehicle; that of the model if left out.
+        folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
+        packages: ROS package name -> folder, beside those found around the file.
+        arguments: values of xacro arguments.
+        drive: driven axle: front, rear or all; what the files say if left out.
+        force: replace a vehicle of that name.
+        progress: called with what is being done.
+
+    Raises:
+        ConfigError: name, place or drive are not allowed.
+        ModelError: the files cannot be read, or describe no car; nothing is written then.
+        MissingDependencyError: a mesh format needs a package that is not installed.
+    """
+    say = progress or _say_nothing
+    if drive is not None and drive not in get_args(Drive):
+        raise ConfigError(f"drive '{drive}' is not allowed; {did_you_mean(drive, get_args(Drive))}")
+    if name is not None:
+        check_name(name)
+        vehicle_place(name, folder=folder, force=force)
+    say("reading")
+    model = read_source(Path(path), packages=packages, arguments=arguments)
+    name = name or _plain(model.name)
+    target = vehicle_place(name, folder=folder, force=force)
+    places = shorten(model)
+    say("recognising wheels and steering")
+    roles = recognise(model, drive)
+    say("repairing")
+    car = repair(model, roles, name=name)
+    missing = [parent for parent in (target.parent, *target.parent.parents) if not parent.exists()]
+    building = target.parent / f".{name}.{os.getpid()}"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(building, ignore_errors=True)
+        building.mkdir()
+        say("converting meshes")
+        write_car(car, model, building, places=places)
+        say("loading")
+        check_loads(building)
+        _move(building, target)
+    except BaseException:
+        shutil.rmtree(building, ignore_errors=True)
+        for parent in missing:  # the inner ones first
+            if parent.is_dir() and not any(parent.iterdir()):
+                parent.rmdir()
+        raise
+    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)))
+
+
+def _say_nothing(_text: str) -> None:
+    """Nobody listens."""
+
+
+def _plain(name: str) -> str:
+    """A folder's name from a model's."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
+    return plain if re.match(r"[a-z]", plain) else f"vehicle_{plain}"[:64].rstrip("_")
+
+
+def _move(building: Path, target: Path) -> None:
+    """Put a finished folder in its place; a vehicle that is replaced goes only when the new one stands."""
+    old = None
+    if target.exists():
+        old = building.with_name(f"{building.name}.old")
+        target.rename(old)
+    try:
+        building.rename(target)
+    except OSError:
+        if old is not None:
+            old.rename(target)
+        raise
+    if old is not None:
+        shutil.rmtree(old, ignore_errors=True)
