@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,12 +21,49 @@ from mirdrake.diagram_spec import load_diagram
 from mirdrake.errors import ConfigError
 from mirdrake.logs import Run
 from mirdrake.simulation import Simulation
-from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles import Vehicle, load_vehicle, scaffold
+from mirdrake.vehicles.bodywork.generic import write_car
 from mirdrake.vehicles.estimates import HOW, Estimates, estimate
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.questions import QUANTITIES, ask, parse_tyre
 from mirdrake.vehicles.scaffold import new_vehicle, vehicle_place, write_diagram
 from mirdrake.vehicles.vehicle_plan import plan_vehicle
+
+
+@pytest.fixture(scope="module", autouse=True)
+def plain_bodies():
+    """Boxes for bodies: a real one takes seconds, and one test looks at it."""
+
+    def write_boxes(folder, *, wheel_radius, wheel_width, length, width, height, **_):
+        (folder / "meshes").mkdir(exist_ok=True)
+        wheel = trimesh.creation.cylinder(radius=wheel_radius, height=wheel_width)
+        for name, mesh in (("body", trimesh.creation.box((length, 0.5 * height, 0.5 * width))), ("wheel", wheel)):
+            files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
+            (folder / "meshes" / f"{name}.gltf").write_bytes(files["model.gltf"])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scaffold, "write_car", write_boxes)
+        yield
+
+
+def test_the_body_is_a_car_of_the_given_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(scaffold, "write_car", write_car)
+    folder = scaffold.new_vehicle(
+        "real",
+        wheelbase=2.6,
+        track=1.5,
+        mass=1300,
+        tyre="195/65R15",
+        length=4.2,
+        width=1.75,
+        height=1.48,
+        folder=tmp_path,
+    )
+    low, high = trimesh.load(folder / "meshes/body.gltf").bounds  # glTF: x ahead, y up
+    assert high[0] - low[0] == pytest.approx(4.2, abs=0.02)
+    assert high[1] == pytest.approx(1.48, abs=0.03)
+    assert len(trimesh.load(folder / "meshes/body.gltf").to_geometry().faces) > 5000
+
 
 GRAVITY = 9.80665
 SMALL: dict[str, Any] = {"wheelbase": 0.325, "track": 0.2, "mass": 3.5, "wheel_radius": 0.05, "wheel_width": 0.045}

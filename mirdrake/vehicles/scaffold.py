@@ -16,6 +16,7 @@ import jinja2
 
 from mirdrake.errors import ConfigError
 from mirdrake.paths import search_folders
+from mirdrake.vehicles.bodywork.generic import write_car
 from mirdrake.vehicles.questions import ask
 from mirdrake.vehicles.vehicle import load_vehicle
 from mirdrake.vehicles.vehicle_plan import TABLES, Plan, plan_vehicle, rounded
@@ -254,14 +255,7 @@ def _move(building: Path, target: Path) -> None:
 
 def write_visuals(folder: Path, plan: Plan) -> None:
     """Write meshes/body.gltf and meshes/wheel.gltf, in the frames of base_link and of a wheel."""
-    import trimesh
-
     values = plan.values
-    (folder / "meshes").mkdir()
-    length, width, height, low = (values[key] for key in ("length", "width", "height", "ground_clearance"))
-    body = trimesh.creation.box((length, height - low, 0.8 * width))
-    body.apply_translation((values["wheelbase"] / 2.0, (height + low) / 2.0, 0.0))
-    wheel = trimesh.creation.cylinder(radius=values["wheel_radius"], height=values["wheel_width"], sections=48)
-    for name, mesh in (("body", body), ("wheel", wheel)):
-        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
-        (folder / "meshes" / f"{name}.gltf").write_bytes(files["model.gltf"])
+    names = ("wheelbase", "track", "length", "width", "height", "wheel_radius", "wheel_width", "ground_clearance")
+    overhang = max((values["length"] - values["wheelbase"]) / 2.0, 0.02 * values["wheelbase"])
+    write_car(folder, style=plan.body, front_overhang=overhang, **{name: values[name] for name in names})

@@ -40,7 +40,15 @@ def cylinder_inertia(mass: float, *, radius: float, length: float, axis: int) ->
     return np.diag(moments)
 
 
-def gather(tree: Tree, links: Sequence[str], X_MP: RigidTransform, size: float, changes: list[Change]) -> Mass:
+def gather(
+    tree: Tree,
+    links: Sequence[str],
+    X_MP: RigidTransform,
+    size: float,
+    changes: list[Change],
+    *,
+    wheel: tuple[float, float] | None = None,
+) -> Mass:
     """Mass properties of links that move as one, in the part's frame P; mass zero if none of them has any.
 
     Args:
@@ -49,9 +57,12 @@ def gather(tree: Tree, links: Sequence[str], X_MP: RigidTransform, size: float, 
         X_MP: the part's frame.
         size: [m] half the diagonal of a link whose shapes say nothing.
         changes: receives the repairs.
+        wheel: radius and width [m] if the part is a wheel.
     """
     X_PM = X_MP.inverse()
-    return add_masses([_in_part(tree, name, X_PM, size, changes) for name in links])
+    whole = add_masses([_in_part(tree, name, X_PM, size, changes, wheel) for name in links])
+    whole.com = np.where(np.abs(whole.com) < 1e-6, 0.0, whole.com)
+    return whole
 
 
 def add_masses(masses: Sequence[Mass]) -> Mass:
@@ -69,7 +80,9 @@ def _steiner(arm: Vector) -> Vector:
     return moment
 
 
-def _in_part(tree: Tree, name: str, X_PM: RigidTransform, size: float, changes: list[Change]) -> Mass:
+def _in_part(
+    tree: Tree, name: str, X_PM: RigidTransform, size: float, changes: list[Change], wheel: tuple[float, float] | None
+) -> Mass:
     """Mass properties of a link, repaired."""
     link = tree.model.links[name]
     inertial = link.inertial
@@ -88,13 +101,19 @@ def _in_part(tree: Tree, name: str, X_PM: RigidTransform, size: float, changes: 
     com_L, mass = inertial.X_LI.translation(), inertial.mass
     fault = _fault(np.asarray(inertial.inertia, dtype=float), mass, bounds, size)
     if fault:
-        if bounds is None:
+        if wheel is not None and (bounds is None or (bounds[1] - bounds[0]).max() > wheel[0]):
+            radius, width = wheel
+            R_LP = X_PL.rotation().matrix().T
+            inertia_L = R_LP @ cylinder_inertia(mass, radius=radius, length=width, axis=1) @ R_LP.T
+            became = f"of a solid cylinder of radius {radius:.4g} m, {width:.4g} m wide"
+        elif bounds is None:
             edges = np.full(3, 0.4 * size)
+            inertia_L = box_inertia(mass, edges)
             became = f"of a box with edges of {edges[0]:.3g} m (no shape says more)"
         else:
             edges = bounds[1] - bounds[0]
+            inertia_L = box_inertia(mass, edges)
             became = f"of the box around its shapes, {edges[0]:.3g} x {edges[1]:.3g} x {edges[2]:.3g} m"
-        inertia_L = box_inertia(mass, edges)
         was = f"{moments_text(np.asarray(inertial.inertia, dtype=float))} for {mass:.4g} kg"
         changes.append(Change(where, f"{what}: inertia", was, became, fault))
     else:

@@ -31,9 +31,11 @@ def gather_masses(
     changes: list[Change] = []
     size = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
     body.mass = gather(tree, body.links, body.X_MP, size, changes)
-    for part in (*knuckles, *wheels.values()):
-        radius = layout.radii[part.name in {wheels[name].name for name in ("rear_left", "rear_right")}]
-        part.mass = gather(tree, part.links, part.X_MP, radius, changes)
+    for part in knuckles:
+        part.mass = gather(tree, part.links, part.X_MP, layout.radii[0], changes)
+    for key, part in wheels.items():
+        radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
+        part.mass = gather(tree, part.links, part.X_MP, radius, changes, wheel=(radius, width))
     where = tree.model.links[tree.root].where
     if body.mass.mass <= 0.0:
         edges = bounds[1] - bounds[0]
@@ -132,7 +134,9 @@ def check_balance(
         changes.append(Change(where, "mass of the body", was, "as it was: please check", why))
     moved = body.mass.com + (wanted - com) * total / body.mass.mass
     body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
-    edges = np.array([*(bounds[1] - bounds[0])[:2], height])
+    length, width = (bounds[1] - bounds[0])[:2]
+    around = (layout.wheelbase + 2.0 * max(layout.radii), max(layout.tracks) + max(layout.widths))
+    edges = np.array([max(length, around[0]), max(width, around[1]), height])
     density = total / float(np.prod(np.maximum(edges, 1e-3)))
     if edges[0] > 2.0 and density > HEAVY * DENSITY:
         why = f"{density:.0f} kg per m³ around it, cars have about {DENSITY:g}; pounds would be {total * POUND:.0f} kg"

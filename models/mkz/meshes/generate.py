@@ -145,7 +145,7 @@ def draw_regions() -> tuple[Region, ...]:
         [(2.19, 0.915), (2.6, 0.885), (3.12, 0.800)], [(3.24, 0.715), (3.22, 0.58), (3.19, 0.46)],
         [(-0.42, 0.48), (-0.62, 0.53), (-0.70, 0.70), (-0.70, 0.85)],
     ])  # fmt: skip
-    # A crease along the flank, and a bright strip above the sill.
+    # A bright strip above the sill.
     d.draw("chrome", LEFT, stroke(smooth_line([(2.42, 0.232), (1.5, 0.228), (0.42, 0.232)], 12), 0.014), facing=0.15)
     d.gaps(FRONT, [[(-0.05, 0.712), (0.40, 0.706), (0.49, 0.69)]])
     d.gaps(REAR, [[(-0.05, 0.615), (0.42, 0.615), (0.50, 0.64), (0.56, 0.86)]])
@@ -210,7 +210,7 @@ CAR = CarOutline(
     arch_inner=0.46,
     regions=draw_regions(),
     parts=place_parts(),
-    materials={"paint": Material((0.09, 0.14, 0.34), 0.32, 0.15)},
+    materials={"paint": Material((0.12, 0.20, 0.44), 0.32, 0.15)},
 )
 
 

@@ -1,0 +1,206 @@
+"""Triangles collected by material, and the glTF files they are written to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.vehicles.bodywork.curves import Array
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of glTF's metallic-roughness model; the colour is given in sRGB."""
+
+    rgb: tuple[float, float, float]
+    roughness: float
+    metallic: float = 0.0
+    emissive: float = 0.0
+
+
+MATERIALS: dict[str, Material] = {
+    "paint": Material((0.07, 0.45, 0.90), 0.36, 0.1),
+    "glass": Material((0.13, 0.19, 0.25), 0.22),
+    "gloss_black": Material((0.05, 0.05, 0.06), 0.3),
+    "cladding": Material((0.13, 0.13, 0.14), 0.8),
+    "gap": Material((0.03, 0.04, 0.07), 0.9),
+    "dark": Material((0.04, 0.04, 0.045), 0.95),
+    "grille": Material((0.24, 0.25, 0.27), 0.45, 0.2),
+    "lamp": Material((0.80, 0.84, 0.88), 0.2, 0.1),
+    "lamp_white": Material((1.0, 1.0, 1.0), 0.3, 0.0, 0.35),
+    "lamp_red": Material((0.78, 0.03, 0.05), 0.25, 0.0, 0.08),
+    "lamp_dark_red": Material((0.42, 0.02, 0.03), 0.3),
+    "amber": Material((0.98, 0.55, 0.08), 0.35),
+    "chrome": Material((0.82, 0.83, 0.85), 0.3, 0.25),
+    "gold": Material((0.86, 0.66, 0.22), 0.35, 0.2),
+    "plate": Material((0.93, 0.93, 0.90), 0.6),
+    "plate_text": Material((0.06, 0.08, 0.20), 0.7),
+    "rubber": Material((0.09, 0.09, 0.095), 0.9),
+    "rubber_mark": Material((0.42, 0.42, 0.42), 0.8),
+    "rim_machined": Material((0.90, 0.91, 0.93), 0.4, 0.1),
+    "rim_dark": Material((0.20, 0.21, 0.23), 0.5, 0.1),
+    "rim_shadow": Material((0.07, 0.07, 0.075), 0.9),
+    "disc": Material((0.45, 0.45, 0.46), 0.5, 0.2),
+    "accent": Material((0.05, 0.36, 0.86), 0.4, 0.1),
+    "valve": Material((0.95, 0.25, 0.05), 0.5),
+}
+
+
+@dataclass
+class Mesh:
+    """Triangles with normals, collected by material."""
+
+    parts: dict[str, list[tuple[Array, Array]]] = field(default_factory=dict)  # material: (triangles, normals) (n,3,3)
+
+    def add(self, material: str, triangles: Array, normals: Array) -> None:
+        """Add triangles (n, 3, 3) with the normals at their corners; turns those that face against their normals."""
+        face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        keep = np.linalg.norm(face, axis=1) > 1e-10
+        triangles, normals, face = triangles[keep], normals[keep], face[keep]
+        wrong = np.einsum("ij,ij->i", face, normals.sum(axis=1)) < 0
+        triangles = np.where(wrong[:, None, None], triangles[:, ::-1], triangles)
+        normals = np.where(wrong[:, None, None], normals[:, ::-1], normals)
+        self.parts.setdefault(material, []).append((triangles, normals))
+
+    def add_grid(self, material: str, points: Array, normals: Array) -> None:
+        """Add the quadrilaterals of a grid of points (m, n, 3)."""
+
+        def split(a: Array) -> Array:
+            p, q, r, s = a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, 1:]
+            both = np.stack([np.stack([p, q, r], axis=2), np.stack([p, r, s], axis=2)])
+            return both.reshape(-1, 3, 3)
+
+        self.add(material, split(points), split(normals))
+
+    def add_flat(self, material: str, triangles: Array, normal: Sequence[float]) -> None:
+        """Add flat triangles that share one normal."""
+        self.add(material, triangles, np.broadcast_to(np.array(normal, dtype=float), triangles.shape).copy())
+
+    def add_mesh(self, other: Mesh, rotation: Array | None = None, offset: Sequence[float] = (0, 0, 0)) -> None:
+        """Add another mesh, rotated and moved."""
+        R = np.eye(3) if rotation is None else rotation
+        for material, chunks in other.parts.items():
+            for triangles, normals in chunks:
+                self.add(material, triangles @ R.T + np.array(offset), normals @ R.T)
+
+    def mirrored(self) -> Mesh:
+        """Return the mirror image at the plane y = 0."""
+        flip = np.array([1.0, -1.0, 1.0])
+        result = Mesh()
+        for material, chunks in self.parts.items():
+            for triangles, normals in chunks:
+                result.add(material, triangles * flip, normals * flip)
+        return result
+
+    def transformed(self, move: Callable[[Array], Array], turn: Callable[[Array, Array], Array]) -> Mesh:
+        """Return the image under ``move`` of points; ``turn`` maps (points, normals) to normals. Both take (…, 3)."""
+        result = Mesh()
+        for material, chunks in self.parts.items():
+            for triangles, normals in chunks:
+                result.add(material, move(triangles), turn(triangles, normals))
+        return result
+
+    def scaled(self, factor: float) -> Mesh:
+        """Return the mesh enlarged about the origin."""
+        return Mesh({name: [(t * factor, n) for t, n in chunks] for name, chunks in self.parts.items()})
+
+    def corners(self, *materials: str) -> Array:
+        """Return the corners (n, 3) of all triangles, or of those of the named materials."""
+        found = [t.reshape(-1, 3) for name, chunks in self.parts.items() if not materials or name in materials
+                 for t, _ in chunks]  # fmt: skip
+        return np.concatenate(found) if found else np.zeros((0, 3))
+
+    def write(
+        self,
+        path: Path,
+        *,
+        materials: Mapping[str, Material] = MATERIALS,
+        generator: str = "mirdrake",
+        grid: float = 5e-5,
+    ) -> int:
+        """Write ``path`` (.gltf) and its .bin beside it.
+
+        Args:
+            path: the .gltf file.
+            materials: the material of every name used.
+            generator: what glTF's ``asset.generator`` says.
+            grid: corners of like normal nearer than this are one [m].
+
+        Returns:
+            The number of triangles.
+        """
+        blob = bytearray()
+        views: list[dict[str, object]] = []
+        accessors: list[dict[str, object]] = []
+        primitives: list[dict[str, object]] = []
+        described: list[dict[str, object]] = []
+        count = 0
+
+        def store(data: NDArray[np.generic], kind: str, component: int, target: int, bounds: bool) -> int:
+            while len(blob) % 4:
+                blob.append(0)
+            raw = data.tobytes()
+            views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(raw), "target": target})
+            entry: dict[str, object] = {
+                "bufferView": len(views) - 1, "componentType": component, "count": len(data), "type": kind,
+            }  # fmt: skip
+            if bounds:
+                entry["min"], entry["max"] = data.min(axis=0).tolist(), data.max(axis=0).tolist()
+            accessors.append(entry)
+            blob.extend(raw)
+            return len(accessors) - 1
+
+        for name in sorted(self.parts):
+            corners = np.concatenate([t for t, _ in self.parts[name]]).reshape(-1, 3)
+            normals = np.concatenate([n for _, n in self.parts[name]]).reshape(-1, 3)
+            normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+            key = np.concatenate([np.round(corners / grid), np.round(normals * 60)], axis=1)
+            _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            faces = inverse.reshape(-1, 3)
+            good = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+            faces = faces[good]
+            if not len(faces):
+                continue
+            count += len(faces)
+            y_up = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # ISO 8855 to glTF: (x, z, −y)
+            p = np.ascontiguousarray((corners[first] @ y_up.T).astype("<f4"))
+            n = np.ascontiguousarray((normals[first] @ y_up.T).astype("<f4"))
+            small = len(p) < 65535
+            index = faces.reshape(-1).astype("<u2" if small else "<u4")
+            attributes = {
+                "POSITION": store(p, "VEC3", 5126, 34962, True),
+                "NORMAL": store(n, "VEC3", 5126, 34962, False),
+            }
+            indices = store(index, "SCALAR", 5123 if small else 5125, 34963, False)
+            primitives.append({"attributes": attributes, "indices": indices, "material": len(described)})
+            m = materials[name]
+            linear = [round(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4, 5) for c in m.rgb]
+            entry: dict[str, object] = {
+                "name": name,
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [*linear, 1.0], "metallicFactor": m.metallic, "roughnessFactor": m.roughness,
+                },
+            }  # fmt: skip
+            if m.emissive:
+                entry["emissiveFactor"] = [round(c * m.emissive, 5) for c in linear]
+            described.append(entry)
+        name = path.stem
+        document = {
+            "asset": {"version": "2.0", "generator": generator},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"name": name, "mesh": 0}],
+            "meshes": [{"name": name, "primitives": primitives}],
+            "materials": described,
+            "accessors": accessors,
+            "bufferViews": views,
+            "buffers": [{"uri": f"{name}.bin", "byteLength": len(blob)}],
+        }
+        path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        path.with_suffix(".bin").write_bytes(bytes(blob))
+        return count

@@ -1,0 +1,246 @@
+"""Car bodies made of outlines: their bounds, closed skins, room for the wheels, and files that repeat to the byte."""
+
+import json
+import runpy
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mirdrake.errors import ModelError
+from mirdrake.paths import data_root
+from mirdrake.vehicles.bodywork.car import CarOutline, arch_clearance, build_body, build_skin, write_meshes
+from mirdrake.vehicles.bodywork.curves import curve, smooth_max, smooth_min
+from mirdrake.vehicles.bodywork.generic import STEERING, write_car
+from mirdrake.vehicles.bodywork.gltf import Mesh
+from mirdrake.vehicles.bodywork.shell import half_shell
+from mirdrake.vehicles.bodywork.solids import pillow, tube
+from mirdrake.vehicles.bodywork.styles import STYLES
+from mirdrake.vehicles.bodywork.wheels import WheelDesign, build_wheel
+
+MODELS = sorted(path.parent.parent.name for path in (data_root() / "models").glob("*/meshes/generate.py"))
+LIMIT = 0.6  # steering of the inner wheel of the bundled cars [rad]
+TRACKS = {"bolt": 1.501, "catvehicle": 1.53, "mkz": 1.5824}
+SIZES = {
+    "hatchback": (
+        {"wheelbase": 2.60, "track": 1.52, "length": 4.20, "width": 1.76, "height": 1.48},
+        {"wheel_radius": 0.316, "wheel_width": 0.205, "ground_clearance": 0.15, "front_overhang": 0.80},
+    ),
+    "sedan": (
+        {"wheelbase": 3.20, "track": 1.64, "length": 6.00, "width": 1.95, "height": 1.55},
+        {"wheel_radius": 0.35, "wheel_width": 0.245, "ground_clearance": 0.16, "front_overhang": 1.10},
+    ),
+    "suv": (
+        {"wheelbase": 0.19, "track": 0.13, "length": 0.30, "width": 0.155, "height": 0.125},
+        {"wheel_radius": 0.026, "wheel_width": 0.018, "ground_clearance": 0.014, "front_overhang": 0.055},
+    ),
+    "buggy": (
+        {"wheelbase": 0.57, "track": 0.45, "length": 0.90, "width": 0.56, "height": 0.40},
+        {"wheel_radius": 0.095, "wheel_width": 0.09, "ground_clearance": 0.06, "front_overhang": 0.15},
+    ),
+}
+
+
+@cache
+def outline_of(model: str) -> CarOutline:
+    car: CarOutline = runpy.run_path(str(data_root() / "models" / model / "meshes" / "generate.py"))["CAR"]
+    return car
+
+
+@cache
+def shell_of(model: str) -> tuple[np.ndarray, np.ndarray]:
+    return half_shell(build_skin(outline_of(model)))
+
+
+@cache
+def body_of(model: str) -> Mesh:
+    return build_body(outline_of(model), shell=shell_of(model))
+
+
+def triangles_of(path: Path, *, without: tuple[str, ...] = ()) -> np.ndarray:
+    """The triangles (n, 3, 3) of a written mesh, in the car's frame."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    blob = path.with_suffix(".bin").read_bytes()
+
+    def data(index: int, kind: str, columns: int) -> np.ndarray:
+        accessor = document["accessors"][index]
+        view = document["bufferViews"][accessor["bufferView"]]
+        count = accessor["count"] * columns
+        return np.frombuffer(blob, kind, count, view["byteOffset"]).reshape(-1, columns)
+
+    found = []
+    for primitive in document["meshes"][0]["primitives"]:
+        if document["materials"][primitive["material"]]["name"] in without:
+            continue
+        points = data(primitive["attributes"]["POSITION"], "<f4", 3).astype(float)[:, [0, 2, 1]] * [1, -1, 1]
+        kind = "<u2" if document["accessors"][primitive["indices"]]["componentType"] == 5123 else "<u4"
+        found.append(points[data(primitive["indices"], kind, 1).reshape(-1, 3)])
+    return np.concatenate(found)
+
+
+def samples_of(triangles: np.ndarray) -> np.ndarray:
+    """Points (n, 3) spread over triangles."""
+    weights = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8
+    points: np.ndarray = np.einsum("wk,tkc->twc", weights, triangles).reshape(-1, 3)
+    return points
+
+
+def deepest_in_tyre(points: np.ndarray, centre: tuple[float, float, float], wheel: WheelDesign, angle: float) -> float:
+    """How far [m] points reach into a steered tyre, a cylinder; negative outside."""
+    p = points - centre
+    x, y = np.cos(angle) * p[:, 0] + np.sin(angle) * p[:, 1], -np.sin(angle) * p[:, 0] + np.cos(angle) * p[:, 1]
+    depth = np.minimum(wheel.radius - np.hypot(x, p[:, 2]), wheel.width / 2 - np.abs(y))
+    return float(depth.max())
+
+
+def test_a_curve_passes_its_knots_does_not_overshoot_and_stays_constant_beyond() -> None:
+    f = curve((0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0))
+    np.testing.assert_array_equal(f(np.array([-1.0, 0.0, 1.0, 2.0, 3.0, 9.0])), [0, 0, 0, 1, 1, 1])
+    between = f(np.linspace(0, 3, 61))
+    assert between.min() == 0.0
+    assert between.max() == 1.0
+
+
+def test_a_rounded_maximum_is_a_quarter_of_its_radius_above_the_crease_and_exact_away_from_it() -> None:
+    a = np.array([1.0, 1.0, 1.0])
+    b = np.array([1.0, 1.2, 0.5])
+    np.testing.assert_allclose(smooth_max(a, b, 0.2), [1.05, 1.2, 1.0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(smooth_min(a, b, 0.2), [0.95, 1.0, 0.5], rtol=0, atol=1e-15)
+
+
+def test_a_straight_wheel_reaches_its_radius_and_half_its_width() -> None:
+    reach, inwards = arch_clearance(WheelDesign(0.3, 0.2, 0.2), 0.0)
+    assert reach == pytest.approx(0.3, abs=1e-12)
+    assert inwards == pytest.approx(0.1, abs=1e-12)
+
+
+def test_a_wheel_across_reaches_the_corner_of_its_side_view() -> None:
+    # At 90° the side view shows the tyre's width and height: the farthest point is its upper corner, √(0.3² + 0.1²).
+    reach, inwards = arch_clearance(WheelDesign(0.3, 0.2, 0.2), np.pi / 2)
+    assert reach == pytest.approx(np.hypot(0.3, 0.1), abs=1e-9)
+    assert inwards == pytest.approx(0.3, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "mesh", [pillow("paint", (1.0, 2.0, 3.0)), tube("paint", [(0, 0, 0), (1, 0, 0)], 0.1)], ids=str
+)
+def test_normals_of_small_solids_point_away_from_their_middle(mesh: Mesh) -> None:
+    ((triangles, normals),) = [
+        (np.concatenate([t for t, _ in chunks]), np.concatenate([n for _, n in chunks]))
+        for chunks in mesh.parts.values()
+    ]
+    middle = triangles.reshape(-1, 3).mean(axis=0)
+    assert np.all(np.einsum("ijk,ijk->ij", triangles - middle, normals) > -1e-9)
+
+
+@pytest.mark.parametrize("name", [*MODELS, *STYLES])
+def test_the_skin_before_cutting_is_closed_and_its_normals_point_outwards(name: str) -> None:
+    skin = build_skin(outline_of(name)) if name in MODELS else STYLES[name]().skin
+    points, faces = shell_of(name) if name in MODELS else half_shell(skin)
+    both = np.concatenate([points[faces], (points[faces] * [1, -1, 1])[:, ::-1]])
+    mesh = trimesh.Trimesh(both.reshape(-1, 3), np.arange(3 * len(both)).reshape(-1, 3), process=False)
+    mesh.merge_vertices(digits_vertex=7)
+    mesh.update_faces(mesh.nondegenerate_faces())
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    size = mesh.extents
+    assert 0.5 < mesh.volume / np.prod(size) < 0.8  # positive: faces turn outwards; a car fills its box so far
+    assert np.all(skin.function(points + 0.01 * skin.normals(points)) > 0)
+    assert np.all(skin.function(points - 0.01 * skin.normals(points)) < 0)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_faces_of_a_body_look_where_their_normals_point(model: str) -> None:
+    for chunks in body_of(model).parts.values():
+        for triangles, normals in chunks:
+            face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+            assert np.all(np.einsum("ij,ikj->i", face, normals) > 0)
+
+
+@pytest.mark.parametrize(
+    ("model", "low", "high"),
+    [  # painted skin: rear and front end, half width, top
+        ("bolt", (-0.715, 0.8825), (3.451, 1.595)),
+        ("catvehicle", (-0.913, 0.903), (3.524, 1.720)),
+        ("mkz", (-1.040, 0.932), (3.885, 1.476)),
+    ],
+)
+def test_the_skin_of_a_bundled_car_has_its_published_size(
+    model: str, low: tuple[float, float], high: tuple[float, float]
+) -> None:
+    points, _ = shell_of(model)
+    found = [points[:, 0].min(), points[:, 1].max(), points[:, 0].max(), points[:, 2].max()]
+    np.testing.assert_allclose(found, [*low, *high], rtol=0, atol=0.01)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_steered_front_wheels_and_rear_wheels_of_a_bundled_car_touch_no_part_of_the_body(model: str) -> None:
+    car = outline_of(model)
+    points = samples_of(np.concatenate([t for chunks in body_of(model).parts.values() for t, _ in chunks]))
+    side = TRACKS[model] / 2
+    for angle in np.linspace(-LIMIT, LIMIT, 7):
+        assert deepest_in_tyre(points, (car.wheelbase, side, car.wheel.radius), car.wheel, angle) < 0
+    assert deepest_in_tyre(points, (0.0, side, car.wheel.radius), car.wheel, 0.0) < 0
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_committed_meshes_are_those_of_the_script_and_small(model: str, tmp_path: Path) -> None:
+    car = outline_of(model)
+    meshes = {"wheel": build_wheel(car.wheel), "body": body_of(model)}
+    write_meshes(tmp_path, meshes, materials=car.materials, generator=f"mirdrake models/{model}/meshes/generate.py")
+    folder = data_root() / "models" / model / "meshes"
+    for name in ("body.gltf", "body.bin", "wheel.gltf", "wheel.bin"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), f"run {folder / 'generate.py'}"
+        assert (folder / name).stat().st_size < 1.5e6
+
+
+@pytest.mark.parametrize("style", SIZES)
+def test_a_car_of_no_maker_has_the_size_asked_for_and_room_for_its_wheels(style: str, tmp_path: Path) -> None:
+    sizes = {**SIZES[style][0], **SIZES[style][1]}
+    write_car(tmp_path, style=style, **sizes)
+    # Half axles of the buggy end in its wheels.
+    triangles = triangles_of(tmp_path / "meshes" / "body.gltf", without=("rim_shadow",))
+    corners = triangles.reshape(-1, 3)
+    front = sizes["wheelbase"] + sizes["front_overhang"]
+    close = 0.01 * min(1.0, sizes["length"])
+    found = [corners[:, 0].min(), corners[:, 0].max(), corners[:, 2].min(), corners[:, 2].max()]
+    asked = [front - sizes["length"], front, sizes["ground_clearance"], sizes["height"]]
+    np.testing.assert_allclose(found, asked, rtol=0, atol=close)
+    low = corners[corners[:, 2] < 0.5 * (sizes["ground_clearance"] + sizes["height"])]  # below the mirrors
+    assert np.ptp(low[:, 1]) == pytest.approx(sizes["width"], abs=close)
+    wheel = WheelDesign(sizes["wheel_radius"], sizes["wheel_width"], 0.5 * sizes["wheel_radius"])
+    points = samples_of(triangles)
+    side, height = sizes["track"] / 2, sizes["wheel_radius"]
+    for angle in np.linspace(-STEERING, STEERING, 7):
+        assert deepest_in_tyre(points, (sizes["wheelbase"], side, height), wheel, angle) < 0
+    assert deepest_in_tyre(points, (0.0, side, height), wheel, 0.0) < 0
+    tyre = triangles_of(tmp_path / "meshes" / "wheel.gltf").reshape(-1, 3)
+    assert np.hypot(tyre[:, 0], tyre[:, 2]).max() == pytest.approx(wheel.radius, rel=1e-3)
+    assert np.abs(tyre[:, 1]).max() == pytest.approx(wheel.width / 2, rel=0.01)
+    assert sum(path.stat().st_size for path in (tmp_path / "meshes").iterdir()) < 1.5e6
+
+
+def test_the_same_sizes_give_the_same_bytes(tmp_path: Path) -> None:
+    sizes = {**SIZES["buggy"][0], **SIZES["buggy"][1]}
+    for folder in ("one", "two"):
+        write_car(tmp_path / folder, style="buggy", **sizes)
+    for name in ("body.gltf", "body.bin", "wheel.gltf", "wheel.bin"):
+        one, two = ((tmp_path / folder / "meshes" / name).read_bytes() for folder in ("one", "two"))
+        assert one == two
+
+
+def test_a_wheel_looks_different_after_every_turn_but_a_whole_one() -> None:
+    mesh = build_wheel(WheelDesign(0.3234, 0.215, 0.2159))
+    valve = mesh.corners("valve").mean(axis=0)
+    assert np.hypot(valve[0], valve[2]) > 0.15
+
+
+def test_a_style_that_does_not_exist_is_refused_with_the_list(tmp_path: Path) -> None:
+    sizes = {**SIZES["buggy"][0], **SIZES["buggy"][1]}
+    with pytest.raises(ModelError, match=r"no body style 'coupe'; the styles are hatchback, sedan, suv, buggy"):
+        write_car(tmp_path, style="coupe", **sizes)
+    with pytest.raises(ModelError, match=r"wheel_radius -0.1 m: it must be positive"):
+        write_car(tmp_path, style="buggy", **{**sizes, "wheel_radius": -0.1})
+    assert not list(tmp_path.iterdir())
