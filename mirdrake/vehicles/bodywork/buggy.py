@@ -44,10 +44,10 @@ def build_buggy(sizes: Mapping[str, float], *, steering: float) -> Mesh:
     gap = high_x - low_x
     if gap < 0.2:  # the wheels leave no room to be wide between them
         between = min(ahead, behind)
-    at = np.array([start, 0.0, low_x - 0.05, low_x + 0.25 * gap, high_x - 0.25 * gap, high_x + 0.08, base, end])
-    at = np.maximum.accumulate(at) + 1e-6 * np.arange(len(at))
+    knots = np.array([start, 0.0, low_x - 0.05, low_x + 0.25 * gap, high_x - 0.25 * gap, high_x + 0.08, base, end])
+    knots = np.maximum.accumulate(knots) + 1e-6 * np.arange(len(knots))
     wides = (0.8 * behind, behind, behind, max(between, behind), between, ahead, 0.96 * ahead, 0.62 * ahead)
-    plan = curve(*zip(at.tolist(), wides, strict=True))
+    plan = curve(*zip(knots.tolist(), wides, strict=True))
     xs = np.linspace(start, end, 48)
     half = plan(xs)
     edge = [(y, -x) for x, y in zip(xs, half, strict=True)] + [
@@ -57,9 +57,9 @@ def build_buggy(sizes: Mapping[str, float], *, steering: float) -> Mesh:
     mesh.add_mesh(prism("cladding", Polygon(edge), thick), _UP, (0, 0, clearance))
 
     # The hull: a nose that rises to the cockpit, a flat cockpit rim, a cover over the rear axle.
-    at = np.array([start, 0.0, 0.30 * base, 0.55 * base, 0.80 * base, base, end])
-    at = np.maximum.accumulate(at) + 1e-6 * np.arange(len(at))
-    top = curve(*zip(at.tolist(), (0.34, 0.46, 0.47, 0.40, 0.37, 0.33, 0.15), strict=True))
+    knots = np.array([start, 0.0, 0.30 * base, 0.55 * base, 0.80 * base, base, end])
+    knots = np.maximum.accumulate(knots) + 1e-6 * np.arange(len(knots))
+    top = curve(*zip(knots.tolist(), (0.34, 0.46, 0.47, 0.40, 0.37, 0.33, 0.15), strict=True))
     x = np.linspace(start + 0.02, end - 0.02, _SECTIONS)
     floor = clearance + thick
     rise, wide = top(x) * tall, 0.90 * plan(x)

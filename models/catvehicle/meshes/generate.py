@@ -198,7 +198,7 @@ def place_parts() -> tuple[Part, ...]:
 CAR = CarOutline(
     form=FORM,
     wheelbase=2.619,
-    wheel=WheelDesign(radius=0.367, width=0.2336, rim_radius=0.215, rim=BROAD_SPOKES),
+    wheel=WheelDesign(radius=0.3672, width=0.2336, rim_radius=0.215, rim=BROAD_SPOKES),
     arch_radius=0.425,
     arch_inner=0.42,
     regions=draw_regions(),

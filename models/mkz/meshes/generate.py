@@ -204,7 +204,7 @@ def place_parts() -> tuple[Part, ...]:
 
 CAR = CarOutline(
     form=FORM,
-    wheelbase=2.85,
+    wheelbase=2.8498,
     wheel=WheelDesign(radius=0.33, width=0.2, rim_radius=0.2286, rim=FAN_SPOKES),
     arch_radius=0.372,
     arch_inner=0.46,
