@@ -1,7 +1,9 @@
 """What `mirdrake inspect` says of a vehicle, against numbers worked by hand."""
 
+import dataclasses
 import json
 import math
+import re
 import shutil
 from xml.etree import ElementTree
 
@@ -9,12 +11,15 @@ import pytest
 
 from mirdrake.cli import main
 from mirdrake.paths import data_root
-from mirdrake.report.inspection import describe, draw_links
+from mirdrake.report.inspection import describe, draw_links, write_inspection
+from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.inspection import inspect_vehicle
 
 BOLT = data_root() / "models" / "bolt"
 COM, SHARE, LENGTH = '"com_height" value="0.5"', '"front_axle_share" value="0.56"', '"inertia_length" value="4.0"'
+
+MOMENTS = """iyy="${spin if axis == 'y' else across}" izz="${spin if axis == 'z' else across}\""""
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +61,12 @@ def test_the_turning_circle_is_that_of_the_outer_front_wheel(bolt):
     assert 1.0 / math.tan(outer) - 1.0 / math.tan(inner) == pytest.approx(1.461 / 2.601, abs=1e-12)
 
 
+def test_the_outermost_corner_of_the_body_runs_on_the_circle_between_walls(bolt):
+    # Front bumper 2.085 m ahead of mid-wheelbase, 1.765 m wide: its right corner at (3.3855, -0.8825), and the turning
+    # centre 4.5324 m to the left of the rear axle's centre: 2 sqrt(3.3855² + 5.4149²) = 12.772 m.
+    assert bolt.wall_circle == pytest.approx(2.0 * math.hypot(3.3855, 4.53237 + 0.8825), abs=1e-4)
+
+
 def test_inertia_of_the_whole_car_is_the_sum_of_its_parts(bolt):
     assert bolt.inertia == pytest.approx((547.0, 2374.3, 2546.6), abs=0.1)
     a, b = 0.44 * 2.601, 0.56 * 2.601
@@ -67,6 +78,36 @@ def test_a_box_has_the_edges_that_its_inertia_was_made_from(bolt):
     body = next(link for link in bolt.links if link.name == "base_link")
     assert body.edges == pytest.approx((4.0, 1.55, 1.2), abs=1e-9)
     assert body.extent[0] == pytest.approx(4.166, abs=1e-6)
+
+
+def test_radii_of_gyration_are_roots_of_inertia_over_mass(bolt):
+    assert bolt.gyration == pytest.approx((0.5818, 1.2121, 1.2553), abs=1e-4)  # sqrt(547 / 1616) and so on
+
+
+def test_a_solid_wheel_has_half_the_spin_inertia_of_a_hoop(bolt):
+    wheels = [link for link in bolt.links if link.name.endswith("wheel")]
+    assert [wheel.spin for wheel in wheels] == pytest.approx([0.5] * 4, abs=1e-9)
+    assert not any(wheel.spin_is_smaller for wheel in wheels)
+    # A flat disc would have 1: (0.6 + 0.6) / 1.046.
+    assert wheels[0].triangle == pytest.approx(2.0 * 0.59994 / 1.04589, abs=1e-3)
+    body = next(link for link in bolt.links if link.name == "base_link")
+    assert body.spin is None
+    assert body.size_ratio == pytest.approx(4.0 / 4.166, abs=1e-6)
+
+
+def test_actuators_say_what_they_do(bolt):
+    moves = {actuator.joint: (actuator.moves, actuator.effort) for actuator in bolt.actuators}
+    assert moves["front_left_wheel_joint"] == ("drives and brakes the front left wheel", pytest.approx(3869.0))
+    assert moves["back_right_wheel_joint"] == ("brakes the rear right wheel", pytest.approx(1400.0))
+    assert moves["front_right_steering_joint"] == ("steers the right front wheel", pytest.approx(1000.0))
+
+
+def test_a_camera_sees_as_high_as_its_picture_is_and_a_gps_sees_nothing(bolt):
+    camera, gps, _ = bolt.sensors
+    assert camera.across == pytest.approx((-math.radians(40.0), math.radians(40.0)))
+    assert camera.upward == pytest.approx(camera.across)  # 800 x 800 pixels
+    assert (camera.yaw, camera.pitch, camera.reach) == (0.0, 0.0, (0.1, 300.0))
+    assert gps.across == gps.reach == ()
 
 
 def test_joints_say_what_they_are_for(bolt):
@@ -108,6 +149,24 @@ def test_a_sound_car_gets_no_warning(bolt):
             "inertia of a box 8 m long",
         ),
         ("properties.xacro", "mass * radius**2 / 2", "0.6 * mass * radius**2 / 2", "0.30 m R²"),
+        # The spin value on z although the joint turns about y: 0.6 kg m² / (20 kg x 0.3234² m²).
+        ("properties.xacro", MOMENTS, 'iyy="${across}" izz="${spin}"', "is 0.29 m R²; a disc has 0.5"),
+        # Plausible about the axis, but larger about another.
+        (
+            "properties.xacro",
+            MOMENTS,
+            'iyy="${0.42 * mass * radius**2}" izz="${0.6 * mass * radius**2}"',
+            "are two moments exchanged?",
+        ),
+        ("contact.xacro", '"tyre_friction" value="0.9"', '"tyre_friction" value="10000"', "friction 10000; tyres"),
+        # The floor and the bumpers end 0.1 m within the wheels' circumference.
+        (
+            "contact.xacro",
+            '"${wheel_radius + 0.1}"',
+            '"${wheel_radius - 0.1}"',
+            "wheel 'rear_left_wheel' sticks 100 mm deep in 'base_link' straight ahead",
+        ),
+        ("contact.xacro", '"${wheel_radius + 0.1}"', '"${wheel_radius + 0.01}"', "deep in 'base_link' at full lock"),
         ("vehicle.yaml", "  brakes.front_share: ", "  # brakes.front_share: ", "no source for brakes.front_share"),
     ],
 )
@@ -131,6 +190,64 @@ def test_the_command_prints_text_or_data_and_writes_files(capsys, tmp_path):
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "bolt.json").read_text(encoding="utf-8"))
     assert printed["mass"] == pytest.approx(1616.0)
+
+
+def test_figures_that_are_not_finite_are_null_in_data(bolt):
+    free = bolt.to_dict()["joints"][1]
+    assert (free["name"], free["lower"], free["upper"]) == ("front_left_wheel_joint", None, None)
+    json.dumps(bolt.to_dict(), allow_nan=False)
+
+
+def test_surfaces_are_as_large_as_the_vehicle(bolt):
+    vehicle = load_vehicle("bolt")
+    for collision, size in ((True, bolt.size), (False, bolt.visual_size)):
+        points = [part.triangles.reshape(-1, 3) for part in collect_surfaces(vehicle, collision=collision)]
+        low = [min(part[:, axis].min() for part in points) for axis in range(3)]
+        high = [max(part[:, axis].max() for part in points) for axis in range(3)]
+        assert high[0] - low[0] == pytest.approx(size[0], abs=1e-3)
+        assert high[1] - low[1] == pytest.approx(size[1], abs=1e-3)
+        assert high[2] == pytest.approx(size[2], abs=1e-3)
+
+
+@pytest.fixture(scope="module")
+def page(bolt, tmp_path_factory):
+    """The page of a Bolt that has something wrong with it, in a name that HTML must not take for its own."""
+    path = tmp_path_factory.mktemp("page") / "bolt.html"
+    odd = dataclasses.replace(bolt, warnings=("tyres of <rubber> & air",))
+    write_inspection(odd, path, vehicle=load_vehicle("bolt"))
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_needs_no_other_file_and_no_network(page):
+    addresses = re.findall(r"""(?:href|src)\s*=\s*["']([^"']*)["']|url\(([^)]*)\)""", page)
+    assert addresses
+    assert all(one.startswith(("#", "data:")) for pair in addresses for one in pair if one)
+    outside = set(re.findall(r"https?://[^\s\"'<]+", page))
+    assert outside <= {"http://www.w3.org/2000/svg"}
+
+
+def test_the_page_tells_the_figures_and_the_warnings(page):
+    assert "tyres of &lt;rubber&gt; &amp; air" in page
+    assert "<rubber>" not in page
+    assert "1 thing looks wrong" in page
+    for words in ("11.78 m", "12.77 m", "8\u202f875 N", "wheelbase 2.601 m", "80° × 80°, 0.1 to 300 m"):
+        assert words in page
+
+
+def test_the_drawings_are_whole_svg_with_a_picture_in_the_first_two(page):
+    sheets = re.findall(r'<svg class="sheet".*?</svg>', page, flags=re.DOTALL)
+    assert len(sheets) == 3
+    for sheet in sheets:
+        images = list(ElementTree.fromstring(sheet).iter("{http://www.w3.org/2000/svg}image"))
+        assert len(images) == 1
+        assert images[0].get("href", "").startswith("data:image/png;base64,")
+
+
+def test_a_page_without_graphviz_and_without_shapes_says_what_to_install(bolt, tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr("mirdrake.report.inspection_page.collect_surfaces", lambda *_, **__: [])
+    write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"))
+    assert "apt install graphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
 
 
 def test_the_command_refuses_what_it_cannot_do(capsys, tmp_path):

@@ -2,12 +2,16 @@
 
 import html
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 from mirdrake.drawing import run_dot
-from mirdrake.vehicles.inspection import Inspection, JointFigures
+from mirdrake.logs import write_file
+from mirdrake.vehicles import Vehicle
+from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
+from mirdrake.worlds.world import GRAVITY
 
-_COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "frame": "#eceff1"}
+_COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "sensor": "#f3e5f5", "frame": "#eceff1"}
 
 
 def describe(figures: Inspection) -> str:
@@ -16,23 +20,34 @@ def describe(figures: Inspection) -> str:
     length, width, height = figures.size
     inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
     roll, pitch, yaw = figures.inertia
-    x, y, z = figures.com
+    x, y, z = (round(value, 3) + 0.0 for value in figures.com)
     rows = [
         ("mass", f"{figures.mass:.1f} kg"),
         ("centre of mass", f"{x:.3f} m ahead of the rear axle, {y:.3f} m to the left, {z:.3f} m above the road"),
-        ("axle loads", f"front {front:.0f} N ({100 * figures.front_share:.1f} %), rear {rear:.0f} N"),
+        (
+            "axle loads",
+            f"front {front:.0f} N ({front / GRAVITY:.1f} kg, {100 * figures.front_share:.1f} %), "
+            f"rear {rear:.0f} N ({rear / GRAVITY:.1f} kg)",
+        ),
         ("left wheels", f"{100 * figures.side_share:.1f} % of the load"),
         ("wheelbase", f"{figures.wheelbase:.3f} m"),
         ("track", f"front {figures.tracks[0]:.3f} m, rear {figures.tracks[1]:.3f} m"),
         ("between steering axes", f"{figures.kingpin_track:.3f} m"),
         ("wheels", _wheels(figures)),
         ("size", f"{length:.3f} x {width:.3f} x {height:.3f} m (collision shapes)"),
+        *(
+            [("", "{:.3f} x {:.3f} x {:.3f} m (what is seen)".format(*figures.visual_size))]
+            if figures.visual_size
+            else []
+        ),
         ("ground clearance", f"{figures.ground_clearance:.3f} m" if math.isfinite(figures.ground_clearance) else "-"),
         ("full lock", f"inner wheel {inner:.1f} deg, outer wheel {outer:.1f} deg"),
         ("turning radius", f"{figures.turning_radius:.2f} m (rear axle's centre)"),
         ("turning circle", f"{figures.turning_circle:.2f} m (kerb to kerb, diameter)"),
+        ("", f"{figures.wall_circle:.2f} m (wall to wall, corners of the collision shapes)"),
         ("inertia", f"roll {roll:.4g}, pitch {pitch:.4g}, yaw {yaw:.4g} kg m² (about the centre of mass)"),
-        ("dynamic index", f"{figures.dynamic_index:.2f}"),
+        ("radii of gyration", "roll {:.3f}, pitch {:.3f}, yaw {:.3f} m".format(*figures.gyration)),
+        ("dynamic index", f"{figures.dynamic_index:.2f} (k² / a b of the yaw inertia; cars have 0.8 to 1.1)"),
         ("static stability", f"{figures.static_stability:.2f} (tips at so many g sideways)"),
     ]
     parts = [
@@ -41,23 +56,25 @@ def describe(figures: Inspection) -> str:
         "links",
         _columns(
             [
-                ("", "mass [kg]", "principal moments [kg m²]"),
-                *((link.name, f"{link.mass:.4g}", _numbers(link.moments)) for link in figures.links if link.mass),
+                ("", "mass [kg]", "principal moments [kg m²]", "box of that inertia [m]", "box of its shapes [m]", ""),
+                *(_link_row(link) for link in figures.links if link.mass),
             ],
             indent=2,
         ),
         "joints",
         _columns(
             [
-                ("", "type", "parent", "axis", "limits [rad]", "[rad/s]", "[N m]", "role"),
+                ("", "type", "parent", "axis", "limits [rad]", "[rad/s]", "[N m s/rad]", "role"),
                 *(_joint_row(joint) for joint in figures.joints if joint.kind != "fixed"),
             ],
             indent=2,
         ),
     ]
+    rows_of = [(actuator.joint, f"{actuator.effort:.4g}", actuator.moves) for actuator in figures.actuators]
+    parts += ["actuators", _columns([("", "[N m]", "what it does"), *rows_of], indent=2)]
     if figures.sensors:
-        rows_of = [(s.name, s.kind, s.frame, _numbers(s.place), f"{s.rate:g} Hz") for s in figures.sensors]
-        parts += ["sensors", _columns([("", "kind", "frame", "place [m]", "rate"), *rows_of], indent=2)]
+        mounts = [(s.name, s.kind, s.frame, numbers(s.place), f"{s.rate:g} Hz") for s in figures.sensors]
+        parts += ["sensors", _columns([("", "kind", "frame", "place [m]", "rate"), *mounts], indent=2)]
     parts.append("warnings" if figures.warnings else "no warnings")
     parts += [f"  {warning}" for warning in figures.warnings]
     return "\n".join(parts)
@@ -75,6 +92,7 @@ def draw_links(figures: Inspection) -> str:
 def write_links_dot(figures: Inspection) -> str:
     """Links and joints in Graphviz' language."""
     roles = {joint.child: joint.role for joint in figures.joints}
+    mounts = {sensor.frame for sensor in figures.sensors}
     lines = [
         "digraph {",
         '  graph [rankdir=LR, nodesep=0.2, ranksep=0.9, fontname="Helvetica", bgcolor="transparent"];',
@@ -84,16 +102,33 @@ def write_links_dot(figures: Inspection) -> str:
     for link in figures.links:
         role = roles.get(link.name, "body")
         kind = "wheel" if "wheel" in role else "knuckle" if "steering" in role else "body" if link.mass else "frame"
+        kind = "sensor" if kind == "frame" and link.name in mounts else kind
         weight = f'<br/><font point-size="9">{link.mass:.4g} kg</font>' if link.mass else ""
         label = f"<<b>{html.escape(link.name)}</b>{weight}>"
         lines.append(f'  "{_quoted(link.name)}" [label={label}, fillcolor="{_COLOURS[kind]}"];')
     for joint in figures.joints:
-        axis = f"\\n{joint.kind} about {_axis(joint.axis)}" if joint.axis else ""
+        axis = f"\\n{joint.kind} about {axis_name(joint.axis)}" if joint.axis else ""
         style = ", style=dashed" if joint.kind == "fixed" else ""
         name = "" if joint.kind == "fixed" else _quoted(joint.name)
         ends = f'"{_quoted(joint.parent)}" -> "{_quoted(joint.child)}"'
         lines.append(f'  {ends} [label="{name}{axis}"{style}];')
     return "\n".join([*lines, "}"]) + "\n"
+
+
+def write_inspection(
+    figures: Inspection, path: Path, *, vehicle: Vehicle, portrait: Callable[[Vehicle], str] | None = None
+) -> None:
+    """Write an inspection as one HTML page that opens offline.
+
+    Args:
+        figures: of the vehicle.
+        path: of the page.
+        vehicle: itself, for its shapes.
+        portrait: makes a picture of it for the head of the page, as the address of an image (``data:``).
+    """
+    from mirdrake.report.inspection_page import render_inspection
+
+    write_file(path, render_inspection(figures, vehicle, portrait=portrait(vehicle) if portrait else None))
 
 
 def _wheels(figures: Inspection) -> str:
@@ -104,27 +139,40 @@ def _wheels(figures: Inspection) -> str:
     return sizes[0] if sizes[0] == sizes[1] else f"front {sizes[0]}; rear {sizes[1]}"
 
 
+def _link_row(link: LinkFigures) -> tuple[str, ...]:
+    extent = " x ".join(f"{edge:.3g}" for edge in link.extent) if link.extent[0] else "-"
+    note = f"spin {link.spin:.2f} m R²" if link.spin is not None else ""
+    edges = " x ".join(f"{edge:.3g}" for edge in link.edges)
+    return link.name, f"{link.mass:.4g}", numbers(link.moments), edges, extent, note
+
+
 def _joint_row(joint: JointFigures) -> tuple[str, ...]:
-    free = math.isinf(joint.lower) and math.isinf(joint.upper)
-    limits = "free" if free else f"{joint.lower:g} .. {joint.upper:g}"
     return (
         joint.name,
         joint.kind,
         joint.parent,
-        _axis(joint.axis),
-        limits,
+        axis_name(joint.axis),
+        limits_of(joint),
         f"{joint.velocity:g}",
-        f"{joint.effort:.4g}" if joint.effort else "-",
+        f"{joint.damping:g}",
         joint.role or "-",
     )
 
 
-def _axis(axis: Sequence[float]) -> str:
+def limits_of(joint: JointFigures) -> str:
+    """Lowest and highest position of a joint [rad]."""
+    free = math.isinf(joint.lower) and math.isinf(joint.upper)
+    return "free" if free else f"{joint.lower:g} .. {joint.upper:g}"
+
+
+def axis_name(axis: Sequence[float]) -> str:
+    """The letter of an axis of base_link, or its direction."""
     names: dict[tuple[float, ...], str] = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
-    return names.get(tuple(round(value, 6) + 0.0 for value in axis), _numbers(axis))
+    return names.get(tuple(round(value, 6) + 0.0 for value in axis), numbers(axis))
 
 
-def _numbers(values: Iterable[float]) -> str:
+def numbers(values: Iterable[float]) -> str:
+    """Numbers with blanks between them, four significant digits each."""
     return " ".join(f"{value:.4g}" for value in values)
 
 

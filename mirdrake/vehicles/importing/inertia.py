@@ -95,7 +95,6 @@ def _in_part(
             changes.append(Change(where, f"{what}: mass", f"{inertial.mass:g} kg", became, "not above zero"))
         return Mass()
     X_PL = X_PM.multiply(tree.poses[name])
-    X_PI = X_PL.multiply(inertial.X_LI)
     R_LI = inertial.X_LI.rotation().matrix()
     bounds = link_bounds(link, RigidTransform())
     com_L, mass = inertial.X_LI.translation(), inertial.mass
@@ -118,13 +117,20 @@ def _in_part(
         changes.append(Change(where, f"{what}: inertia", was, became, fault))
     else:
         inertia_L = R_LI @ widen(np.asarray(inertial.inertia, dtype=float)) @ R_LI.T
-    if not np.isfinite(com_L).all():
-        com_L = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
-        changes.append(Change(where, f"{what}: centre of mass", "not a number", "middle of its shapes", "no place"))
-    else:
-        com_L = X_PL.inverse().multiply(X_PI.translation())
+    middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
+    distance = float(np.linalg.norm(com_L - middle))
+    if not distance <= FARTHEST * _half_size(bounds, size):
+        became = "in the link's origin" if bounds is None else "in the middle of its shapes"
+        why = f"the link is {2.0 * _half_size(bounds, size):.3g} m large"
+        changes.append(Change(where, f"{what}: centre of mass", f"{distance:.4g} m from there", became, why))
+        com_L = middle
     R_PL = X_PL.rotation().matrix()
     return Mass(mass, X_PL.multiply(com_L), R_PL @ inertia_L @ R_PL.T)
+
+
+def _half_size(bounds: Bounds | None, size: float) -> float:
+    """Half the diagonal of a link's shapes [m]."""
+    return size if bounds is None else max(0.5 * float(np.linalg.norm(bounds[1] - bounds[0])), 1e-4)
 
 
 def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> str:
@@ -136,7 +142,7 @@ def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> 
         return "principal moments should be above zero"
     if low + middle < 0.98 * high:
         return f"breaks the triangle inequality ({low:.4g} + {middle:.4g} < {high:.4g}); no body has it"
-    half = size if bounds is None else max(0.5 * float(np.linalg.norm(bounds[1] - bounds[0])), 1e-4)
+    half = _half_size(bounds, size)
     gyration = sqrt(high / mass)
     if gyration > FARTHEST * half:
         return f"the mass would have to lie {gyration:.3g} m from its centre, in a link of {2.0 * half:.3g} m"

@@ -15,6 +15,12 @@ SPIN = (0.2, 1.1)
 COM_HEIGHT = 0.35
 """Height of the centre of mass over the car's, where the source's cannot be meant: cars have 0.33 to 0.40."""
 
+BODY_DENSITY = (1.0, 3000.0)
+"""Mass of a body over the box around the car [kg/m³] that is believed: cars have 100 to 200."""
+
+WHEEL_DENSITY = (2.0, 20_000.0)
+"""Mass of a wheel over its cylinder [kg/m³] that is believed: cars have 280, solid steel 7800."""
+
 UNION_SHARE = 0.25
 """Of a wheel's mass that becomes the knuckle of a joint that steers and spins at once (Bolt 10 of 30 kg)."""
 
@@ -37,6 +43,13 @@ def gather_masses(
         radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
         part.mass = gather(tree, part.links, part.X_MP, radius, changes, wheel=(radius, width))
     where = tree.model.links[tree.root].where
+    around = _around(layout, bounds)
+    _doubt(body, float(np.prod(around)), BODY_DENSITY, tree, changes)
+    for key, part in wheels.items():
+        radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
+        _doubt(part, np.pi * radius**2 * width, WHEEL_DENSITY, tree, changes)
+    for part in knuckles:
+        _doubt(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
     if body.mass.mass <= 0.0:
         edges = bounds[1] - bounds[0]
         mass = DENSITY * float(np.prod(edges))
@@ -134,14 +147,29 @@ def check_balance(
         changes.append(Change(where, "mass of the body", was, "as it was: please check", why))
     moved = body.mass.com + (wanted - com) * total / body.mass.mass
     body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
-    length, width = (bounds[1] - bounds[0])[:2]
-    around = (layout.wheelbase + 2.0 * max(layout.radii), max(layout.tracks) + max(layout.widths))
-    edges = np.array([max(length, around[0]), max(width, around[1]), height])
-    density = total / float(np.prod(np.maximum(edges, 1e-3)))
+    edges = _around(layout, bounds)
+    density = total / float(np.prod(edges))
     if edges[0] > 2.0 and density > HEAVY * DENSITY:
         why = f"{density:.0f} kg per m³ around it, cars have about {DENSITY:g}; pounds would be {total * POUND:.0f} kg"
         changes.append(Change(where, "mass of the car", f"{total:.5g} kg", "as it was: please check", why))
     return changes
+
+
+def _around(layout: Layout, bounds: Bounds) -> Vector:
+    """Edges of the box around a car and its wheels, from the road on [m]."""
+    length, width = (bounds[1] - bounds[0])[:2]
+    long, wide = layout.wheelbase + 2.0 * max(layout.radii), max(layout.tracks) + max(layout.widths)
+    return np.array([max(length, long), max(width, wide), max(bounds[1][2], 2.0 * max(layout.radii))])
+
+
+def _doubt(part: Part, volume: float, densities: tuple[float, float], tree: Tree, changes: list[Change]) -> None:
+    """A mass that nothing of this size has counts as missing."""
+    density = part.mass.mass / volume
+    if part.mass.mass > 0.0 and not densities[0] <= density <= densities[1]:
+        where = tree.model.links[part.links[0]].where
+        why = f"{density:.3g} kg per m³ of the space it takes; plausible are {densities[0]:g} to {densities[1]:g}"
+        changes.append(Change(where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "counts as missing", why))
+        part.mass = Mass()
 
 
 # --- pairs -------------------------------------------------------------------------------------------------------

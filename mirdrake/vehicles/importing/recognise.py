@@ -92,8 +92,8 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
         ModelError: it is not a car with four wheels, two of them steered; one line says what it is.
     """
     tree, changes = make_tree(model)
-    found = find_wheels(tree)
-    axles = _axles(tree, found)
+    found, blank = find_wheels(tree)
+    axles = _axles(tree, found, blank)
     front, rear = _front_and_rear(tree, axles, changes)
     ahead = _level(_middle(front) - _middle(rear))
     left = np.cross(UP, ahead)
@@ -120,13 +120,16 @@ def turns_freely(joint: Joint, limits: Limits) -> bool:
     return min(abs(low), abs(high)) > WORLD_LIMIT or high - low > 2.0 * pi
 
 
-def find_wheels(tree: Tree) -> list[Wheel]:
+def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
     """Everything round that turns freely about a level axis and stands on the lowest plane.
+
+    Returns:
+        wheels, and joints that turn like wheels but carry nothing round.
 
     Raises:
         ModelError: a joint turns the wheels of both sides.
     """
-    found = []
+    found, blank = [], []
     for joint in tree.above.values():
         second = joint.kind in ("universal", "revolute2") and _is_level(tree.axis(joint, second=True))
         axis = tree.axis(joint, second=second)
@@ -136,6 +139,7 @@ def find_wheels(tree: Tree) -> list[Wheel]:
         X_MW = frame_about(tree.pose(joint).translation(), y=axis, up=UP)
         rounds = find_rounds(tree, tree.rigid_with(joint.child, ()), X_MW)
         if not rounds:
+            blank.append(joint)
             continue
         shape = rounds[0]
         _check_single(tree, joint, [item for item in rounds if item.role == shape.role])
@@ -146,9 +150,9 @@ def find_wheels(tree: Tree) -> list[Wheel]:
         point = X_MW.multiply(np.array([0.0, shape.centre[1], 0.0]))
         found.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright)))
     if not found:
-        return []
+        return [], blank
     lowest = min(found, key=lambda wheel: wheel.bottom)
-    return [wheel for wheel in found if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius]
+    return [wheel for wheel in found if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius], blank
 
 
 def _is_level(axis: Vector | None) -> bool:
@@ -175,10 +179,11 @@ def _check_single(tree: Tree, joint: Joint, rounds: Sequence[Round]) -> None:
 # --- axles -------------------------------------------------------------------------------------------------------
 
 
-def _axles(tree: Tree, wheels: list[Wheel]) -> list[list[Wheel]]:
+def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Wheel]]:
     """The wheels of two axles, or an error that says what there is instead."""
     if not wheels:
-        raise _refusal(tree, f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis")
+        what = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
+        raise _refusal(tree, what + _blank_words(tree, blank))
     axes = np.array([wheel.axis * (1.0 if wheel.axis @ wheels[0].axis >= 0.0 else -1.0) for wheel in wheels])
     lateral = _level(axes.sum(axis=0))
     if (np.abs(axes @ lateral) < 1.0 - LEVEL**2).any():
@@ -197,7 +202,7 @@ def _axles(tree: Tree, wheels: list[Wheel]) -> list[list[Wheel]]:
             if abs((left.point - right.point) @ lateral) < 0.5 * (left.shape.width + right.shape.width):
                 raise _refusal(tree, f"{_named(wheels)}, two of which stand in the same place")
         return axles
-    raise _refusal(tree, _other_vehicle(tree, wheels, axles))
+    raise _refusal(tree, _other_vehicle(tree, wheels, axles) + _blank_words(tree, blank))
 
 
 def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) -> str:
@@ -301,6 +306,18 @@ def _inventory(tree: Tree) -> str:
     kinds = Counter(joint.kind for joint in tree.above.values() if joint.kind != "fixed")
     joints = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "no movable"
     return f"{len(tree.poses)} links with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
+
+
+def _blank_words(tree: Tree, blank: Sequence[Joint]) -> str:
+    """Joints that might turn wheels, had their links a shape that is known."""
+    if not blank:
+        return ""
+    names = ", ".join(f"'{joint.name}'" for joint in blank[:6]) + (", …" if len(blank) > 6 else "")
+    links = [tree.model.links[name] for joint in blank for name in tree.rigid_with(joint.child, ())]
+    lost = [shape.address for link in links for shape in (*link.visuals, *link.collisions) if shape.kind == "mesh"]
+    lost = [address for address in dict.fromkeys(lost) if address]
+    why = f" (is a mesh missing? {', '.join(lost[:3])})" if lost else ""
+    return f"; {names} turn{'s' if len(blank) == 1 else ''} like a wheel but nothing round{why}"
 
 
 def _named(wheels: Sequence[Wheel]) -> str:

@@ -13,6 +13,9 @@ from mirdrake.vehicles.importing.model import Shape, Vector
 ROUND = 0.1
 """By how much two extents of something round may differ, of the larger one: tread blocks, valves, coarse meshes."""
 
+LARGEST = 100.0
+"""Radius and width beyond which nothing is a wheel [m]."""
+
 SPHERE_WIDTH = 0.4
 """Width over diameter of a wheel whose only shape is a sphere: between tyres of cars (0.33) and of models (0.5)."""
 
@@ -43,6 +46,8 @@ class Round:
 
 def bounds_in(shape: Shape, X_FL: RigidTransform) -> Bounds | None:
     """Corners of a shape's box along the axes of another frame F; None if it has no size or no file."""
+    if not np.isfinite(shape.size).all():
+        return None
     try:
         lower, upper = mesh_bounds(replace(shape, X_LG=X_FL.multiply(shape.X_LG)))
     except MeshError:
@@ -90,14 +95,18 @@ def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Ro
         if shape.kind in ("cylinder", "capsule") and abs(X_WG.rotation().matrix()[1, 2]) > _ALONG:
             radius, length = shape.size[:2]
             width = length + (2.0 * radius if shape.kind == "capsule" else 0.0)
-            if radius > 0.0 and width > 0.0:
+            if 0.0 < radius < LARGEST and 0.0 < width < LARGEST and np.isfinite(X_WG.translation()).all():
                 found.append(Round(radius, width, X_WG.translation(), shape, role))
             continue
         box = bounds_in(shape, X_WL)
         if box is None:
             continue
         extent = box[1] - box[0]
-        if extent[0] > 0.0 and abs(extent[0] - extent[2]) <= ROUND * max(extent[0], extent[2]):
+        if (
+            extent.min() > 0.0
+            and extent.max() < LARGEST
+            and abs(extent[0] - extent[2]) <= ROUND * max(extent[0], extent[2])
+        ):
             radius = 0.25 * (extent[0] + extent[2])
             found.append(Round(float(radius), float(extent[1]), 0.5 * (box[0] + box[1]), shape, role))
     return found

@@ -1,0 +1,221 @@
+"""The surfaces of a vehicle as triangles, and a shaded picture of them along one axis: a drawing to scale.
+
+Parallel projection and painter's algorithm; Drake's own renderer has perspective only, and needs EGL.
+"""
+
+import base64
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    GeometryId,
+    Mesh,
+    Role,
+    SceneGraphInspector,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import BodyIndex
+
+from mirdrake.vehicles import Vehicle
+from mirdrake.vehicles.parse import parse_urdf
+
+Array = NDArray[np.float64]
+Colour = tuple[float, float, float]
+
+GREY: Colour = (0.62, 0.66, 0.70)
+_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # glTF has y up, as its specification says
+_LIGHT = np.array([0.35, -0.30, 0.89])  # towards the sun
+_MOST = 400_000  # triangles that are drawn; of more, every second or third
+_LEAST = 0.2  # pixels that a triangle must measure each way to be drawn
+_VIEWS = {  # axis and sign of what is across and up in the picture, and towards the viewer
+    "side": ((0, 1), (2, 1), (1, -1)),
+    "top": ((0, 1), (1, 1), (2, 1)),
+    "front": ((1, 1), (2, 1), (0, 1)),
+}
+_FINER = 2  # pixels drawn for one that is kept, each way
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles of one shape of a vehicle.
+
+    Attributes:
+        link: it belongs to.
+        triangles: corners in base_link (n, 3, 3) [m].
+        colours: of the triangles (n, 3), 0 .. 1.
+    """
+
+    link: str
+    triangles: Array
+    colours: Array
+
+
+def collect_surfaces(
+    vehicle: Vehicle, *, collision: bool = False, steering: tuple[float, float] = (0.0, 0.0)
+) -> list[Surface]:
+    """What is seen of a vehicle, or what it is for contact.
+
+    Args:
+        vehicle: to look at.
+        collision: take the collision shapes; of meshes their hulls.
+        steering: angles of the left and the right wheel [rad].
+    """
+    plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
+    inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
+    base = plant.GetBodyByName(vehicle.spec.base_link)
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
+    for name, angle in zip(vehicle.spec.joints.steering.names(), steering, strict=True):
+        plant.GetJointByName(name).set_angle(context, angle)
+    found = []
+    for number in range(1, plant.num_bodies()):
+        body = plant.get_body(BodyIndex(number))
+        X_BL = plant.EvalBodyPoseInWorld(context, body)
+        shapes = plant.GetCollisionGeometriesForBody(body) if collision else plant.GetVisualGeometriesForBody(body)
+        role = Role.kProximity if collision else Role.kIllustration
+        for geometry in shapes:
+            if inspector.GetProperties(geometry, role) is None:
+                continue
+            X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
+            for points, faces, colours in _triangulate(inspector, geometry, collision=collision):
+                placed = points @ X_BG.rotation().matrix().T + X_BG.translation()
+                found.append(Surface(body.name(), placed[faces], colours))
+    return found
+
+
+def _triangulate(
+    inspector: SceneGraphInspector, geometry: GeometryId, *, collision: bool
+) -> list[tuple[Array, NDArray[np.int64], Array]]:
+    """(points, faces, colours) of a shape in its own frame."""
+    shape = inspector.GetShape(geometry)
+    properties = None if collision else inspector.GetIllustrationProperties(geometry)
+    colour: Sequence[float] = GREY
+    if properties is not None and properties.HasProperty("phong", "diffuse"):
+        rgba = properties.GetProperty("phong", "diffuse")
+        colour = (rgba.r(), rgba.g(), rgba.b())
+    mesh = _primitive(shape)
+    if mesh is None and not collision and isinstance(shape, Mesh) and shape.source().is_path():
+        parts = _read_mesh(Path(shape.source().path()), colour)
+        scale = np.asarray(shape.scale3())
+        if parts:
+            return [(points * scale, faces, colours) for points, faces, colours in parts]
+    if mesh is None:
+        hull = inspector.GetConvexHull(geometry)
+        if hull is None:
+            return []
+        points = [hull.vertex(index) for index in range(hull.num_vertices())]
+        mesh = trimesh.convex.convex_hull(np.array(points))
+    return [(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(colour, (len(mesh.faces), 1)))]
+
+
+def _primitive(shape: Shape) -> trimesh.Trimesh | None:
+    """A shape with a formula as a mesh; None for others."""
+    if isinstance(shape, Box):
+        return trimesh.creation.box(extents=shape.size())
+    if isinstance(shape, Cylinder):
+        return trimesh.creation.cylinder(shape.radius(), shape.length(), sections=64)
+    if isinstance(shape, Sphere):
+        return trimesh.creation.icosphere(subdivisions=3, radius=shape.radius())
+    if isinstance(shape, Capsule):
+        return trimesh.creation.capsule(height=shape.length(), radius=shape.radius()).apply_translation(
+            [0.0, 0.0, -0.5 * shape.length()]
+        )
+    if isinstance(shape, Ellipsoid):
+        ball = trimesh.creation.icosphere(subdivisions=3)
+        return ball.apply_scale([shape.a(), shape.b(), shape.c()])
+    return None
+
+
+def _read_mesh(path: Path, colour: Sequence[float]) -> list[tuple[Array, NDArray[np.int64], Array]]:
+    """The parts of a mesh file with the colours of their materials; nothing if it cannot be read."""
+    try:
+        scene = trimesh.load(path, force="scene")
+        parts = scene.dump()
+    except Exception:  # whatever a reader of foreign files raises; the hull is drawn instead
+        return []
+    upright = path.suffix.lower() in {".gltf", ".glb"}
+    found = []
+    for part in parts:
+        if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
+            continue
+        points = np.asarray(part.vertices) @ (_UPRIGHT.T if upright else np.eye(3))
+        colours = _face_colours(part, colour)
+        found.append((points, np.asarray(part.faces), colours ** (1.0 / 2.2) if upright else colours))
+    return found
+
+
+def _face_colours(part: trimesh.Trimesh, colour: Sequence[float]) -> Array:
+    """Colours (n, 3) of the faces, 0 .. 1: those of the texture, of the material, or the one given."""
+    material = getattr(part.visual, "material", None)
+    if material is None:
+        return np.tile(colour, (len(part.faces), 1))
+    texture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if texture is not None and getattr(part.visual, "uv", None) is not None:
+        of_vertices = np.asarray(part.visual.to_color().vertex_colors)[:, :3] / 255.0
+        mean: Array = of_vertices[part.faces].mean(axis=1)
+        return mean
+    return np.tile(np.asarray(material.main_color)[:3] / 255.0, (len(part.faces), 1))
+
+
+# --- pictures ----------------------------------------------------------------------------------------------------
+
+
+def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, float, float, float], width: int) -> str:
+    """A shaded picture as PNG in a ``data:`` address, for the href of an SVG image.
+
+    Args:
+        surfaces: to draw.
+        view: "side", from the right with x to the right and z up; "top", x to the right and y up; "front", from ahead
+            with y to the right and z up.
+        box: what the picture shows, in the two axes of the view: left, low, right, high [m].
+        width: of the picture [pixel].
+    """
+    across, up, near = _VIEWS[view]
+    left, low, right, high = box
+    scale = _FINER * width / (right - left)
+    size = (_FINER * width, max(_FINER, math.ceil((high - low) * scale)))
+    image = Image.new("RGBA", size, (0, 0, 0, 0))
+    if surfaces:
+        triangles = np.concatenate([surface.triangles for surface in surfaces])
+        colours = np.concatenate([surface.colours for surface in surfaces])
+        step = -(-len(triangles) // _MOST)
+        triangles, colours = triangles[::step], colours[::step]
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+        towards = near[1] * normals[:, near[0]]
+        normals *= np.where(towards < 0.0, -1.0, 1.0)[:, None]
+        light = _LIGHT.copy()
+        light[near[0]] = near[1] * abs(light[near[0]])
+        shade = 0.50 + 0.50 * np.clip(normals @ light, 0.0, 1.0) + 0.12 * normals[:, near[0]] * near[1]
+        painted = (255.0 * np.clip(colours * shade[:, None] + 0.03, 0.0, 1.0)).astype(int)
+        x = (across[1] * triangles[:, :, across[0]] - left) * scale
+        y = (high - up[1] * triangles[:, :, up[0]]) * scale
+        corners = np.stack([x, y], axis=2).reshape(-1, 6).tolist()
+        order = np.argsort(near[1] * triangles[:, :, near[0]].mean(axis=1), kind="stable")
+        wide = (np.ptp(x, axis=1) > _LEAST) & (np.ptp(y, axis=1) > _LEAST)
+        order = order[wide[order]]
+        draw = ImageDraw.Draw(image)
+        fills = [(r, g, b, 255) for r, g, b in painted.tolist()]
+        for index in order.tolist():
+            draw.polygon(corners[index], fill=fills[index])
+    small = image.resize((width, max(1, round(size[1] / _FINER))), Image.Resampling.BOX)
+    return png_address(small)
+
+
+def png_address(image: Image.Image) -> str:
+    """A picture as PNG in a ``data:`` address."""
+    file = io.BytesIO()
+    image.save(file, "PNG")
+    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")

@@ -1,0 +1,209 @@
+"""What an inspection of a vehicle finds, as plain data; :mod:`mirdrake.vehicles.inspection` measures it."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class LinkFigures:
+    """One link.
+
+    Attributes:
+        name: of the link.
+        mass: [kg].
+        com: centre of mass in the link's frame [m].
+        moments: principal moments of inertia about the centre of mass, rising [kg m²].
+        edges: of the homogeneous box with these moments, longest first [m]; zeros for a frame without mass.
+        extent: edges of the box around its shapes [m], longest first; zeros without shapes.
+        size_ratio: longest of the edges over the longest of the extent; None without mass or shapes.
+        triangle: sum of the two smaller moments over the largest: 1 a flat plate, below it no body; None without mass.
+        spin: of a wheel, inertia about its joint's axis over m R²; None for other links.
+        spin_is_smaller: whether a wheel's inertia about that axis is not its largest.
+        friction: largest friction coefficient of its shapes [-]; None without shapes.
+    """
+
+    name: str
+    mass: float
+    com: tuple[float, float, float]
+    moments: tuple[float, float, float]
+    edges: tuple[float, float, float]
+    extent: tuple[float, float, float]
+    size_ratio: float | None = None
+    triangle: float | None = None
+    spin: float | None = None
+    spin_is_smaller: bool = False
+    friction: float | None = None
+
+
+@dataclass(frozen=True)
+class JointFigures:
+    """One joint.
+
+    Attributes:
+        name: of the joint.
+        kind: its type in the URDF.
+        parent: link.
+        child: link.
+        role: what vehicle.yaml makes of it, "" for none.
+        place: of its child's frame in base_link [m].
+        axis: in base_link; empty for fixed joints.
+        lower: limit [rad]; -inf without one.
+        upper: limit [rad]; inf without one.
+        velocity: limit [rad/s].
+        effort: of its actuator [N m]; 0 without one.
+        damping: [N m s/rad].
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    role: str
+    place: tuple[float, float, float]
+    axis: tuple[float, ...]
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class ActuatorFigures:
+    """One actuator: its name, its joint, what it moves, and what it gives at most [N m]."""
+
+    name: str
+    joint: str
+    moves: str
+    effort: float
+
+
+@dataclass(frozen=True)
+class SensorFigures:
+    """One mounted sensor.
+
+    Attributes:
+        name: of the mount.
+        kind: of the sensor.
+        frame: link it is mounted in.
+        place: of the frame in base_link [m].
+        rate: samples per second [Hz].
+        yaw: heading of the frame's x axis in base_link, positive to the left [rad].
+        pitch: of the same axis, positive upwards [rad].
+        across: what it sees from right to left, about its x axis [rad]; empty for what does not look anywhere.
+        upward: the same from below to above [rad].
+        reach: nearest and farthest distance [m]; empty for what does not look anywhere.
+    """
+
+    name: str
+    kind: str
+    frame: str
+    place: tuple[float, float, float]
+    rate: float
+    yaw: float = 0.0
+    pitch: float = 0.0
+    across: tuple[float, ...] = ()
+    upward: tuple[float, ...] = ()
+    reach: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """A wheel and another link that are in the same place.
+
+    Attributes:
+        wheel: link.
+        link: the other one.
+        depth: how deep [m].
+        pose: "straight ahead" or "at full lock".
+    """
+
+    wheel: str
+    link: str
+    depth: float
+    pose: str
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Figures of a vehicle; lengths [m], masses [kg], inertia [kg m²], angles [rad], in base_link.
+
+    Attributes:
+        vehicle: its name.
+        title: make and model.
+        grade: of its data.
+        drive: driven axle.
+        mass: all of it.
+        com: centre of mass.
+        loads: of front and rear axle at rest [N].
+        front_share: part of the load on the front axle.
+        side_share: part of the load on the left wheels.
+        wheelbase: between the axles.
+        tracks: front and rear.
+        kingpin_track: between the steering axes.
+        wheel_radii: front and rear, unloaded.
+        wheel_widths: front and rear.
+        size: length, width, height over the road of all collision shapes.
+        visual_size: the same of all that is seen; None if there is nothing to see.
+        ground_clearance: lowest point of what is no wheel.
+        steering_limits: of inner and outer wheel at full lock.
+        turning_radius: of the rear axle's centre at full lock.
+        turning_circle: diameter of the circle of the outer front wheel's middle, kerb to kerb.
+        wall_circle: diameter of the circle of the outermost corner of all collision shapes, wall to wall.
+        inertia: roll, pitch, yaw about the centre of mass.
+        gyration: radii of gyration that belong to them.
+        dynamic_index: k² / (a b) of the yaw inertia; 1: an axle does not feel what hits the other one.
+        static_stability: track over twice the height of the centre of mass; lateral g at which it tips.
+        overlaps: wheels that stick in other links, straight ahead or at full lock.
+        links: all links.
+        joints: all joints.
+        actuators: all actuators.
+        sensors: all mounted sensors.
+        warnings: what looks wrong, in words.
+    """
+
+    vehicle: str
+    title: str
+    grade: str
+    drive: str
+    mass: float
+    com: tuple[float, float, float]
+    loads: tuple[float, float]
+    front_share: float
+    side_share: float
+    wheelbase: float
+    tracks: tuple[float, float]
+    kingpin_track: float
+    wheel_radii: tuple[float, float]
+    wheel_widths: tuple[float, float]
+    size: tuple[float, float, float]
+    visual_size: tuple[float, float, float] | None
+    ground_clearance: float
+    steering_limits: tuple[float, float]
+    turning_radius: float
+    turning_circle: float
+    wall_circle: float
+    inertia: tuple[float, float, float]
+    gyration: tuple[float, float, float]
+    dynamic_index: float
+    static_stability: float
+    overlaps: tuple[Overlap, ...]
+    links: tuple[LinkFigures, ...]
+    joints: tuple[JointFigures, ...]
+    actuators: tuple[ActuatorFigures, ...]
+    sensors: tuple[SensorFigures, ...]
+    warnings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON; what is not finite becomes None."""
+        data: dict[str, Any] = _finite(asdict(self))
+        return data
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value

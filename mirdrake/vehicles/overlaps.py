@@ -1,0 +1,72 @@
+"""Wheels that stick in other parts of their own vehicle, which contact between its parts would not show: it is off."""
+
+from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, QueryObject, Role, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+
+from mirdrake.vehicles.figures import Overlap
+from mirdrake.vehicles.spec import WHEELS
+from mirdrake.vehicles.vehicle import Vehicle
+
+LEAST_DEPTH = 5e-4
+"""Depth from which shapes count as in the same place [m]; exact touching is no overlap."""
+
+
+def find_overlaps(
+    plant: MultibodyPlant, scene_graph: SceneGraph, vehicle: Vehicle, *, angles: tuple[float, float]
+) -> tuple[Overlap, ...]:
+    """The deepest overlap of each wheel with each link of the body, straight ahead, else at full lock to either side.
+
+    Links between body and wheels, the knuckles, are left out: they reach into their wheels.
+
+    Args:
+        plant: holds the vehicle alone, finalised.
+        scene_graph: where its shapes are registered.
+        vehicle: says which joints are wheels and steering.
+        angles: of the inner and the outer wheel at full lock [rad].
+    """
+    wheels = [plant.GetJointByName(name) for name in vehicle.spec.joints.wheels.names()]
+    steering = [plant.GetJointByName(name) for name in vehicle.spec.joints.steering.names()]
+    moved = {joint.child_body().index() for joint in (*wheels, *steering)}
+    inspector = scene_graph.model_inspector()
+    solids = {
+        body.index(): [
+            shape
+            for shape in plant.GetCollisionGeometriesForBody(body)
+            if inspector.GetProperties(shape, Role.kProximity) is not None
+        ]
+        for body in (plant.get_body(BodyIndex(number)) for number in range(1, plant.num_bodies()))
+    }
+    plant_context, context = plant.CreateDefaultContext(), scene_graph.CreateDefaultContext()
+    everything = GeometrySet([shape for shapes in solids.values() for shape in shapes])
+    scene_graph.collision_filter_manager(context).Apply(CollisionFilterDeclaration().AllowWithin(everything))
+
+    found: dict[tuple[str, str], Overlap] = {}
+    inner, outer = angles
+    for left, right in ((0.0, 0.0), (inner, outer), (-outer, -inner)):
+        for joint, angle in zip(steering, (left, right), strict=True):
+            joint.set_angle(plant_context, angle)
+        poses = plant.get_geometry_pose_output_port().Eval(plant_context)
+        scene_graph.get_source_pose_port(plant.get_source_id()).FixValue(context, poses)
+        query = scene_graph.get_query_output_port().Eval(context)
+        pose = "straight ahead" if left == 0.0 else "at full lock"
+        for joint in wheels[: len(WHEELS) if left == 0.0 else 2]:
+            wheel = joint.child_body()
+            for index, shapes in solids.items():
+                if index in moved:
+                    continue
+                pairs = [(mine, other) for mine in solids[wheel.index()] for other in shapes]
+                depth = max((_depth(query, *pair) for pair in pairs), default=0.0)
+                key = (wheel.name(), plant.get_body(index).name())
+                known = found.get(key)
+                if depth > LEAST_DEPTH and (known is None or (known.pose == pose and depth > known.depth)):
+                    found[key] = Overlap(*key, depth, pose)
+    return tuple(found.values())
+
+
+def _depth(query: QueryObject, first: GeometryId, second: GeometryId) -> float:
+    """How deep two shapes overlap [m]; negative when apart, 0 where Drake cannot say."""
+    try:
+        return -float(query.ComputeSignedDistancePairClosestPoints(first, second).distance)
+    except RuntimeError:  # no algorithm for this pair of shapes, or it did not converge
+        return 0.0

@@ -1,0 +1,263 @@
+"""A vehicle on the road in Meshcat, with sliders for its joints, and layers to switch: meshes, shapes, frames."""
+
+import logging
+import time
+from math import cos, pi, sin
+
+import numpy as np
+from pydrake.geometry import (
+    Cylinder,
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+    Role,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from mirdrake.plant import VehicleInPlant, make_plant, set_start
+from mirdrake.vehicles import Vehicle
+from mirdrake.viewer.meshcat import WORLD_PATH
+from mirdrake.worlds import load_world
+
+BUTTONS = {"Frames": "KeyF", "Collision shapes": "KeyC", "Meshes": "KeyM"}
+"""Buttons in Meshcat's controls, with the keys that press them."""
+
+STOP = "Stop"
+PERIOD = 1.0 / 32.0
+"""Time between two looks at the controls [s]."""
+
+SHAPE_COLOUR = Rgba(1.0, 0.30, 0.05, 0.5)
+_AXES = (Rgba(0.90, 0.10, 0.10, 1.0), Rgba(0.10, 0.65, 0.15, 1.0), Rgba(0.10, 0.30, 0.95, 1.0))
+
+logging.getLogger("drake").addFilter(
+    # The road is drawn by the world's own meshes.
+    lambda record: "Meshcat does not display HalfSpace" not in record.getMessage()
+)
+
+
+class VehicleView:
+    """Sliders and buttons of a vehicle in Meshcat, and what they move and switch.
+
+    Args:
+        meshcat: shows the vehicle.
+        diagram: with the plant in it.
+        plant: holds the vehicle.
+        part: the vehicle in the plant.
+        frames: whether frames and centre of mass are shown at first.
+        collision: the same for collision shapes.
+        meshes: the same for meshes.
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        diagram: Diagram,
+        plant: MultibodyPlant,
+        part: VehicleInPlant,
+        *,
+        frames: bool = False,
+        collision: bool = False,
+        meshes: bool = True,
+    ) -> None:
+        self._meshcat, self._diagram, self._plant, self._part = meshcat, diagram, plant, part
+        self._context = diagram.CreateDefaultContext()
+        self.shown = {"Frames": frames, "Collision shapes": collision, "Meshes": meshes}
+        self._clicks = dict.fromkeys(BUTTONS, 0)
+        self._joints = _moving_joints(plant, part)
+        self._values = dict.fromkeys(self._joints, 0.0)
+        set_start(plant, self._plant_context, part, x=0.0, y=0.0, yaw=0.0)
+        self._draw_frames()
+        for name, joint in self._joints.items():
+            low, high = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
+            self._values[name] = float(joint.default_positions()[0])
+            reach = max(low, -pi), min(high, pi)
+            step = 0.01 if reach[1] - reach[0] > 0.2 else (reach[1] - reach[0]) / 100.0
+            meshcat.AddSlider(name, *reach, step, self._values[name])
+        for name, key in BUTTONS.items():
+            meshcat.AddButton(name, key)
+        self.publish()
+        self._show()
+
+    @property
+    def _plant_context(self) -> Context:
+        return self._plant.GetMyMutableContextFromRoot(self._context)
+
+    def Run(self, diagram: Diagram, timeout: float | None = None, stop_button_keycode: str = "Escape") -> None:  # noqa: N802
+        """Follow sliders and buttons until the button "Stop" is pressed; called as Drake's JointSliders are.
+
+        Args:
+            diagram: the one that the view was made with.
+            timeout: after which it ends anyway [s]; None: never.
+            stop_button_keycode: key that presses the button.
+        """
+        assert diagram is self._diagram
+        self._meshcat.AddButton(STOP, stop_button_keycode)
+        end = None if timeout is None else time.monotonic() + timeout
+        try:
+            while self._meshcat.GetButtonClicks(STOP) < 1 and (end is None or time.monotonic() < end):
+                self.follow()
+                time.sleep(PERIOD)
+        finally:
+            self._meshcat.DeleteButton(STOP)
+
+    def follow(self) -> bool:
+        """Take over what sliders and buttons say now; whether anything has changed."""
+        changed = False
+        for name in BUTTONS:
+            clicks = self._meshcat.GetButtonClicks(name)
+            if (clicks - self._clicks[name]) % 2:
+                self.shown[name] = not self.shown[name]
+                changed = True
+            self._clicks[name] = clicks
+        if changed:
+            self._show()
+        values = {name: float(self._meshcat.GetSliderValue(name)) for name in self._joints}
+        if values != self._values:
+            self._values, changed = values, True
+            self.publish()
+        return changed
+
+    def publish(self) -> None:
+        """Show the joints where the sliders are."""
+        context = self._plant_context
+        positions = self._plant.GetPositions(context).copy()
+        for name, joint in self._joints.items():
+            positions[joint.position_start()] = self._values[name]
+        self._plant.SetPositions(context, positions)
+        self._diagram.ForcedPublish(self._context)
+        for index in self._plant.GetBodyIndices(self._part.instance):
+            body = self._plant.get_body(index)
+            self._meshcat.SetTransform(
+                self._path("frames", body.name()), self._plant.EvalBodyPoseInWorld(context, body)
+            )
+        com = self._plant.CalcCenterOfMassPositionInWorld(context, [self._part.instance])
+        self._meshcat.SetTransform(self._path("frames", "centre of mass"), RigidTransform(com))
+
+    def _show(self) -> None:
+        """Show and hide layers."""
+        meshes = self._path("visualizer", self._part.name)
+        self._meshcat.SetProperty(meshes, "visible", self.shown["Meshes"])
+        self._meshcat.SetProperty(self._path("collision"), "visible", self.shown["Collision shapes"])
+        self._meshcat.SetProperty(self._path("frames"), "visible", self.shown["Frames"])
+
+    def _draw_frames(self) -> None:
+        """A triad for each link, and a ball at the centre of mass."""
+        length = 0.15 * self._part.vehicle.geometry.wheelbase
+        for index in self._plant.GetBodyIndices(self._part.instance):
+            draw_triad(self._meshcat, self._path("frames", self._plant.get_body(index).name()), length)
+        draw_ball(self._meshcat, self._path("frames", "centre of mass"), 0.25 * length)
+
+    def _path(self, *names: str) -> str:
+        return "/".join((WORLD_PATH, *names))
+
+
+def show_vehicle(
+    vehicle: Vehicle, meshcat: Meshcat, *, frames: bool = False, collision: bool = False, meshes: bool = True
+) -> tuple[Diagram, VehicleView]:
+    """A vehicle at rest on an empty plane with a slider for each of its joints, and buttons for what is shown.
+
+    Args:
+        vehicle: to look at.
+        meshcat: where.
+        frames: show the frame of every link (x red, y green, z blue) and the centre of mass from the start.
+        collision: show the collision shapes, as they are simulated, from the start.
+        meshes: show the meshes from the start.
+
+    Returns:
+        the diagram and its view: call ``view.Run(diagram)`` to follow the controls until its button is pressed.
+    """
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {vehicle.name: vehicle})
+    MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
+    shapes = MeshcatVisualizerParams(role=Role.kProximity, prefix="collision", default_color=SHAPE_COLOUR)
+    MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, shapes).set_name("collision_visualizer")
+    diagram = builder.Build()
+    look_at(meshcat, vehicle)
+    part = parts.vehicles[vehicle.name]
+    view = VehicleView(meshcat, diagram, parts.plant, part, frames=frames, collision=collision, meshes=meshes)
+    return diagram, view
+
+
+def look_at(meshcat: Meshcat, vehicle: Vehicle) -> None:
+    """Look at a vehicle from ahead of its left side, from as far as its size asks for."""
+    geometry = vehicle.geometry
+    size = geometry.wheelbase + geometry.front_wheel_radius + geometry.rear_wheel_radius
+    target = np.array([0.5 * geometry.wheelbase, 0.0, 0.13 * size])
+    angle = 0.65
+    eye = target + 0.98 * size * np.array([cos(angle), sin(angle), 0.34])
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "near", min(0.1, 0.05 * size))
+    meshcat.SetCameraPose(eye, target)
+
+
+def draw_triad(meshcat: Meshcat, path: str, length: float) -> None:
+    """Axes of a frame as three rods, x red, y green, z blue.
+
+    Args:
+        meshcat: where.
+        path: in the scene tree; its transform is that of the frame.
+        length: of an axis [m].
+    """
+    turns = (RotationMatrix.MakeYRotation(0.5 * pi), RotationMatrix.MakeXRotation(-0.5 * pi), RotationMatrix())
+    for axis, (turn, colour) in enumerate(zip(turns, _AXES, strict=True)):
+        rod = f"{path}/{'xyz'[axis]}"
+        meshcat.SetObject(rod, Cylinder(0.03 * length, length), colour)
+        meshcat.SetTransform(rod, RigidTransform(turn, 0.5 * length * np.eye(3)[axis]))
+        _draw_over(meshcat, rod, order=1.0)
+
+
+def draw_ball(meshcat: Meshcat, path: str, radius: float) -> None:
+    """The sign of a centre of mass: a ball with black and white octants.
+
+    Args:
+        meshcat: where.
+        path: in the scene tree; its transform is that of the centre.
+        radius: [m].
+    """
+    steps = 8  # of a quarter of the circumference
+    vertices: list[list[float]] = []
+    faces: list[list[int]] = []
+    colours: list[list[float]] = []
+    for octant in range(8):
+        signs = np.array([1 - 2 * (octant >> axis & 1) for axis in range(3)], dtype=float)
+        grey = 0.05 if signs.prod() > 0.0 else 0.95
+        first = len(vertices)
+        angles = np.linspace(0.0, 0.5 * pi, steps + 1)
+        for up in angles:
+            for around in angles:
+                point = signs * [cos(up) * cos(around), cos(up) * sin(around), sin(up)]
+                vertices.append((radius * point).tolist())
+                colours.append([grey] * 3)
+        for i in range(steps):
+            for j in range(steps):
+                a = first + i * (steps + 1) + j
+                b, c, d = a + 1, a + steps + 1, a + steps + 2
+                outward = 1 if signs.prod() > 0.0 else -1
+                faces += [[a, b, d][::outward], [a, d, c][::outward]]
+    meshcat.SetTriangleColorMesh(
+        path,
+        np.asfortranarray(np.array(vertices).T),
+        np.asfortranarray(np.array(faces, dtype=np.int32).T),
+        np.asfortranarray(np.array(colours).T),
+        side=Meshcat.SideOfFaceToRender.kFrontSide,
+    )
+    _draw_over(meshcat, path, order=2.0)
+
+
+def _draw_over(meshcat: Meshcat, path: str, *, order: float) -> None:
+    """Show an object through whatever is before it: frames are inside of bodies.
+
+    To see through the bodies would not do: Meshcat's opacity misses glTF meshes, which load after it is set.
+    """
+    meshcat.SetProperty(f"{path}/<object>", "material.depthTest", False)
+    meshcat.SetProperty(f"{path}/<object>", "material.transparent", True)  # drawn after what is not
+    meshcat.SetProperty(f"{path}/<object>", "renderOrder", order)
+
+
+def _moving_joints(plant: MultibodyPlant, part: VehicleInPlant) -> dict[str, Joint]:
+    """The joints of a vehicle that have one coordinate, by name; its floating base has seven."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(part.instance)]
+    return {joint.name(): joint for joint in joints if joint.num_positions() == 1}

@@ -1,0 +1,898 @@
+"""Recognising a car by how it moves, repairing what no car can have, and driving what comes out."""
+
+from math import cos, pi, sin, tan
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.diagram import assemble
+from mirdrake.errors import ConfigError, ModelError
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.importing import import_vehicle
+from mirdrake.vehicles.importing.masses import centre_of_mass, total_mass
+from mirdrake.vehicles.importing.model import (
+    Controller,
+    Inertial,
+    Joint,
+    Limits,
+    Link,
+    Plugin,
+    Shape,
+    SourceModel,
+    Surface,
+    Transmission,
+)
+from mirdrake.vehicles.importing.recognise import recognise
+from mirdrake.vehicles.importing.repair import repair
+
+WHEELBASE, TRACK, RADIUS, WIDTH, KINGPIN = 2.6, 1.5, 0.3, 0.2, 0.05
+BODY, WHEEL, HUB = 1400.0, 20.0, 10.0
+X, Y, Z = np.eye(3)
+LIE = RollPitchYaw(pi / 2, 0.0, 0.0)  # a cylinder's axis from z to -y
+
+
+def at(*xyz):
+    return RigidTransform(np.array(xyz, dtype=float))
+
+
+def box_tensor(mass, x, y, z):
+    return mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
+
+
+def wheel_tensor(mass=WHEEL, radius=RADIUS, width=WIDTH):
+    across = mass * (3 * radius**2 + width**2) / 12.0
+    return np.diag([across, mass * radius**2 / 2.0, across])
+
+
+def wheel_link(name, radius=RADIUS, width=WIDTH, mass=WHEEL):
+    shape = Shape("cylinder", (radius, width), RigidTransform(LIE, np.zeros(3)), where="car.urdf:50")
+    inertial = Inertial(mass, RigidTransform(), wheel_tensor(mass, radius, width), "car.urdf:51")
+    return Link(name, inertial, [], [shape], where="car.urdf:49")
+
+
+def body_link(name="chassis"):
+    shape = Shape("box", (4.0, 1.1, 0.6), at(0.0, 0.0, 0.3), where="car.urdf:5")
+    tensor = box_tensor(BODY, 4.0, 1.5, 1.2)
+    return Link(name, Inertial(BODY, at(0.0, 0.0, 0.2), tensor, "car.urdf:4"), [shape], [shape], where="car.urdf:3")
+
+
+def axle(joint, parent, child, *place, axis=Y, kind="continuous"):
+    return Joint(joint, kind, parent, child, at(*place), axis=axis, where="car.urdf:60")
+
+
+def kingpin(joint, parent, child, *place, limit=0.6):
+    limits = Limits(-limit, limit, 1000.0, 0.5)
+    return Joint(joint, "revolute", parent, child, at(*place), axis=Z, limits=limits, where="car.urdf:70")
+
+
+def add(model, *parts):
+    for part in parts:
+        (model.links if isinstance(part, Link) else model.joints)[part.name] = part
+    return model
+
+
+def car():
+    """Root in the middle of the car at axle height; names that say nothing."""
+    model = add(SourceModel("car"), body_link())
+    half, side = WHEELBASE / 2, TRACK / 2
+    for sign, letter in ((1, "a"), (-1, "b")):
+        hub = Link(f"hub_{letter}", Inertial(HUB, RigidTransform(), np.diag([0.1, 0.1, 0.1])), where="car.urdf:40")
+        add(model, hub, wheel_link(f"w1{letter}"), wheel_link(f"w2{letter}"))
+        add(model, kingpin(f"k{letter}", "chassis", hub.name, half, sign * (side - KINGPIN), 0.0))
+        add(model, axle(f"j1{letter}", hub.name, f"w1{letter}", 0.0, sign * KINGPIN, 0.0))
+        add(model, axle(f"j2{letter}", "chassis", f"w2{letter}", -half, sign * side, 0.0))
+    return model
+
+
+def roles_of(model, drive=None):
+    roles = recognise(model, drive)
+    return {name: wheel.joint.name for name, wheel in roles.wheels.items()}, roles
+
+
+def mend(model, drive="rear"):
+    return repair(model, recognise(model, drive), name="car")
+
+
+def lines(thing):
+    return [f"{c.what} | {c.was} | {c.became} | {c.why}" for c in thing.changes]
+
+
+def said(thing, *words):
+    return any(all(word in line for word in words) for line in lines(thing))
+
+
+EXPECTED = {"front_left": "j1a", "front_right": "j1b", "rear_left": "j2a", "rear_right": "j2b"}
+
+
+# --- recognising -------------------------------------------------------------------------------------------------
+
+
+def test_wheels_and_steering_are_known_by_how_they_move():
+    wheels, roles = roles_of(car())
+    assert wheels == EXPECTED
+    assert [joint.name for joint in roles.steering] == ["ka", "kb"]
+
+
+@pytest.mark.parametrize("yaw", [pi, pi / 2, -2.0])
+def test_the_steered_axle_is_ahead_whichever_way_the_source_looks(yaw):
+    # yaw turns the whole car below a new root: the left side stays left
+    model = car()
+    add(
+        model,
+        Link("root"),
+        Joint("turn", "fixed", "root", "chassis", RigidTransform(RollPitchYaw(0, 0, yaw), [0, 0, 0])),
+    )
+    wheels, roles = roles_of(model)
+    assert wheels == EXPECTED
+    assert any(change.what == "direction of travel" for change in roles.changes) == (cos(yaw) < 0)
+    layout = mend(model).layout
+    assert layout.wheelbase == pytest.approx(WHEELBASE)
+    assert layout.X_MB.rotation().matrix()[:2, 0] == pytest.approx([cos(yaw), sin(yaw)])
+
+
+def test_a_revolute_joint_with_the_limits_of_sdf_turns_freely():
+    model = car()
+    for name in EXPECTED.values():
+        model.joints[name].kind = "revolute"
+        model.joints[name].limits = Limits(-1e16, 1e16)
+    assert roles_of(model)[0] == EXPECTED
+
+
+@pytest.mark.parametrize("kind", ["universal", "revolute2"])
+def test_a_joint_that_steers_and_spins_becomes_a_knuckle_and_a_wheel(kind):
+    model = car()
+    for letter, sign in (("a", 1), ("b", -1)):
+        joint = model.joints.pop(f"j1{letter}")
+        del model.joints[f"k{letter}"], model.links[f"hub_{letter}"]
+        place = at(WHEELBASE / 2, sign * TRACK / 2, 0.0)
+        add(model, Joint(joint.name, kind, "chassis", joint.child, place, axis=Z, axis2=Y, limits=Limits(-0.5, 0.5)))
+    wheels, _ = roles_of(model)
+    assert wheels == EXPECTED
+    result = mend(model)
+    # a quarter of the wheel's 20 kg is the knuckle's
+    assert result.knuckles[0].mass.mass == pytest.approx(5.0)
+    assert result.wheels["front_left"].mass.mass == pytest.approx(15.0)
+    assert result.steering_joints == ("j1a", "j1b")
+    assert result.wheel_joints["front_left"] == "j1a_spin"
+    assert result.numbers["steering_limit"].value == 0.5
+    assert result.layout.kingpin_track == pytest.approx(TRACK)
+
+
+def test_suspension_between_body_and_wheel_is_held_and_its_numbers_are_kept():
+    model = car()
+    for letter in "ab":
+        spring = Joint(f"s{letter}", "prismatic", "chassis", f"slide_{letter}", model.joints[f"k{letter}"].X_PJ, axis=Z)
+        spring.stiffness, spring.limits = 3152.0, Limits(-0.1, 0.1)
+        model.joints[f"k{letter}"].parent = spring.child
+        model.joints[f"k{letter}"].X_PJ = RigidTransform()
+        add(model, Link(spring.child), spring)
+        arm = Joint(f"t{letter}", "revolute", "chassis", f"arm_{letter}", limits=Limits(-0.3, 0.3), axis=Y)
+        model.joints[f"j2{letter}"].parent = arm.child
+        add(model, Link(arm.child), arm)
+    assert roles_of(model)[0] == EXPECTED
+    result = mend(model)
+    assert said(result, "joint 'sa'", "3152 N/m", "fixed at zero")
+    assert said(result, "joint 'tb'", "fixed at zero")
+    assert result.layout.wheelbase == pytest.approx(WHEELBASE)
+
+
+def test_of_two_steered_axles_the_rear_one_is_fixed():
+    model = car()
+    for letter, sign in (("a", 1), ("b", -1)):
+        add(model, Link(f"rear_hub_{letter}"))
+        add(model, kingpin(f"rk{letter}", "chassis", f"rear_hub_{letter}", -WHEELBASE / 2, sign * TRACK / 2, 0.0))
+        model.joints[f"j2{letter}"] = axle(f"j2{letter}", f"rear_hub_{letter}", f"w2{letter}", 0.0, 0.0, 0.0)
+    wheels, roles = roles_of(model)
+    assert wheels == EXPECTED
+    assert [change.what for change in roles.changes if change.became == "fixed at zero"] == [
+        "joint 'rka'",
+        "joint 'rkb'",
+    ]
+    assert len([line for line in lines(mend(model)) if "'rka'" in line]) == 1
+
+
+# --- what is no car ----------------------------------------------------------------------------------------------
+
+
+def arm():
+    model = add(SourceModel("arm"), Link("foot"))
+    for number in range(4):
+        shape = Shape("cylinder", (0.05, 0.4), at(0, 0, 0.2))
+        add(model, Link(f"part{number}", collisions=[shape]))
+        below = "foot" if number == 0 else f"part{number - 1}"
+        add(
+            model,
+            Joint(f"turn{number}", "continuous", below, f"part{number}", at(0, 0, 0.4), axis=X if number % 2 else Z),
+        )
+    return model
+
+
+def drone():
+    model = add(SourceModel("drone"), body_link())
+    for number, (x, y) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
+        add(model, Link(f"rotor{number}", collisions=[Shape("cylinder", (0.3, 0.02))]))
+        add(model, Joint(f"spin{number}", "continuous", "chassis", f"rotor{number}", at(x, y, 0.5), axis=Z))
+    return model
+
+
+def two_driven(casters):
+    model = add(SourceModel("robot"), body_link())
+    for letter, y in (("l", 0.3), ("r", -0.3)):
+        add(model, wheel_link(letter, 0.1, 0.04), axle(f"drive_{letter}", "chassis", letter, 0, y, -0.2))
+    if casters == "ball":
+        add(model, Link("ball", collisions=[Shape("sphere", (0.05,))]))
+        add(model, Joint("mount", "fixed", "chassis", "ball", at(-0.4, 0, -0.25)))
+    else:
+        for letter, y in (("l", 0.25), ("r", -0.25)):
+            add(model, Link(f"fork_{letter}"), wheel_link(f"small_{letter}", 0.08, 0.03))
+            swivel = Joint(f"swivel_{letter}", "continuous", "chassis", f"fork_{letter}", at(-0.5, y, -0.1), axis=Z)
+            add(model, swivel, axle(f"roll_{letter}", f"fork_{letter}", f"small_{letter}", -0.05, 0, -0.12))
+    return model
+
+
+def without(model, *names):
+    for name in names:
+        joint = model.joints.pop(name)
+        del model.links[joint.child]
+    return model
+
+
+def skid_steer():
+    model = car()
+    for letter in "ab":
+        model.joints[f"k{letter}"].kind = "fixed"
+    return model
+
+
+def six_wheels():
+    model = car()
+    for letter, sign in (("a", 1), ("b", -1)):
+        add(model, wheel_link(f"w3{letter}"), axle(f"j3{letter}", "chassis", f"w3{letter}", 0.0, sign * TRACK / 2, 0.0))
+    return model
+
+
+def whole_axle():
+    model = car()
+    add(model, Link("beam"), kingpin("fifth_wheel", "chassis", "beam", WHEELBASE / 2, 0.0, 0.0))
+    for letter, sign in (("a", 1), ("b", -1)):
+        without(model, f"k{letter}")
+        model.joints[f"j1{letter}"] = axle(f"j1{letter}", "beam", f"w1{letter}", 0.0, sign * TRACK / 2, 0.0)
+    return model
+
+
+def rigid_axle():
+    model = car()
+    model.joints.pop("j2b")
+    place = at(0.0, -TRACK, 0.0)
+    add(model, Joint("weld", "fixed", "w2a", "w2b", place))
+    return model
+
+
+def half_steered():
+    model = car()
+    model.joints["kb"].kind = "fixed"
+    return model
+
+
+REFUSED = {
+    "an arm": (arm, "no road wheels: 5 links with 4 continuous joints"),
+    "a drone": (drone, "no road wheels"),
+    "differential drive": (lambda: two_driven("ball"), "2 driven wheels and 1 caster .*'drive_l', 'drive_r'"),
+    "differential drive on swivels": (lambda: two_driven("swivel"), "2 driven wheels and 2 casters"),
+    "a tricycle": (lambda: without(car(), "j2b"), "tricycle: 3 wheels .* on 2 axles"),
+    "a bicycle": (lambda: without(car(), "j2b", "j1a"), "bicycle"),
+    "a lorry": (six_wheels, "6 wheels .* on 3 axles"),
+    "skid-steer": (skid_steer, "skid-steer: four wheels .*no steering joint"),
+    "an axle steered as a whole": (whole_axle, "'fifth_wheel' steers an axle as a whole"),
+    "a rigid axle": (rigid_axle, "'j2a' turns the wheels of both sides"),
+    "one steered wheel": (half_steered, "only one of which is steered"),
+    "an empty file": (lambda: SourceModel("nothing"), "no links"),
+}
+
+
+@pytest.mark.parametrize(("build", "found"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_car_is_refused_with_what_it_is(build, found):
+    with pytest.raises(ModelError, match=found) as caught:
+        recognise(build())
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wheel_whose_mesh_is_lost_is_named():
+    model = car()
+    model.links["w2b"].collisions = [Shape("mesh", address="meshes/wheel.stl")]
+    with pytest.raises(ModelError, match=r"3 wheels .*; 'j2b' turns like a wheel .* meshes/wheel\.stl"):
+        recognise(model)
+
+
+# --- what is driven ----------------------------------------------------------------------------------------------
+
+
+def test_transmissions_say_what_is_driven_and_the_caller_knows_better():
+    model = car()
+    model.transmissions = [Transmission(name, ("velocity",), where="car.urdf:9") for name in ("j1a", "j1b")]
+    model.transmissions += [Transmission(name, ("position",)) for name in ("ka", "kb")]
+    assert recognise(model).drive == "front"
+    assert recognise(model, "all").drive == "all"
+
+
+def test_a_controller_says_it_where_all_wheels_have_transmissions():
+    model = car()
+    model.transmissions = [Transmission(name, ("effort",)) for name in EXPECTED.values()]
+    assert recognise(model).drive == "all"
+    kind = "effort_controllers/JointVelocityController"
+    model.controllers = [Controller(name, kind, (name,), where="gains.yaml") for name in ("j2a", "j2b")]
+    assert recognise(model).drive == "rear"
+
+
+def test_a_plugin_that_names_one_axle_drives_it():
+    model = car()
+    model.plugins = [
+        Plugin("drive", "libackermann_drive.so", {"left_joint": "j1a", "right_joint": "j1b", "steer": "ka"})
+    ]
+    assert recognise(model).drive == "front"
+
+
+def test_rear_wheels_are_taken_as_driven_if_nobody_says_anything():
+    _, roles = roles_of(car())
+    assert roles.drive == "rear"
+    assert any(change.what == "driven axle" for change in roles.changes)
+
+
+# --- straightening -----------------------------------------------------------------------------------------------
+
+
+def test_base_frame_lies_on_the_road_below_the_rear_axle():
+    layout = mend(car()).layout
+    assert layout.X_MB.translation() == pytest.approx([-WHEELBASE / 2, 0.0, -RADIUS])
+    assert layout.kingpin_track == pytest.approx(TRACK - 2 * KINGPIN)
+    assert (layout.tracks, layout.radii, layout.widths) == ((TRACK, TRACK), (RADIUS, RADIUS), (WIDTH, WIDTH))
+
+
+def test_axes_that_point_the_wrong_way_are_turned_round_and_limits_with_them():
+    model = car()
+    model.joints["j1a"].axis = -Y
+    model.joints["ka"].axis = -Z
+    model.joints["ka"].limits = Limits(-0.6, 0.5, 1000.0, 0.5)  # about -z: 0.6 to the left, the inner wheel
+    model.joints["kb"].limits = Limits(-0.6, 0.5, 1000.0, 0.5)  # 0.6 to the right, the inner wheel
+    result = mend(model)
+    assert said(result, "joint 'j1a': sense of the axis", "to the left")
+    assert said(result, "joint 'ka': sense of the axis", "upwards")
+    assert result.numbers["steering_limit"].value == 0.6
+    assert result.steering_joints == ("ka", "kb")
+
+
+def test_leaning_kingpins_and_camber_are_straightened_and_said_in_degrees():
+    model = car()
+    for letter, sign in (("a", 1), ("b", -1)):
+        lean = np.radians(10.0)
+        model.joints[f"k{letter}"].axis = np.array([0.0, -sign * sin(lean), cos(lean)])
+        camber = np.radians(2.0)
+        model.joints[f"j2{letter}"].axis = np.array([0.0, cos(camber), sign * sin(camber)])
+    result = mend(model)
+    assert said(result, "joint 'ka': axis", "10 degrees off the vertical", "vertical")
+    assert said(result, "joint 'j2a': axis", "2 degrees of camber")
+    # the axis meets the road further out, by the radius times the tangent of the lean
+    assert result.layout.kingpin_track == pytest.approx(
+        TRACK - 2 * KINGPIN + 2 * RADIUS * tan(np.radians(10)), abs=1e-3
+    )
+
+
+def test_a_wheel_six_millimetres_off_is_mirrored_and_one_twelve_centimetres_off_is_refused():
+    model = car()
+    model.joints["j2a"].X_PJ = at(-WHEELBASE / 2 + 0.006, TRACK / 2, 0.0)
+    result = mend(model)
+    assert said(result, "joint 'j2a': place", "mirrored")
+    model.joints["j2a"].X_PJ = at(-WHEELBASE / 2 + 0.12, TRACK / 2, 0.0)
+    with pytest.raises(ModelError, match=r"'j2a' is 0\.06 0 0 m beside"):
+        mend(model)
+
+
+def test_wheels_of_an_axle_that_differ_by_a_percent_get_the_mean_radius():
+    model = car()
+    model.links["w2a"] = wheel_link("w2a", RADIUS * 1.01)
+    result = mend(model)
+    assert result.layout.radii == (RADIUS, pytest.approx(RADIUS * 1.005))
+    model.links["w2a"] = wheel_link("w2a", RADIUS * 1.2)
+    with pytest.raises(ModelError, match="radii of the rear wheels"):
+        mend(model)
+
+
+def test_larger_rear_wheels_stand_on_the_same_road():
+    model = car()
+    for letter, sign in (("a", 1), ("b", -1)):
+        model.links[f"w2{letter}"] = wheel_link(f"w2{letter}", 0.36)
+        model.joints[f"j2{letter}"].X_PJ = at(-WHEELBASE / 2, sign * TRACK / 2, 0.06)
+    layout = mend(model).layout
+    assert layout.radii == (RADIUS, 0.36)
+    assert layout.X_MB.rotation().IsNearlyIdentity(1e-9)
+
+
+def test_a_source_that_does_not_stand_level_is_turned_level():
+    model = car()
+    for letter, sign in (("a", 1), ("b", -1)):  # front wheels 26 mm higher: asin(0.026 / 2.6) = 0.01 rad
+        model.joints[f"k{letter}"].X_PJ = at(WHEELBASE / 2, sign * (TRACK / 2 - KINGPIN), 0.026)
+    result = mend(model)
+    assert said(result, "level", "0.573 degrees of pitch")
+    assert result.layout.wheelbase == pytest.approx(np.hypot(WHEELBASE, 0.026))
+
+
+def test_a_ball_for_a_wheel_becomes_a_cylinder_and_an_off_centre_shape_is_centred():
+    model = car()
+    for name in ("w2a", "w2b"):
+        model.links[name].collisions = [Shape("sphere", (RADIUS,))]
+    model.links["w1a"].collisions[0].X_LG = RigidTransform(LIE, [0.0, 0.0, 0.01])
+    result = mend(model)
+    assert result.layout.widths[1] == pytest.approx(0.4 * 2 * RADIUS)
+    assert said(result, "joint 'j2a'", "sphere of radius 0.3 m", "0.24 m wide")
+    assert said(result, "joint 'j1a'", "0.01 m beside the joint's axis", "centred")
+
+
+def test_a_wheel_without_round_collision_shape_is_measured_by_eye():
+    model = car()
+    for name in ("w2a", "w2b"):
+        link = model.links[name]
+        link.visuals, link.collisions = link.collisions, []
+    result = mend(model)
+    assert result.layout.radii[1] == RADIUS
+    assert said(result, "joint 'j2a': collision shape", "none that is round")
+
+
+def test_a_root_link_that_lies_on_its_side_in_the_model_is_turned_up():
+    # in SDF the root link may have a pose; here its z axis looks ahead and its x axis up
+    model = car()
+    on_side = RollPitchYaw(0.0, -pi / 2, 0.0)
+    model.links["chassis"].X_ML = RigidTransform(on_side, np.array([0.0, 0.0, 1.0]))
+    turn = RigidTransform(on_side, np.zeros(3)).inverse()
+    for joint in model.joints.values():
+        if joint.parent == "chassis":
+            joint.X_PJ = turn @ joint.X_PJ
+    wheels, _ = roles_of(model)
+    assert wheels == EXPECTED
+    assert mend(model).layout.X_MB.translation() == pytest.approx([-WHEELBASE / 2, 0.0, 1.0 - RADIUS])
+
+
+# --- masses ------------------------------------------------------------------------------------------------------
+
+
+def test_masses_of_a_sound_car_are_kept():
+    result = mend(car())
+    assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB)
+    com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
+    # body midway 0.2 m above the axles, two hubs in front: (1400 x 1.3 + 60 x 2.6) / 1500 and 0.3 + 0.2 x 1400 / 1500
+    assert com == pytest.approx([1.3173, 0.0, 0.4867], abs=1e-4)
+    assert np.diag(result.wheels["rear_left"].mass.inertia) == pytest.approx(np.diag(wheel_tensor()))
+    assert not [line for line in lines(result) if "mass" in line.split("|")[0] or "inertia" in line.split("|")[0]]
+
+
+BOX = box_tensor(BODY, 4.0, 1.1, 0.6)
+IMPOSSIBLE = {
+    "triangle inequality": np.diag([63.0, 1048.0, 1600.0]),
+    "above zero": np.diag([100.0, -1.0, 100.0]),
+    "not a number": np.full((3, 3), np.nan),
+    "would have to lie": 1e6 * np.diag([1.0, 1.5, 2.0]),
+    "would lie within": np.diag([1e-3, 1e-3, 1e-3]),
+    "placeholder": np.eye(3) * 100.0,
+}
+
+
+@pytest.mark.parametrize(("why", "inertia"), IMPOSSIBLE.items(), ids=IMPOSSIBLE)
+def test_an_inertia_that_no_such_body_has_becomes_that_of_its_box(why, inertia):
+    model = car()
+    model.links["chassis"].inertial.inertia = inertia
+    result = mend(model)
+    assert said(result, "link 'chassis': inertia", why)
+    assert result.body.mass.inertia == pytest.approx(BOX)
+
+
+def test_the_parts_of_a_body_add_up_about_their_common_centre():
+    model = car()
+    add(
+        model, Link("battery", Inertial(600.0, RigidTransform(), box_tensor(600.0, 1.0, 1.0, 0.2)), where="car.urdf:80")
+    )
+    add(model, Joint("mount", "fixed", "chassis", "battery", at(0.5, 0.0, -0.1)))
+    mass = mend(model).body.mass
+    # centre: 1400 at (0, 0.2), 600 at (0.5, -0.1) in x, z; reduced mass 1400 x 600 / 2000 = 420
+    assert mass.mass == 2000.0
+    assert mass.com == pytest.approx([WHEELBASE / 2 + 0.15, 0.0, RADIUS + 0.11])
+    own = box_tensor(BODY, 4.0, 1.5, 1.2) + box_tensor(600.0, 1.0, 1.0, 0.2)
+    assert np.diag(mass.inertia) == pytest.approx(np.diag(own) + 420 * np.array([0.09, 0.34, 0.25]))
+    assert mass.inertia[0, 2] == pytest.approx(420 * 0.5 * 0.3)
+
+
+def test_spin_inertia_in_the_wrong_slot_goes_to_the_wheel_axis():
+    model = car()
+    spin, across = WHEEL * RADIUS**2 / 2, 0.5
+    for name in ("w2a", "w2b"):
+        model.links[name].inertial.inertia = np.diag([across, across, spin])
+    result = mend(model)
+    assert np.diag(result.wheels["rear_left"].mass.inertia) == pytest.approx([across, spin, across])
+    assert said(result, "rear wheels: inertia", "z axis")
+
+
+def test_wheels_forty_times_too_lazy_become_solid_cylinders():
+    model = car()
+    for name in ("w2a", "w2b"):
+        model.links[name].inertial.inertia = 40 * wheel_tensor()
+    result = mend(model)
+    assert result.wheels["rear_left"].mass.inertia == pytest.approx(wheel_tensor())
+
+
+def test_what_moves_without_mass_gets_an_estimate():
+    model = car()
+    for name, link in model.links.items():
+        if name != "chassis":
+            link.inertial = None
+    result = mend(model)
+    # 283 kg per m³ of wheel cylinder, at most 2.5 % of the body: pi x 0.09 x 0.2 x 283 = 16.0
+    assert result.wheels["front_left"].mass.mass == pytest.approx(16.0, abs=0.01)
+    assert result.knuckles[0].mass.mass == pytest.approx(8.0, abs=0.01)
+    model.links["chassis"].inertial = None
+    assert mend(model).body.mass.mass == pytest.approx(140 * 4.0 * 1.1 * 0.6)
+
+
+def test_a_wheel_of_a_thousand_tonnes_weighs_as_much_as_the_other_one():
+    model = car()
+    model.links["w2b"].inertial.mass = 1e6
+    result = mend(model)
+    assert said(result, "link 'w2b': mass", "1e+06 kg", "counts as missing")
+    assert [result.wheels[name].mass.mass for name in ("rear_left", "rear_right")] == [WHEEL, WHEEL]
+
+
+def test_a_centre_of_mass_far_outside_its_link_is_put_into_it():
+    model = car()
+    model.links["hub_a"].inertial.X_LI = at(0.0, 40.0, 0.0)
+    result = mend(model)
+    assert said(result, "link 'hub_a': centre of mass", "40 m from there")
+    assert result.knuckles[0].mass.com == pytest.approx(np.zeros(3))
+
+
+@pytest.mark.parametrize(("place", "what"), [((0.0, 0.0, -0.8), "below the road"), ((0, 0, 3), "above the car")])
+def test_a_centre_of_mass_outside_the_car_is_put_at_a_third_of_its_height(place, what):
+    model = car()
+    model.links["chassis"].inertial.X_LI = at(*place)
+    result = mend(model)
+    com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
+    assert com[2] == pytest.approx(0.35 * 0.9)  # the box ends 0.6 m above the axles
+    assert said(result, "centre of mass of the car: height", what)
+
+
+def test_a_centre_of_mass_ahead_of_the_front_axle_is_put_midway():
+    model = car()
+    model.links["chassis"].inertial.X_LI = at(1.5, 0.0, 0.2)
+    result = mend(model)
+    com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
+    assert com[0] == pytest.approx(WHEELBASE / 2)
+
+
+NONSENSE = (0.0, -1.0, float("nan"), float("inf"), 1e16, -1e16, 1e-12, 1e6, 3.0, -0.3)
+
+
+def corrupt(model, chance):
+    """Spoil one thing of a model."""
+    link = model.links[chance.choice(list(model.links))]
+    joint = model.joints[chance.choice(list(model.joints))]
+    value = chance.choice(NONSENSE)
+    spot = int(chance.integers(3))
+    choice = int(chance.integers(7))
+    if choice == 0:
+        link.inertial.mass = value
+    elif choice == 1:
+        link.inertial.inertia = link.inertial.inertia.copy()
+        link.inertial.inertia[spot, int(chance.integers(3))] = value
+    elif choice == 2:
+        link.inertial.X_LI = at(*np.roll([5.0, -3.0, 1e4], spot))
+    elif choice == 3 and link.collisions:
+        link.collisions[0].size = (value, *link.collisions[0].size[1:])
+    elif choice == 4:
+        joint.limits = Limits(*chance.choice(NONSENSE, size=4))
+    elif choice == 5:
+        joint.kind = str(chance.choice(["revolute", "fixed", "floating", "universal", "revolute2", "ball", "gearbox"]))
+    else:
+        joint.axis = np.roll([value, 0.0, 1.0], spot)
+
+
+def test_two_hundred_spoilt_cars_become_sound_ones_or_are_refused_in_one_line():
+    cars = 0
+    for seed in range(200):
+        chance = np.random.default_rng(seed)
+        model = car()
+        for _ in range(2):
+            corrupt(model, chance)
+        refused: ModelError | None = None
+        try:
+            result = mend(model)
+        except ModelError as error:
+            refused = error
+        if refused is not None:
+            assert "\n" not in str(refused)
+            continue
+        cars += 1
+        for part in result.parts:
+            low, middle, high = np.linalg.eigvalsh(part.mass.inertia)
+            assert part.mass.mass > 0.0
+            assert low > 0.0
+            assert low + middle > high
+            assert np.isfinite(part.mass.com).all()
+        assert all(np.isfinite(number.value) and number.value > 0.0 for number in result.numbers.values())
+    assert cars > 60
+
+
+# --- limits and contact ------------------------------------------------------------------------------------------
+
+
+def test_steering_without_usable_limits_gets_those_of_the_other_side_or_of_the_bolt():
+    model = car()
+    model.joints["kb"].kind = "continuous"
+    model.joints["ka"].limits = Limits(-0.7, 0.7, 1000.0, 0.5)
+    assert mend(model).numbers["steering_limit"].value == 0.7
+    for name in ("ka", "kb"):
+        model.joints[name].kind, model.joints[name].limits = "revolute", Limits(0.0, 0.0, 0.0, 0.0)
+    result = mend(model)
+    assert result.numbers["steering_limit"].value == 0.6
+    assert said(result, "joint 'ka': limits", "0 … 0 rad")
+
+
+@pytest.mark.parametrize("nonsense", [0.0, -1.0, float("nan"), float("inf"), 1e9])
+def test_limits_that_mean_no_limit_are_estimated(nonsense):
+    model = car()
+    for joint in model.joints.values():
+        joint.limits = Limits(joint.limits.lower, joint.limits.upper, nonsense, nonsense)
+    numbers = mend(model).numbers
+    # 1500 kg: half the weight as thrust at the wheels; 0.8 wheel loads at a radius; 0.16 m/s over the radius
+    assert numbers["max_torque"].value == pytest.approx(0.5 * 1500 * 9.80665 * RADIUS)
+    assert numbers["steering_effort"].value == pytest.approx(0.8 * 1500 * 9.80665 / 4 * RADIUS)
+    assert numbers["steering_rate"].value == pytest.approx(0.16 / RADIUS)
+    assert all(number.source.startswith("estimated: ") for name, number in numbers.items() if name != "steering_limit")
+
+
+def test_plausible_limits_of_the_source_are_kept_with_their_place():
+    model = car()
+    for name in ("j2a", "j2b"):
+        model.joints[name].limits = Limits(effort=900.0, velocity=90.0)
+    numbers = mend(model).numbers
+    assert numbers["max_torque"].value == 1800.0
+    assert numbers["wheel_speed_limit"].value == 90.0
+    assert numbers["wheel_speed_limit"].source == "imported: car.urdf:60"
+    assert numbers["steering_rate"].value == 0.5
+
+
+@pytest.mark.parametrize(("mu", "became"), [(10000.0, 0.9), (0.0, 0.9), (0.6, 0.6), (1.75, 1.75)])
+def test_friction_of_a_tyre_is_kept_and_that_of_a_solver_is_not(mu, became):
+    model = car()
+    for name in ("w2a", "w2b"):
+        model.links[name].surface = Surface(mu, mu, 1e7, 1.0, where="car.urdf:90")
+    result = mend(model)
+    assert result.numbers["rear_friction"].value == became
+    assert said(result, "friction of the rear tyres") == (mu != became)
+    assert said(result, "contact stiffness of the tyres", "kp 1e+07 N/m")
+
+
+# --- end to end --------------------------------------------------------------------------------------------------
+
+
+def urdf(scale=1.0, mass=1500.0, extra="", body="", name="buggy"):
+    """A car in URDF whose root lies between the axles on the road."""
+    length, side, radius, width = 2.6 * scale, 0.75 * scale, 0.3 * scale, 0.2 * scale
+    wheel = 0.013 * mass
+    hub = wheel / 2
+    main = mass - 4 * wheel - 2 * hub
+
+    def inertial(weight, moments, place="0 0 0"):
+        ixx, iyy, izz = np.diag(moments)
+        tensor = f'ixx="{ixx:.9g}" iyy="{iyy:.9g}" izz="{izz:.9g}" ixy="0" ixz="0" iyz="0"'
+        return f'<inertial><origin xyz="{place}"/><mass value="{weight:.9g}"/><inertia {tensor}/></inertial>'
+
+    box = f'<geometry><box size="{4 * scale:g} {1.1 * scale:g} {0.6 * scale:g}"/></geometry>'
+    tyre = f'<origin rpy="1.5707963 0 0"/><geometry><cylinder radius="{radius:g}" length="{width:g}"/></geometry>'
+    out = [f'<robot name="{name}">', '<link name="base_link"/>']
+    out.append('<link name="chassis">' + inertial(main, box_tensor(main, 4 * scale, 1.5 * scale, 1.2 * scale)))
+    out.append(body or f"<visual>{box}</visual><collision>{box}</collision>")
+    out.append(f'</link><joint name="weld" type="fixed"><parent link="base_link"/><child link="chassis"/>'
+               f'<origin xyz="0 0 {0.55 * scale:g}"/></joint>')  # fmt: skip
+
+    def turn(kind, joint, parent, child, place, axis, limit):
+        out.append(
+            f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{" ".join(f"{value:g}" for value in place)}"/><axis xyz="{axis}"/><limit {limit}/></joint>'
+        )
+
+    low = radius - 0.55 * scale
+    for letter, sign in (("l", 1), ("r", -1)):
+        out.append(f'<link name="hub_{letter}">{inertial(hub, box_tensor(hub, radius, radius, radius))}</link>')
+        place = (length / 2, sign * 0.7 * scale, low)
+        limit = 'lower="-0.6" upper="0.6" effort="1000" velocity="1"'
+        turn("revolute", f"steer_{letter}", "chassis", f"hub_{letter}", place, "0 0 1", limit)
+        for end, parent, place in (
+            ("f", f"hub_{letter}", (0, sign * 0.05 * scale, 0)),
+            ("r", "chassis", (-length / 2, sign * side, low)),
+        ):
+            link = f"wheel_{end}{letter}"
+            tensor = wheel_tensor(wheel, radius, width)
+            shapes = f"<visual>{tyre}</visual><collision>{tyre}</collision>"
+            out.append(f'<link name="{link}">{inertial(wheel, tensor)}{shapes}</link>')
+            turn("continuous", f"axle_{end}{letter}", parent, link, place, "0 1 0", 'effort="-1" velocity="0"')
+    return "\n".join([*out, extra, "</robot>"])
+
+
+def write(folder, **options):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "car.urdf").write_text(urdf(**options))
+    return folder / "car.urdf"
+
+
+SIZES = {"full size": ({}, 5.0), "1:10": ({"scale": 1 / 6, "mass": 3.5}, 2.0)}  # wheel radius 0.3 and 0.05 m
+
+
+@pytest.fixture
+def same_process(monkeypatch):
+    """Without the process that Drake may crash in: these folders are known to load."""
+    monkeypatch.setattr("mirdrake.vehicles.importing.check_loads", lambda folder: None)
+
+
+@pytest.fixture(scope="module", params=SIZES)
+def driven(request, tmp_path_factory):
+    options, speed = SIZES[request.param]
+    root = tmp_path_factory.mktemp("import")
+    return import_vehicle(write(root / "source", **options), folder=root / "models"), speed
+
+
+def drive(result, rows, duration):
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": str(result.folder)}},
+        "control": {"ego": {"kind": "schedule", "rows": rows}},
+    }
+    return Simulation(assemble(spec)).run(duration=duration).signals
+
+
+def test_an_imported_car_rests_drives_ten_metres_straight_and_circles(driven):
+    result, speed = driven
+    stop = 3.0 + 1.0 + (10.0 - speed / 2) / speed  # at rest for 3 s, faster for 1 s, then on to 10 m
+    rows = [
+        {"time": 0, "speed": 0}, {"time": 3, "speed": 0}, {"time": 4, "speed": speed},
+        {"time": stop, "speed": speed}, {"time": stop + 1, "speed": speed, "steering": 0.2},
+    ]  # fmt: skip
+    signals = drive(result, rows, stop + 4)
+    rest = signals.loc[2.9:3.0]
+    assert np.abs(rest[["ego.vx", "ego.vy", "ego.vz"]].to_numpy()).max() < 1e-3
+    line = signals.loc[:stop].iloc[-1]
+    # a slope of more than 3 m/s² is not followed: the full-size car loses v²/2 (1/3 - 1/v) = 1.67 m
+    expected = 10.0 - max(0.0, speed**2 / 2 * (1 / 3 - 1 / speed))
+    assert line["ego.x"] == pytest.approx(expected, abs=0.02 * expected)
+    assert abs(line["ego.y"]) < 0.01
+    steady = signals.loc[stop + 2.5 :]
+    ideal = steady["ego.vx"].mean() * tan(0.2) / result.vehicle.geometry.wheelbase
+    assert steady["ego.wz"].mean() == pytest.approx(ideal, rel=0.01)
+    assert steady["ego.vx"].mean() == pytest.approx(speed, rel=0.01)
+
+
+def test_the_folder_is_that_of_any_vehicle(driven):
+    result, _ = driven
+    names = {path.name for path in result.folder.iterdir()}
+    assert names == {
+        "README.md", "contact.xacro", "control.yaml", "main.urdf.xacro", "properties.xacro", "sensors.xacro",
+        "sensors.yaml", "structure.xacro", "vehicle.yaml",
+    }  # fmt: skip
+    vehicle = result.vehicle
+    assert vehicle.warnings == ()
+    assert vehicle.spec.numbers_without_source() == []
+    assert vehicle.spec.sources_without_number() == []
+    assert vehicle.spec.grade == "C"
+    assert vehicle.spec.licence == "unknown: see README"
+    assert 'name="chassis"' in vehicle.urdf
+    for drive_axle in ("front", "all"):
+        assert load_vehicle(str(result.folder), arguments={"drive": drive_axle}).spec.drive == drive_axle
+
+
+def test_every_change_stands_in_the_readme_by_file_and_line(driven):
+    result, _ = driven
+    readme = (result.folder / "README.md").read_text()
+    assert "### car.urdf" in readme
+    for change in result.changes:
+        assert f"| {change.what} | {change.was} | {change.became} |" in readme
+    assert str(result.folder.parent.parent) not in readme
+
+
+def test_dimensions_are_those_of_the_source(driven):
+    geometry, scale = driven[0].vehicle.geometry, driven[0].vehicle.geometry.wheelbase / 2.6
+    assert scale == pytest.approx(1.0 if driven[1] == 5.0 else 1 / 6, rel=1e-5)
+    assert (geometry.front_track, geometry.rear_track) == pytest.approx((1.5 * scale, 1.5 * scale), rel=1e-5)
+    assert geometry.kingpin_track == pytest.approx(1.4 * scale, rel=1e-5)
+    assert geometry.front_wheel_radius == pytest.approx(0.3 * scale, rel=1e-5)
+    assert geometry.front_wheel_width == pytest.approx(0.2 * scale, rel=1e-5)
+    assert (geometry.steering_limit, geometry.steering_rate) == (0.6, 1.0)
+
+
+def test_a_body_that_drags_on_the_road_is_lifted_and_one_without_shape_gets_a_box(tmp_path, same_process):
+    box = '<geometry><box size="4 1.1 1.2"/></geometry>'  # from 5 cm below the road on
+    result = import_vehicle(write(tmp_path / "a", body=f"<collision>{box}</collision>"), folder=tmp_path / "a")
+    assert said(result, "collision shape", "from -0.05 to 1.15 m", "from 0.052 m on")  # 0.02 of the wheelbase
+    result = import_vehicle(write(tmp_path / "b", body=f"<visual>{box}</visual>"), folder=tmp_path / "b")
+    assert said(result, "collision shape", "none", "from 0.135 m on")  # the estimated clearance, 0.45 radii
+    assert abs(drive(result, [{"time": 0, "speed": 0}], 3.0)["ego.vz"].iloc[-1]) < 1e-3
+
+
+SENSORS = """
+<gazebo reference="chassis">
+ <sensor type="camera" name="eye"><pose>1 0 0.4 0 0 0</pose><update_rate>30</update_rate>
+  <camera><horizontal_fov>1.396</horizontal_fov><image><width>800</width><height>600</height></image>
+   <clip><near>0.02</near><far>300</far></clip><noise><stddev>0.007</stddev></noise></camera></sensor>
+ <sensor type="ray" name="flat"><update_rate>50</update_rate><ray><scan><horizontal><samples>180</samples>
+  <min_angle>-1.57</min_angle><max_angle>1.57</max_angle></horizontal></scan><range><min>1.5</min><max>80</max></range>
+  </ray></sensor>
+ <sensor type="gpu_ray" name="round"><update_rate>5</update_rate><ray><scan><horizontal><samples>100</samples>
+  <min_angle>-0.4</min_angle><max_angle>0.4</max_angle></horizontal><vertical><samples>20</samples>
+  <min_angle>-0.0349</min_angle><max_angle>0.326</max_angle></vertical></scan><range><min>1</min><max>50</max></range>
+  </ray></sensor>
+ <sensor type="imu" name="imu"/>
+ <sensor type="contact" name="bumper"><update_rate>30</update_rate></sensor>
+</gazebo>"""
+
+
+def test_gazebo_sensors_become_mounts_and_the_rest_is_reported(tmp_path, same_process):
+    result = import_vehicle(write(tmp_path / "source", extra=SENSORS), folder=tmp_path)
+    mounts: Any = result.vehicle.sensors.mounts
+    assert {name: mount.kind for name, mount in mounts.items()} == {
+        "eye": "camera", "flat": "laser_scanner", "round": "lidar", "imu": "imu",
+    }  # fmt: skip
+    assert (mounts["eye"].width, mounts["eye"].near, mounts["eye"].noise) == (800, 0.02, 0.007)
+    assert (mounts["flat"].beams, mounts["flat"].far) == (180, 80.0)
+    assert (mounts["round"].rows, mounts["round"].vertical_end) == (20, 0.326)
+    assert said(result, "sensor 'bumper'", "contact", "left out")
+    assert said(result, "sensor 'imu': rate", "100 Hz")
+    # camera at 1 m ahead of the middle, 0.4 above the chassis, which is 0.55 m above the road
+    assert 'name="eye_mount_joint"' in result.vehicle.urdf
+    assert 'xyz="2.3 0 0.95"' in result.vehicle.urdf
+
+
+def test_pid_gains_of_the_source_become_a_variant(tmp_path, same_process):
+    source = write(tmp_path / "source" / "urdf")
+    (tmp_path / "source" / "package.xml").write_text(
+        "<package><name>buggy_description</name><license>MIT</license></package>"
+    )
+    (tmp_path / "source" / "config").mkdir()
+    gains = "\n".join(
+        f"{joint}_controller: {{type: effort_controllers/{kind}, joint: {joint}, pid: {{p: 100.0, i: 0.01, d: 10.0}}}}"
+        for joint, kind in (("axle_rl", "JointVelocityController"), ("axle_rr", "JointVelocityController"),
+                            ("steer_l", "JointPositionController"), ("steer_r", "JointPositionController"))
+    )  # fmt: skip
+    (tmp_path / "source" / "config" / "control.yaml").write_text(gains)
+    result = import_vehicle(source, folder=tmp_path)
+    control: Any = load_vehicle(f"{result.folder}@imported").control
+    assert (control.wheel_speed.kind, control.wheel_speed.kp) == ("pid", 100.0)
+    assert (control.steering.ki, control.steering.kd) == (0.01, 10.0)
+    assert result.vehicle.control.steering.kind == "servo"
+    assert result.vehicle.spec.licence == "MIT"
+    assert result.vehicle.spec.drive == "rear"
+
+
+def test_an_existing_vehicle_is_only_replaced_by_force(tmp_path, same_process):
+    source = write(tmp_path / "source")
+    first = import_vehicle(source, name="mine", folder=tmp_path)
+    (first.folder / "note").write_text("old")
+    with pytest.raises(ConfigError, match="is there already"):
+        import_vehicle(source, name="mine", folder=tmp_path)
+    import_vehicle(source, name="mine", folder=tmp_path, force=True, progress=lambda text: None)
+    assert not (first.folder / "note").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"mine", "source"}
+
+
+def test_nothing_is_written_when_an_import_fails(tmp_path):
+    source = write(tmp_path / "source", name="two words")
+    (tmp_path / "source" / "car.urdf").write_text(urdf().replace("continuous", "fixed"))
+    with pytest.raises(ModelError, match="no road wheels"):
+        import_vehicle(source, folder=tmp_path / "models")
+    assert {path.name for path in tmp_path.iterdir()} == {"source"}
+    with pytest.raises(ConfigError, match="drive 'left'"):
+        import_vehicle(source, folder=tmp_path, drive="left")  # type: ignore[arg-type]
+
+
+def test_a_folder_that_does_not_load_is_reported_in_one_line_and_taken_away(tmp_path, monkeypatch):
+    monkeypatch.setattr("mirdrake.vehicles.importing.write._geometry", lambda shape: '<box size="0 0 0"/>')
+    with pytest.raises(ModelError, match="does not load: ") as caught:
+        import_vehicle(write(tmp_path / "source"), folder=tmp_path / "models")
+    assert "\n" not in str(caught.value)
+    assert {path.name for path in tmp_path.iterdir()} == {"source"}

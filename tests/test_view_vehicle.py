@@ -1,0 +1,229 @@
+"""What `mirdrake view VEHICLE` shows: sliders of the vehicle's own joints, and layers that buttons and keys switch."""
+
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+
+from mirdrake.paths import data_root
+from mirdrake.vehicles import load_vehicle
+from mirdrake.viewer import make_meshcat, show_vehicle
+from mirdrake.viewer.vehicle_view import BUTTONS
+from mirdrake.worlds import load_world
+from tests.test_browser import browser, colours, needs_browser, picture, severe  # noqa: F401
+
+
+class Remote:
+    """Stands in for a Meshcat and lets a test press its buttons; the scene goes to a real one."""
+
+    def __init__(self, meshcat: Meshcat) -> None:
+        self._meshcat = meshcat
+        self.clicks: dict[str, int] = {}
+        self.visible: dict[str, bool] = {}
+        self.poses: dict[str, np.ndarray] = {}
+
+    def __getattr__(self, name):
+        return getattr(self._meshcat, name)
+
+    def AddButton(self, name, keycode=""):  # noqa: N802
+        self.clicks.setdefault(name, 0)
+        self._meshcat.AddButton(name, keycode)
+
+    def GetButtonClicks(self, name):  # noqa: N802
+        return self.clicks[name]
+
+    def SetProperty(self, path, name, value):  # noqa: N802
+        if name == "visible":
+            self.visible[path] = value
+        self._meshcat.SetProperty(path, name, value)
+
+    def SetTransform(self, path, X):  # noqa: N802
+        self.poses[path] = X.GetAsMatrix4()
+        self._meshcat.SetTransform(path, X)
+
+
+@pytest.fixture(scope="module")
+def real():
+    """One Meshcat for all tests; each view replaces the one before."""
+    return make_meshcat(port=0, world=load_world("empty"))
+
+
+@pytest.fixture
+def view(real, monkeypatch):
+    """A function (options) -> the view of a Bolt, and the remote with which to press buttons."""
+    from pydrake.geometry import MeshcatVisualizer
+
+    add = MeshcatVisualizer.AddToBuilder
+
+    def make(model="bolt", **options):
+        real.DeleteAddedControls()
+        remote = Remote(real)
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                "mirdrake.viewer.vehicle_view.MeshcatVisualizer.AddToBuilder",
+                lambda builder, graph, _, *params: add(builder, graph, real, *params),
+            )
+            _, made = show_vehicle(load_vehicle(model), remote, **options)
+        return made, remote
+
+    return make
+
+
+def test_each_own_joint_has_a_slider_within_its_limits_and_the_floating_base_has_none(view):
+    view()
+    made, remote = view()
+    joints = {f"front_{side}_steering_joint" for side in ("left", "right")}
+    joints |= {f"{end}_{side}_wheel_joint" for end in ("front", "back") for side in ("left", "right")}
+    assert set(remote.GetSliderNames()) == joints
+    remote.SetSliderValue("front_left_steering_joint", 5.0)
+    assert remote.GetSliderValue("front_left_steering_joint") == pytest.approx(0.6)
+    assert made.shown == {"Frames": False, "Collision shapes": False, "Meshes": True}
+
+
+def test_a_slider_turns_its_wheel_and_nothing_else(view):
+    made, remote = view()
+    before = {path: pose.copy() for path, pose in remote.poses.items()}
+    assert not made.follow()
+    remote.SetSliderValue("front_left_steering_joint", 0.5)
+    assert made.follow()
+    moved = {path for path, pose in remote.poses.items() if not np.allclose(pose, before[path], atol=1e-12)}
+    assert moved == {f"/drake/frames/{name}" for name in ("front_left_knuckle", "front_left_wheel", "centre of mass")}
+    turned = remote.poses["/drake/frames/front_left_knuckle"][:3, 0]
+    np.testing.assert_allclose(turned[:2], [np.cos(0.5), np.sin(0.5)], atol=1e-4)
+
+
+def test_the_car_stands_on_its_compressed_tyres(view):
+    _, remote = view()
+    # README of the Bolt: 8.4 mm under the front wheels, 7.3 mm under the rear ones.
+    for name, depth in (("front_left_wheel", 8.4e-3), ("rear_right_wheel", 7.2e-3)):
+        assert remote.poses[f"/drake/frames/{name}"][2, 3] == pytest.approx(0.3234 - depth, abs=2e-4)
+
+
+def test_a_button_switches_its_layer_and_no_other(view):
+    made, remote = view()
+    paths = {"Frames": "/drake/frames", "Collision shapes": "/drake/collision", "Meshes": "/drake/visualizer/bolt"}
+    assert [remote.visible[path] for path in paths.values()] == [False, False, True]
+    for name, path in paths.items():
+        before = dict(remote.visible)
+        remote.clicks[name] += 1
+        assert made.follow()
+        assert remote.visible == before | {path: not before[path]}
+    remote.clicks["Meshes"] += 2  # twice since the last look: as before
+    assert not made.follow()
+
+
+def test_layers_can_be_chosen_from_the_start(view):
+    _, remote = view(frames=True, collision=True, meshes=False)
+    assert remote.visible["/drake/frames"]
+    assert remote.visible["/drake/collision"]
+    assert not remote.visible["/drake/visualizer/bolt"]
+
+
+def test_the_view_ends_at_its_stop_button_or_after_a_time(view):
+    made, remote = view()
+    begin = time.monotonic()
+    made.Run(made._diagram, timeout=0.1)
+    assert 0.1 <= time.monotonic() - begin < 3.0
+    assert "Stop" not in remote.GetButtonNames()
+    remote.clicks["Stop"] = 1
+    made.Run(made._diagram)  # returns at once
+
+
+def test_the_camera_is_as_near_as_the_vehicle_is_small(view, tmp_path):
+    small = tmp_path / "small"
+    shutil.copytree(data_root() / "models" / "bolt", small)
+    eyes: list[np.ndarray] = []
+
+    class Eye(Remote):
+        def SetCameraPose(self, eye, target):  # noqa: N802
+            eyes.append(np.asarray(eye) - np.asarray(target))
+
+    from dataclasses import replace
+
+    from mirdrake.viewer.vehicle_view import look_at
+
+    vehicle = load_vehicle("bolt")
+    tenth = replace(
+        vehicle.geometry,
+        **{
+            key: 0.1 * getattr(vehicle.geometry, key)
+            for key in ("wheelbase", "front_wheel_radius", "rear_wheel_radius")
+        },
+    )
+    meshcat = Eye(make_meshcat(port=0))
+    look_at(meshcat, vehicle)
+    look_at(meshcat, replace(vehicle, geometry=tenth))
+    np.testing.assert_allclose(eyes[1], 0.1 * eyes[0])
+
+
+class TestBrowser:
+    """With a browser."""
+
+    pytestmark = needs_browser
+
+    def test_keys_switch_layers_in_the_picture(self, request):
+        driver = request.getfixturevalue("browser")
+        meshcat = make_meshcat(port=0, world=load_world("empty"))
+        _, made = show_vehicle(load_vehicle("bolt"), meshcat)
+        driver.get(meshcat.web_url())
+        assert _settled(driver, lambda image: _blue(image) > 0.03), "no car"
+        plain = picture(driver)
+        assert severe(driver) == []
+        assert colours(plain) > 60
+        assert set(made.shown) == set(BUTTONS)
+
+        _press(driver, made, "KeyC")
+        assert made.shown["Collision shapes"]
+        assert _settled(driver, lambda image: _red(image) > 0.05), "no collision shapes"
+        _press(driver, made, "KeyC")
+        assert _settled(driver, lambda image: _red(image) < 0.01), "collision shapes stay"
+        _press(driver, made, "KeyM")
+        assert _settled(driver, lambda image: _blue(image) < 0.005), "meshes stay"
+        _press(driver, made, "KeyF")
+        assert _settled(driver, lambda image: _red(image) > 5e-4), "no frames"
+
+    def test_a_page_shows_the_layers_it_was_made_with(self, request, tmp_path: Path):
+        from mirdrake.viewer.show import write_page
+
+        driver = request.getfixturevalue("browser")
+        meshcat = make_meshcat(port=0, world=load_world("empty"))
+        show_vehicle(load_vehicle("bolt"), meshcat, collision=True, meshes=False)
+        write_page(meshcat, tmp_path / "bolt.html")
+        driver.get((tmp_path / "bolt.html").as_uri())
+        assert _settled(driver, lambda image: _red(image) > 0.05 and _blue(image) < 0.005)
+        assert severe(driver) == []
+
+
+def _red(image):
+    """Part of a picture that is clearly red."""
+    pixels = image.astype(int)
+    return float(((pixels[..., 0] > pixels[..., 1] + 60) & (pixels[..., 0] > pixels[..., 2] + 60)).mean())
+
+
+def _blue(image):
+    """Part of a picture that is clearly blue, as the car's paint."""
+    pixels = image.astype(int)
+    return float(((pixels[..., 2] > pixels[..., 0] + 60) & (pixels[..., 2] > pixels[..., 1] + 25)).mean())
+
+
+def _settled(driver, condition, *, patience=30.0):
+    """Whether the picture comes to fulfil a condition within some seconds."""
+    end = time.monotonic() + patience
+    while time.monotonic() < end:
+        if condition(picture(driver)):
+            return True
+        time.sleep(0.2)
+    return False
+
+
+def _press(driver, made, code):
+    """Press a key in the page, and let the view see it."""
+    driver.execute_script(
+        "document.dispatchEvent(new KeyboardEvent('keydown', {code: arguments[0], bubbles: true}))", code
+    )
+    end = time.monotonic() + 10.0
+    while not made.follow() and time.monotonic() < end:
+        time.sleep(0.05)
