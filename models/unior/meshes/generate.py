@@ -1,4 +1,4 @@
-"""Generates the visual meshes of the Avrora Unior: an open car-like robot of its outer dimensions (README.md, section 1).
+"""Generates the visual meshes of the Avrora Unior: an open car-like robot of its outer dimensions (README.md, 1).
 
 Usage: ``python generate.py``; deterministic, writes next to itself.
 """
