@@ -335,6 +335,14 @@ def test_a_plugin_that_names_one_axle_drives_it():
     assert recognise(model).drive == "front"
 
 
+def test_transmissions_without_interface_count_if_they_are_not_on_all_wheels():
+    model = car()
+    model.transmissions = [Transmission(name) for name in ("j1a", "j1b", "ka", "kb")]
+    assert recognise(model).drive == "front"
+    model.transmissions = [Transmission(name) for name in (*EXPECTED.values(), "ka", "kb")]
+    assert recognise(model).drive_source == ""
+
+
 def test_rear_wheels_are_taken_as_driven_if_nobody_says_anything():
     _, roles = roles_of(car())
     assert roles.drive == "rear"
@@ -452,6 +460,15 @@ def test_a_root_link_that_lies_on_its_side_in_the_model_is_turned_up():
     wheels, _ = roles_of(model)
     assert wheels == EXPECTED
     assert mend(model).layout.X_MB.translation() == pytest.approx([-WHEELBASE / 2, 0.0, 1.0 - RADIUS])
+
+
+def test_a_wheel_that_looks_larger_than_it_rolls_is_mentioned():
+    model = car()
+    shape = model.links["w2a"].collisions[0]
+    model.links["w2a"].visuals = [Shape("cylinder", (0.356, WIDTH), shape.X_LG)]
+    result = mend(model)
+    assert result.layout.radii[1] == RADIUS
+    assert said(result, "joint 'j2a': radius", "looks like 0.356 m", "please check")
 
 
 # --- masses ------------------------------------------------------------------------------------------------------
@@ -750,18 +767,16 @@ def drive(result, rows, duration):
 
 def test_an_imported_car_rests_drives_ten_metres_straight_and_circles(driven):
     result, speed = driven
-    stop = 3.0 + 1.0 + (10.0 - speed / 2) / speed  # at rest for 3 s, faster for 1 s, then on to 10 m
+    stop = 5.0 + (10.0 - speed) / speed  # at rest for 3 s, faster for 2 s, then on to 10 m
     rows = [
-        {"time": 0, "speed": 0}, {"time": 3, "speed": 0}, {"time": 4, "speed": speed},
+        {"time": 0, "speed": 0}, {"time": 3, "speed": 0}, {"time": 5, "speed": speed},
         {"time": stop, "speed": speed}, {"time": stop + 1, "speed": speed, "steering": 0.2},
     ]  # fmt: skip
     signals = drive(result, rows, stop + 4)
     rest = signals.loc[2.9:3.0]
     assert np.abs(rest[["ego.vx", "ego.vy", "ego.vz"]].to_numpy()).max() < 1e-3
     line = signals.loc[:stop].iloc[-1]
-    # a slope of more than 3 m/s² is not followed: the full-size car loses v²/2 (1/3 - 1/v) = 1.67 m
-    expected = 10.0 - max(0.0, speed**2 / 2 * (1 / 3 - 1 / speed))
-    assert line["ego.x"] == pytest.approx(expected, abs=0.02 * expected)
+    assert line["ego.x"] == pytest.approx(10.0, abs=0.1)
     assert abs(line["ego.y"]) < 0.01
     steady = signals.loc[stop + 2.5 :]
     ideal = steady["ego.vx"].mean() * tan(0.2) / result.vehicle.geometry.wheelbase
@@ -896,3 +911,25 @@ def test_a_folder_that_does_not_load_is_reported_in_one_line_and_taken_away(tmp_
         import_vehicle(write(tmp_path / "source"), folder=tmp_path / "models")
     assert "\n" not in str(caught.value)
     assert {path.name for path in tmp_path.iterdir()} == {"source"}
+
+
+def test_a_crash_while_loading_becomes_an_error_of_one_line(tmp_path, monkeypatch):
+    crashing = tmp_path / "python"
+    crashing.write_text("#!/bin/sh\necho 'Segmentation fault' >&2\nexit 139\n")
+    crashing.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(crashing))
+    with pytest.raises(ModelError, match=r"crashes Drake \(exit 139\): Segmentation fault") as caught:
+        import_vehicle(write(tmp_path / "source"), folder=tmp_path / "models")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "models").exists()
+
+
+def test_an_imported_vehicle_imported_again_is_the_same_car(driven, tmp_path, same_process):
+    first = driven[0]
+    again = import_vehicle(first.folder / "main.urdf.xacro", name="again", folder=tmp_path, drive="rear")
+    was, now = first.vehicle.geometry, again.vehicle.geometry
+    for name in ("wheelbase", "front_track", "rear_track", "kingpin_track", "front_wheel_radius", "steering_limit"):
+        assert getattr(now, name) == pytest.approx(getattr(was, name), rel=1e-5), name
+    texts = [(result.folder / "properties.xacro").read_text() for result in (first, again)]
+    masses = [[line for line in text.splitlines() if "mass" in line or "_i" in line] for text in texts]
+    assert masses[0] == masses[1]

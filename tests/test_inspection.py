@@ -214,7 +214,7 @@ def page(bolt, tmp_path_factory):
     """The page of a Bolt that has something wrong with it, in a name that HTML must not take for its own."""
     path = tmp_path_factory.mktemp("page") / "bolt.html"
     odd = dataclasses.replace(bolt, warnings=("tyres of <rubber> & air",))
-    write_inspection(odd, path, vehicle=load_vehicle("bolt"))
+    write_inspection(odd, path, vehicle=load_vehicle("bolt"), portrait=False)
     return path.read_text(encoding="utf-8")
 
 
@@ -246,7 +246,7 @@ def test_the_drawings_are_whole_svg_with_a_picture_in_the_first_two(page):
 def test_a_page_without_graphviz_and_without_shapes_says_what_to_install(bolt, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setattr("mirdrake.report.inspection_page.collect_surfaces", lambda *_, **__: [])
-    write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"))
+    write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"), portrait=False)
     assert "apt install graphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
 
 

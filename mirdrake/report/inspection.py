@@ -2,7 +2,7 @@
 
 import html
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mirdrake.drawing import run_dot
@@ -22,12 +22,11 @@ def describe(figures: Inspection) -> str:
     roll, pitch, yaw = figures.inertia
     x, y, z = (round(value, 3) + 0.0 for value in figures.com)
     rows = [
-        ("mass", f"{figures.mass:.1f} kg"),
+        ("mass", f"{figures.mass:.1f} kg" if figures.mass >= 100.0 else f"{figures.mass:.4g} kg"),
         ("centre of mass", f"{x:.3f} m ahead of the rear axle, {y:.3f} m to the left, {z:.3f} m above the road"),
         (
             "axle loads",
-            f"front {front:.0f} N ({front / GRAVITY:.1f} kg, {100 * figures.front_share:.1f} %), "
-            f"rear {rear:.0f} N ({rear / GRAVITY:.1f} kg)",
+            f"front {_load(front)} ({100 * figures.front_share:.1f} %), rear {_load(rear)}",
         ),
         ("left wheels", f"{100 * figures.side_share:.1f} % of the load"),
         ("wheelbase", f"{figures.wheelbase:.3f} m"),
@@ -115,20 +114,25 @@ def write_links_dot(figures: Inspection) -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
-def write_inspection(
-    figures: Inspection, path: Path, *, vehicle: Vehicle, portrait: Callable[[Vehicle], str] | None = None
-) -> None:
+def write_inspection(figures: Inspection, path: Path, *, vehicle: Vehicle, portrait: bool = True) -> None:
     """Write an inspection as one HTML page that opens offline.
 
     Args:
         figures: of the vehicle.
         path: of the page.
         vehicle: itself, for its shapes.
-        portrait: makes a picture of it for the head of the page, as the address of an image (``data:``).
+        portrait: begin with a rendered picture, where there is something to render with.
     """
-    from mirdrake.report.inspection_page import render_inspection
+    from mirdrake.report.inspection_page import render_inspection  # needs more than text does
 
-    write_file(path, render_inspection(figures, vehicle, portrait=portrait(vehicle) if portrait else None))
+    write_file(path, render_inspection(figures, vehicle, portrait=portrait))
+
+
+def _load(force: float) -> str:
+    """A load in N and kg, to a tenth of a per cent or better."""
+    newton = f"{force:.0f}" if abs(force) >= 1000.0 else f"{force:.4g}"
+    kilogram = force / GRAVITY
+    return f"{newton} N, " + (f"{kilogram:.1f} kg" if abs(kilogram) >= 100.0 else f"{kilogram:.4g} kg")
 
 
 def _wheels(figures: Inspection) -> str:

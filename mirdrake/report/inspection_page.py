@@ -1,5 +1,7 @@
 """An inspection as one HTML page: the vehicle to scale, its figures, what looks wrong, its links and joints."""
 
+import base64
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +18,7 @@ from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
 from mirdrake.report.words import spoken
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.figures import Inspection, SensorFigures
+from mirdrake.viewer.portrait import try_portrait
 
 _TEMPLATE = "inspection.html.jinja"
 _GRADES = {
@@ -25,7 +28,7 @@ _GRADES = {
 }
 
 
-def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: str | None = None) -> str:
+def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool = True) -> str:
     """The text of the page; see :func:`mirdrake.report.inspection.write_inspection`."""
     seen, solid = collect_surfaces(vehicle), collect_surfaces(vehicle, collision=True)
     inner, outer = figures.steering_limits
@@ -44,7 +47,7 @@ def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: str | 
     return environment.get_template(_TEMPLATE).render(
         figures=figures,
         grade=_GRADES[figures.grade],
-        portrait=portrait,
+        portrait=_portrait(vehicle) if portrait else None,
         tiles=_tiles(figures),
         side=Markup(draw_side(figures, seen, solid)),
         top=Markup(draw_top(figures, seen, solid)),
@@ -131,6 +134,16 @@ def _view(sensor: SensorFigures) -> str:
     upward = math.degrees(sensor.upward[1] - sensor.upward[0])
     high = f" × {upward:.0f}°" if upward else ""
     return f"{across:.0f}°{high}, {sensor.reach[0]:g} to {sensor.reach[1]:g} m"
+
+
+def _portrait(vehicle: Vehicle) -> str | None:
+    """A rendered picture as a ``data:`` address, None where there is nothing to render with."""
+    picture = try_portrait(vehicle, width=1032, height=516)
+    if picture is None:
+        return None
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=88, optimize=True)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
 def _graph(figures: Inspection) -> tuple[Markup | None, str]:

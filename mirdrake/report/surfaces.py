@@ -1,11 +1,10 @@
 """The surfaces of a vehicle as triangles, and a shaded picture of them along one axis: a drawing to scale.
 
-Parallel projection and painter's algorithm; Drake's own renderer has perspective only, and needs EGL.
+Parallel projection and a depth buffer; Drake's own renderer has perspective only, and needs EGL.
 """
 
 import base64
 import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 from pydrake.geometry import (
     Box,
     Capsule,
@@ -39,7 +38,7 @@ GREY: Colour = (0.62, 0.66, 0.70)
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # glTF has y up, as its specification says
 _LIGHT = np.array([0.35, -0.30, 0.89])  # towards the sun
 _MOST = 400_000  # triangles that are drawn; of more, every second or third
-_LEAST = 0.2  # pixels that a triangle must measure each way to be drawn
+_AT_ONCE = 1_500_000  # pixels that are looked at together
 _VIEWS = {  # axis and sign of what is across and up in the picture, and towards the viewer
     "side": ((0, 1), (2, 1), (1, -1)),
     "top": ((0, 1), (1, 1), (2, 1)),
@@ -184,9 +183,10 @@ def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, floa
     """
     across, up, near = _VIEWS[view]
     left, low, right, high = box
-    scale = _FINER * width / (right - left)
-    size = (_FINER * width, max(_FINER, math.ceil((high - low) * scale)))
-    image = Image.new("RGBA", size, (0, 0, 0, 0))
+    columns = _FINER * width
+    scale = columns / (right - left)
+    rows = _FINER * max(1, round((high - low) * scale / _FINER))
+    pixels = np.zeros((rows, columns, 4), dtype=np.uint8)
     if surfaces:
         triangles = np.concatenate([surface.triangles for surface in surfaces])
         colours = np.concatenate([surface.colours for surface in surfaces])
@@ -194,24 +194,62 @@ def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, floa
         triangles, colours = triangles[::step], colours[::step]
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-        towards = near[1] * normals[:, near[0]]
-        normals *= np.where(towards < 0.0, -1.0, 1.0)[:, None]
+        normals *= np.where(near[1] * normals[:, near[0]] < 0.0, -1.0, 1.0)[:, None]
         light = _LIGHT.copy()
         light[near[0]] = near[1] * abs(light[near[0]])
         shade = 0.50 + 0.50 * np.clip(normals @ light, 0.0, 1.0) + 0.12 * normals[:, near[0]] * near[1]
-        painted = (255.0 * np.clip(colours * shade[:, None] + 0.03, 0.0, 1.0)).astype(int)
+        painted = 255.0 * np.clip(colours * shade[:, None] + 0.03, 0.0, 1.0)
         x = (across[1] * triangles[:, :, across[0]] - left) * scale
         y = (high - up[1] * triangles[:, :, up[0]]) * scale
-        corners = np.stack([x, y], axis=2).reshape(-1, 6).tolist()
-        order = np.argsort(near[1] * triangles[:, :, near[0]].mean(axis=1), kind="stable")
-        wide = (np.ptp(x, axis=1) > _LEAST) & (np.ptp(y, axis=1) > _LEAST)
-        order = order[wide[order]]
-        draw = ImageDraw.Draw(image)
-        fills = [(r, g, b, 255) for r, g, b in painted.tolist()]
-        for index in order.tolist():
-            draw.polygon(corners[index], fill=fills[index])
-    small = image.resize((width, max(1, round(size[1] / _FINER))), Image.Resampling.BOX)
+        _fill(pixels, x, y, near[1] * triangles[:, :, near[0]], painted.astype(np.uint8))
+    small = Image.fromarray(pixels).resize((width, rows // _FINER), Image.Resampling.BOX)
     return png_address(small)
+
+
+def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: NDArray[np.uint8]) -> None:
+    """Fill triangles; of several in one pixel the nearest is seen.
+
+    Args:
+        pixels: picture (rows, columns, 4), red, green, blue, opacity; changed.
+        x: corners (n, 3), across [pixel].
+        y: the same, downwards [pixel].
+        depth: the same, towards the viewer.
+        colours: of the triangles (n, 3).
+    """
+    rows, columns, _ = pixels.shape
+    picture, nearest = pixels.reshape(-1, 4), np.full(rows * columns, -np.inf)
+    twice = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    # Pixels whose middles may be inside: those of the box around each triangle.
+    first_x = np.clip(np.ceil(x.min(axis=1) - 0.5), 0, columns).astype(int)
+    first_y = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, rows).astype(int)
+    wide = np.clip(np.floor(x.max(axis=1) - 0.5) + 1, 0, columns).astype(int) - first_x
+    count = np.maximum(wide, 0) * np.maximum(
+        np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, rows).astype(int) - first_y, 0
+    )
+    count[np.abs(twice) < 1e-9] = 0
+    some = np.nonzero(count)[0]
+    begin = 0
+    total = np.cumsum(count[some])
+    while begin < len(some):
+        before = total[begin - 1] if begin else 0
+        end = max(begin + 1, int(np.searchsorted(total, before + _AT_ONCE)))
+        part = some[begin:end]
+        begin = end
+        which = np.repeat(part, count[part])
+        within = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
+        column, row = first_x[which] + within % wide[which], first_y[which] + within // wide[which]
+        u, v = column + 0.5 - x[which, 0], row + 0.5 - y[which, 0]
+        second = (u * (y[which, 2] - y[which, 0]) - v * (x[which, 2] - x[which, 0])) / twice[which]
+        third = (v * (x[which, 1] - x[which, 0]) - u * (y[which, 1] - y[which, 0])) / twice[which]
+        z = depth[which, 0] + second * (depth[which, 1] - depth[which, 0]) + third * (depth[which, 2] - depth[which, 0])
+        place = row * columns + column
+        seen = (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1.0 + 1e-9) & (z > nearest[place])
+        which, place, z = which[seen], place[seen], z[seen]
+        order = np.argsort(z, kind="stable")  # the last one written stays
+        place, which = place[order], which[order]
+        nearest[place] = z[order]
+        picture[place, :3] = colours[which]
+        picture[place, 3] = 255
 
 
 def png_address(image: Image.Image) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
+from mirdrake.vehicles.importing.kinematics import source_name
 from mirdrake.vehicles.importing.model import Change, Plugin, SourceModel
 from mirdrake.vehicles.spec import Drive
 
@@ -31,6 +32,9 @@ def find_drive(
         for item in model.transmissions
         if item.joint in places and any(word in interface for interface in item.interfaces for word in interfaces)
     }
+    named = {item.joint: item.where for item in model.transmissions if item.joint in places}
+    if not moved and len(named) < len(places):  # without interfaces, but not simply all wheels
+        moved = named
     commanded = {
         joint: item.where
         for item in model.controllers
@@ -43,7 +47,7 @@ def find_drive(
         if found:
             drive = _axle(places[joint] for joint in found)
             return drive, f"imported: {kind}, {next(iter(found.values()))}", []
-    where = model.files[0].name if model.files else ""
+    where = source_name(model)
     why = "no transmission, controller or plugin says what drives"
     return "rear", "", [Change(where, "driven axle", "not said", "rear", why)]
 

@@ -44,6 +44,7 @@ class Wheel:
         off_axis: how far the shape's centre is from the axis [m].
         shape: what is round.
         steering: upright joints on the way from the root, the nearest to the wheel last.
+        seen: radius of the largest round visual [m]; None if there is none.
     """
 
     joint: Joint
@@ -53,6 +54,7 @@ class Wheel:
     off_axis: float
     shape: Round
     steering: tuple[Joint, ...]
+    seen: float | None
 
     @property
     def bottom(self) -> float:
@@ -148,7 +150,8 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
             upright.append(joint)
         off_axis = float(np.hypot(shape.centre[0], shape.centre[2]))
         point = X_MW.multiply(np.array([0.0, shape.centre[1], 0.0]))
-        found.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright)))
+        seen = next((item.radius for item in rounds if item.role == "visual"), None)
+        found.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright), seen))
     if not found:
         return [], blank
     lowest = min(found, key=lambda wheel: wheel.bottom)

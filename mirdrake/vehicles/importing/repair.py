@@ -125,8 +125,8 @@ def _make_parts(
         changes.append(Change(root.where, "name of the base link", tree.root, f"{base} stays", why))
     body = Part(base, tree.rigid_with(tree.root, free), layout.X_MB)
     if not layout.X_MB.IsNearlyEqualTo(RigidTransform(), 1e-6):
-        x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-9, 0.0, layout.X_MB.translation())
-        was = f"frame of link '{tree.root}', {_shown(-x, -y, -z)} m from there along its axes"
+        x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-6, 0.0, layout.X_MB.translation())
+        was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
         became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
         changes.append(Change(root.where, "base frame", was, became, "the base frame of mirdrake"))
     knuckles = []

@@ -26,6 +26,9 @@ SLACK = 0.003
 WORTH_SAYING = 1e-3
 """Angles [rad], and lengths over the wheelbase, above which a report mentions them."""
 
+SEEN = 0.05
+"""Part of the radius by which a wheel may look larger or smaller than it is before that is said."""
+
 LEAN = 0.2
 """Largest slope [rad] of the road below the wheels at the zero position."""
 
@@ -175,7 +178,11 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
         was = f"sphere of radius {shape.radius:.4g} m"
         became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
         changes.append(Change(shape.shape.where, f"{what}: {shape.role} shape", was, became, "a tyre has a width"))
-    elif shape.role == "visual":
+    if wheel.seen is not None and abs(wheel.seen - shape.radius) > SEEN * shape.radius:
+        was = f"radius {shape.radius:.4g} m, looks like {wheel.seen:.4g} m"
+        became = f"{shape.radius:.4g} m: please check"
+        changes.append(Change(shape.shape.where, f"{what}: radius", was, became, "it rolls on its collision shape"))
+    if shape.role == "visual":
         became = f"cylinder of radius {shape.radius:.4g} m, {shape.width:.4g} m wide"
         why = "the wheel has no round collision shape; this is what the eye sees"
         changes.append(Change(shape.shape.where, f"{what}: collision shape", "none that is round", became, why))

@@ -1,0 +1,218 @@
+"""A still picture of a vehicle: on asphalt, from ahead of its left side, drawn by Drake's renderer without a screen."""
+
+from math import cos, pi, sin, tan
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from PIL import Image
+from pydrake.common import MemoryFile
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    GeometryInstance,
+    InMemoryMesh,
+    LightParameter,
+    Mesh,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    Rgba,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.sensors import CameraInfo
+
+from mirdrake.errors import MissingDependencyError
+from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
+from mirdrake.sensors.camera import add_renderer, use_plain_textures
+from mirdrake.vehicles import Vehicle
+from mirdrake.worlds import World, load_world
+from mirdrake.worlds.scenery import lights, sky_colors
+
+Array = NDArray[np.float64]
+
+FIELD_OF_VIEW = 28.0 * pi / 180.0
+"""Horizontal [rad]; that of a lens of 72 mm before film of 36 mm, which keeps a car's proportions."""
+
+_AZIMUTH, _ELEVATION = 0.62, 0.115  # [rad] of the camera, seen from the vehicle: to the left, above
+_MARGIN = 1.22  # room around the vehicle
+_FINER = 2  # pixels drawn for one that is kept, each way
+_KEY = (1.0, 0.0, 1.0)  # colour of what is sky; no car has it
+_SUN = (1.25, 0.95)  # [rad] azimuth and elevation of the sun, on the camera's side of the vehicle
+_SHADE = 0.13  # darkness of one layer of the shadow, of which there are several for a soft edge
+_LAYERS = 9
+_STEER = 0.35  # part of the steering limit that the wheels are turned by
+
+
+def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> Image.Image:
+    """A picture of a vehicle.
+
+    Args:
+        vehicle: to draw.
+        width: of the picture [pixel].
+        height: of the picture [pixel].
+
+    Raises:
+        MissingDependencyError: there is nothing to render with.
+    """
+    builder = DiagramBuilder()
+    world = load_world("empty")
+    parts = make_plant(builder, world, {vehicle.name: vehicle}, spec=PlantSpec(contact="point"))
+    part = parts.vehicles[vehicle.name]
+    points = _seen_points(parts, part, _pose(parts, part, parts.plant.CreateDefaultContext()))
+    _add_shadow(parts, points)
+    use_plain_textures(parts.plant, parts.scene_graph)
+    _add_renderer(parts.scene_graph, world)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    _pose(parts, part, parts.plant.GetMyMutableContextFromRoot(context))
+    X_WC, distance = _place(np.vstack(points), width / height)
+    focal = 0.5 * _FINER * width / tan(0.5 * FIELD_OF_VIEW)
+    size = (_FINER * width, _FINER * height)
+    info = CameraInfo(*size, focal, focal, 0.5 * size[0], 0.5 * size[1])
+    core = RenderCameraCore("portrait", info, ClippingRange(0.2 * distance, 500.0 * distance), RigidTransform())
+    query = parts.scene_graph.get_query_output_port().Eval(parts.scene_graph.GetMyContextFromRoot(context))
+    picture = query.RenderColorImage(ColorRenderCamera(core, False), parts.scene_graph.world_frame_id(), X_WC)
+    pixels = picture.data[:, :, :3].astype(float)
+    small = Image.fromarray(_with_sky(pixels, world).astype(np.uint8))
+    return small.resize((width, height), Image.Resampling.LANCZOS)
+
+
+def try_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> Image.Image | None:
+    """The same where a picture is no more than an ornament: None where there is nothing to render with."""
+    try:
+        return draw_portrait(vehicle, width=width, height=height)
+    except MissingDependencyError:
+        return None
+
+
+def _pose(parts: PlantParts, part: VehicleInPlant, context: Context) -> Context:
+    """Put a vehicle on the road, its wheels turned a little to the left, for a plant's context; returns it."""
+    set_start(parts.plant, context, part, x=0.0, y=0.0, yaw=0.0)
+    for joint in part.steering:
+        joint.set_angle(context, _STEER * part.vehicle.geometry.steering_limit)
+    return context
+
+
+def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> list[Array]:
+    """Points (n, 3) [m] whose hull is that of a shape, for each shape that is seen."""
+    inspector = parts.scene_graph.model_inspector()
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    found = [np.array([[0.0, 0.0, 0.0], [part.vehicle.geometry.wheelbase, 0.0, 0.0]])]
+    for index in parts.plant.GetBodyIndices(part.instance):
+        body = parts.plant.get_body(index)
+        X_WB = parts.plant.EvalBodyPoseInWorld(context, body)
+        for geometry in parts.plant.GetVisualGeometriesForBody(body):
+            X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
+            hull = inspector.GetConvexHull(geometry)
+            if hull is not None:
+                points = np.array([hull.vertex(number) for number in range(hull.num_vertices())])
+            elif (box := inspector.GetObbInGeometryFrame(geometry)) is not None:
+                points = (signs * box.half_width()) @ box.pose().rotation().matrix().T + box.pose().translation()
+            else:
+                continue
+            found.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
+    return found
+
+
+def _add_shadow(parts: PlantParts, points: list[Array]) -> None:
+    """A soft shadow on the road: dark layers, each a little smaller than the one below.
+
+    The renderer's own shadows are as coarse as the ground is wide, a texel a metre.
+    """
+    azimuth, elevation = _SUN
+    slant = np.array([cos(azimuth), sin(azimuth)]) / tan(elevation)
+    hulls = [shapely.MultiPoint(part[:, :2] - np.maximum(part[:, 2:], 0.0) * slant).convex_hull for part in points]
+    shadow = shapely.union_all(hulls)
+    size = float(np.ptp(np.vstack(points), axis=0).max())
+    world = parts.plant.GetBodyFrameIdOrThrow(parts.plant.world_body().index())
+    for layer in range(_LAYERS):
+        edge = (0.3 - layer / (_LAYERS - 1)) * 0.10 * size
+        outline = shadow.buffer(edge)
+        if outline.is_empty:
+            break
+        lines = []
+        for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(outline)):
+            corners = shapely.get_coordinates(shapely.orient_polygons(triangle))[:3]
+            lines.append(corners)
+        height = 2e-4 * size * (layer + 1)
+        mesh = Mesh(InMemoryMesh(mesh_file=MemoryFile(_write_obj(np.array(lines), height), ".obj", "shadow")))
+        properties = PerceptionProperties()
+        properties.AddProperty("phong", "diffuse", Rgba(0.0, 0.0, 0.0, _SHADE))
+        instance = GeometryInstance(RigidTransform(), mesh, f"shadow/{layer}")
+        instance.set_perception_properties(properties)
+        parts.scene_graph.RegisterGeometry(parts.plant.get_source_id(), world, instance)
+
+
+def _write_obj(triangles: Array, height: float) -> str:
+    """Horizontal triangles (n, 3, 2) [m] at a height [m] as an OBJ file."""
+    lines = [f"v {x:.6f} {y:.6f} {height:.6f}" for x, y in triangles.reshape(-1, 2).tolist()]
+    lines.append("vn 0 0 1")
+    lines += [f"f {i}//1 {i + 1}//1 {i + 2}//1" for i in range(1, 3 * len(triangles), 3)]
+    return "\n".join(lines) + "\n"
+
+
+def _lights(world: World) -> list[LightParameter]:
+    """The lights of a world with the sun on the camera's side."""
+    azimuth, elevation = _SUN
+    towards = np.array([cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)])
+    _, *ambient = lights(world)
+    color = Rgba(1.0, 0.97, 0.92, 1.0)
+    sun = LightParameter(type="directional", frame="world", direction=-towards, intensity=1.15 * pi, color=color)
+    return [sun, *ambient]
+
+
+def _add_renderer(scene_graph: SceneGraph, world: World) -> None:
+    params = RenderEngineVtkParams(lights=_lights(world), default_clear_color=_KEY, force_to_pbr=True)
+    try:
+        add_renderer(scene_graph, "portrait", params)
+    except MissingDependencyError as error:
+        reason = str(error).partition("(")[2].partition(")")[0]
+        raise MissingDependencyError(
+            f"a portrait needs EGL to render ({reason}): install your system's EGL and Mesa drivers "
+            "(Debian: apt install libegl1 libgl1-mesa-dri)"
+        ) from None
+
+
+def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
+    """Pose of the camera (z ahead, x to the right, y down) from which points just fill the picture, and its distance.
+
+    Args:
+        corners: what shall be seen (n, 3) [m].
+        aspect: width over height of the picture.
+    """
+    back = np.array([cos(_ELEVATION) * cos(_AZIMUTH), cos(_ELEVATION) * sin(_AZIMUTH), sin(_ELEVATION)])
+    ahead = -back
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(ahead, right)
+    R_WC = RotationMatrix(np.column_stack([right, down, ahead]))
+    target = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    slope = tan(0.5 * FIELD_OF_VIEW)
+    distance = 0.0
+    for _ in range(3):  # the middle of what is seen moves a little with the distance
+        seen = (corners - target) @ R_WC.matrix()
+        distance = float(
+            max(
+                (np.abs(seen[:, 0]) * _MARGIN / slope - seen[:, 2]).max(),
+                (np.abs(seen[:, 1]) * _MARGIN / (slope / aspect) - seen[:, 2]).max(),
+            )
+        )
+        place = seen[:, :2] / (seen[:, 2] + distance)[:, None]
+        middle = 0.5 * (place.min(axis=0) + place.max(axis=0)) * distance
+        target = target + R_WC.matrix()[:, :2] @ middle
+    return RigidTransform(R_WC, target + distance * back), distance
+
+
+def _with_sky(pixels: Array, world: World) -> Array:
+    """A picture (height, width, 3), 0 .. 255, with a sky that is paler towards the horizon."""
+    sky = np.abs(pixels - 255.0 * np.array(_KEY)).max(axis=2) < 2.0
+    if not sky.any():
+        return pixels
+    zenith, horizon = sky_colors(world)
+    last = int(np.nonzero(sky.any(axis=1))[0].max()) + 1
+    share = (np.arange(pixels.shape[0]) / last).clip(0.0, 1.0)[:, None]
+    rows = 255.0 * ((1.0 - share) * (0.45 * zenith + 0.55 * horizon) + share * (0.5 * horizon + 0.5))
+    return np.where(sky[:, :, None], rows[:, None, :], pixels)

@@ -1,0 +1,70 @@
+"""The rendered still of a vehicle."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mirdrake.errors import MissingDependencyError
+from mirdrake.sensors import camera
+from mirdrake.vehicles import load_vehicle
+from mirdrake.viewer.portrait import draw_portrait, try_portrait
+
+needs_egl = pytest.mark.skipif(camera._egl_fault() is not None, reason="needs EGL")
+
+
+@pytest.fixture(scope="module")
+def bolt():
+    """A small portrait of a Bolt: rows of red, green, blue."""
+    return np.asarray(draw_portrait(load_vehicle("bolt"), width=320, height=180)).astype(int)
+
+
+@needs_egl
+class TestPicture:
+    """What is in it."""
+
+    def test_it_has_the_size_asked_for(self, bolt):
+        assert bolt.shape == (180, 320, 3)
+
+    def test_the_car_fills_the_picture_and_leaves_room_on_every_side(self, bolt):
+        paint = (bolt[..., 2] > bolt[..., 0] + 80) & (bolt[..., 2] > bolt[..., 1] + 40)
+        rows, columns = np.nonzero(paint)
+        assert paint.mean() > 0.15
+        # A margin of 1.22 around the widest or highest: 1 / 1.22 of the picture between 9 % and 91 %.
+        assert 0.05 < columns.min() / 320 < columns.max() / 320 < 0.95
+        assert 0.02 < rows.min() / 180 < rows.max() / 180 < 0.98
+
+    def test_the_sky_is_above_and_pales_downwards_and_the_asphalt_is_grey(self, bolt):
+        sky = bolt[:8, :40].mean(axis=(0, 1))
+        assert sky[2] > sky[0] + 10
+        assert bolt[8, :40].mean() > bolt[0, :40].mean()
+        road = bolt[-12:, :40].mean(axis=(0, 1))
+        assert np.ptp(road) < 12
+        assert 30 < road.mean() < 160
+
+    def test_no_pixel_keeps_the_colour_that_stands_for_sky(self, bolt):
+        key = (bolt[..., 0] > 200) & (bolt[..., 1] < 60) & (bolt[..., 2] > 200)
+        assert not key.any()
+
+    def test_the_same_vehicle_gives_the_same_picture(self, bolt):
+        again = np.asarray(draw_portrait(load_vehicle("bolt"), width=320, height=180)).astype(int)
+        assert np.abs(again - bolt).max() <= 1
+
+    def test_a_vehicle_without_meshes_still_has_its_road(self):
+        vehicle = load_vehicle("bolt")
+        bare = "\n".join(line for line in vehicle.urdf.split("\n"))
+        while "<visual" in bare:
+            begin = bare.index("<visual")
+            bare = bare[:begin] + bare[bare.index("</visual>") + len("</visual>") :]
+        picture = np.asarray(draw_portrait(dataclasses.replace(vehicle, urdf=bare), width=64, height=36))
+        assert picture.std() > 5.0
+
+
+def test_without_egl_there_is_a_reason_and_for_an_ornament_nothing(monkeypatch):
+    monkeypatch.setattr(camera, "_egl_fault", lambda: "libEGL.so.1 is not installed")
+    monkeypatch.setattr("sys.platform", "linux")
+    with pytest.raises(
+        MissingDependencyError, match=r"a portrait needs EGL.*libEGL.so.1 is not installed.*apt install"
+    ):
+        draw_portrait(load_vehicle("bolt"), width=64, height=36)
+    assert try_portrait(load_vehicle("bolt"), width=64, height=36) is None

@@ -1,0 +1,255 @@
+"""The reference vehicles against published figures, written by hand with their sources; and what their variants are.
+
+Static figures are measured on the expanded model: mass and centre of mass with Drake's own, dimensions on the joints.
+Turning circles are those of the middle of the outer front wheel, kerb to kerb; half a tyre's width is left out.
+"""
+
+import functools
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from mirdrake.diagram import assemble
+from mirdrake.paths import data_root
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle, variants
+from mirdrake.vehicles.inspection import inspect_vehicle
+
+GRAVITY = 9.80665
+INCH, FOOT, POUND = 0.0254, 0.3048, 0.45359237
+
+
+@dataclass(frozen=True)
+class Published:
+    """Figures [kg, m, -] of a car; None where nobody has published one."""
+
+    mass: float
+    wheelbase: float | None
+    tracks: tuple[float, float]
+    front_share: float
+    turning_circle: float | None = None
+    turning_radius: float | None = None
+    length: float | None = None
+
+
+PUBLISHED = {
+    # Mass 3563 lb and wheelbase 102.4 in: Wikipedia, maker's figures. Track: the authors' properties.md.
+    # Front share: README 3, assumed; nobody has published one.
+    "bolt": Published(3563 * POUND, 102.4 * INCH, (1.501, 1.501), 0.56, length=4.166),
+    # Kerb mass 3794 lb, wheelbase 103.1 in, length 174.7 in: road tests of the 2008 Escape Hybrid AWD. Tracks 61.3 and
+    # 60.9 in: data of the 2005 Escape, whose chassis the 2008 one kept. Turning circle 36.7 ft: README 6, not verified.
+    # Front share: README 3, assumed.
+    "catvehicle": Published(
+        3794 * POUND, 103.1 * INCH, (61.3 * INCH, 60.9 * INCH), 0.57, turning_circle=36.7 * FOOT, length=174.7 * INCH
+    ),
+    # Mass 3828 lb, wheelbase 112.2 in and track 62.3 in: Dataspeed's drive-by-wire stack. Smallest turning radius
+    # 5.05386 m and length 4.933 m: Apollo, modules/calibration/data/mkz_example/vehicle_param.pb.txt.
+    # Front share: README 3, assumed.
+    "mkz": Published(3828 * POUND, 112.2 * INCH, (62.3 * INCH,) * 2, 0.60, turning_radius=5.05386147161, length=4.933),
+    # Mass and length: the Unior paper, which gives neither wheelbase nor track; the track is its width less a tyre's.
+    "unior": Published(43.5, None, (0.65 - 0.11,) * 2, 0.50, length=1.112),
+}
+ROOT = data_root() / "models"
+CARS = [name for name in PUBLISHED if (ROOT / name / "vehicle.yaml").is_file()]
+FILES = (
+    "README.md", "main.urdf.xacro", "properties.xacro", "structure.xacro", "contact.xacro", "sensors.xacro",
+    "vehicle.yaml", "control.yaml", "sensors.yaml", "meshes/body.gltf", "meshes/wheel.gltf",
+)  # fmt: skip
+
+
+@functools.cache
+def figures(name):
+    return inspect_vehicle(load_vehicle(name))
+
+
+def run(model, *, speed, duration, start=0.0, control=None):
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": model, "speed": start}},
+        "control": {"ego": control or {"kind": "constant", "speed": speed}},
+        "plant": {"contact": "point"},
+    }
+    return Simulation(assemble(spec)).run(duration=duration)
+
+
+def bend(model):
+    """Into a bend that would need 1.8 g, at 14 m/s."""
+    rows = [{"time": t, "speed": 14.0, "steering": angle} for t, angle in ((0.0, 0.0), (0.5, 0.0), (1.0, 0.25))]
+    return run(model, speed=14.0, duration=4.0, start=14.0, control={"kind": "schedule", "rows": rows})
+
+
+# --- the real cars -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_it_weighs_what_is_published(name):
+    assert figures(name).mass == pytest.approx(PUBLISHED[name].mass, rel=0.01)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_its_wheelbase_and_tracks_are_the_published_ones(name):
+    published = PUBLISHED[name]
+    if published.wheelbase is not None:
+        assert figures(name).wheelbase == pytest.approx(published.wheelbase, rel=0.01)
+    assert figures(name).tracks == pytest.approx(published.tracks, rel=0.01)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_its_axles_carry_what_mass_and_share_say(name):
+    published = PUBLISHED[name]
+    weight = published.mass * GRAVITY
+    loads = (weight * published.front_share, weight * (1.0 - published.front_share))
+    assert figures(name).loads == pytest.approx(loads, rel=0.01)
+    assert figures(name).side_share == pytest.approx(0.5, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in CARS if PUBLISHED[name].turning_circle or PUBLISHED[name].turning_radius]
+)
+def test_it_turns_within_the_published_circle(name):
+    published = PUBLISHED[name]
+    if published.turning_circle is not None:  # kerb to kerb
+        assert figures(name).turning_circle == pytest.approx(published.turning_circle, rel=0.01)
+    if published.turning_radius is not None:  # of the middle of the rear axle
+        assert figures(name).turning_radius == pytest.approx(published.turning_radius, rel=0.01)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_it_is_as_long_as_published_and_its_centre_of_mass_is_between_the_wheels(name):
+    found = figures(name)
+    assert found.size[0] == pytest.approx(PUBLISHED[name].length, rel=0.01)
+    assert 0.35 * found.size[2] < found.com[2] < 0.40 * found.size[2] or name == "bolt"  # the Bolt's battery is low
+    assert 0.8 < found.dynamic_index < 1.1
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_nothing_about_it_looks_wrong(name):
+    assert figures(name).warnings == ()
+
+
+# --- the folders -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_its_folder_is_complete(name):
+    assert [file for file in FILES if not (ROOT / name / file).is_file()] == []
+    text = (ROOT / name / "README.md").read_text(encoding="utf-8")
+    for words in ("Grade", "Licence", "Frame `base_link`", "## Derivation"):
+        assert words in text
+    sections = [int(number) for number in re.findall(r"^\*\*(\d+) ", text, flags=re.MULTILINE)]
+    assert sections == list(range(1, len(sections) + 1))
+    assert len(sections) >= 7
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_every_number_of_its_yaml_has_a_source(name):
+    spec = load_vehicle(name).spec
+    assert spec.numbers_without_source() == []
+    assert spec.sources_without_number() == []
+    assert spec.grade in (ROOT / name / "README.md").read_text(encoding="utf-8").split("Grade **")[1][:1]
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_its_readme_names_every_variant(name):
+    text = (ROOT / name / "README.md").read_text(encoding="utf-8")
+    assert [variant for variant in variants(ROOT / name) if f"@{variant}" not in text] == []
+
+
+# --- the variants ------------------------------------------------------------------------------------------------
+
+
+def test_the_published_bolt_weighs_1622_kg_with_its_centre_of_mass_four_fifths_of_a_metre_up():
+    found = figures("bolt@published")
+    assert found.mass == pytest.approx(1562 + 4 * 10 + 2 * 10, abs=1e-9)
+    body = next(link for link in found.links if link.name == "base_link")
+    assert body.com == pytest.approx((1.3, 0.0, 1.1159 - (0.608 - 0.3235)), abs=1e-9)
+    # 566, 1880, 2045 and 48 for xz: (566 + 2045) / 2 -+ sqrt(739.5² + 48²)
+    assert body.moments == pytest.approx((564.444, 1880.0, 2046.556), abs=1e-3)
+    assert found.tracks == pytest.approx((2 * (0.655 + 0.1125), 2 * 0.765), abs=1e-9)
+    assert found.kingpin_track == pytest.approx(1.31, abs=1e-9)
+    assert found.static_stability < 1.0  # it tips before it slides
+
+
+def test_the_published_bolt_runs_nine_percent_slow():
+    # its controller has wheels of 0.356 m, the model of 0.3235 m: 0.3235 / 0.356 = 0.909
+    moved = run("bolt@published", speed=5.0, duration=6.0)
+    assert moved["ego.vx"].loc[4.0:].mean() / 5.0 == pytest.approx(0.3235 / 0.356, rel=0.005)
+
+
+def test_the_published_bolt_tips_over_where_the_real_one_slides():
+    # half a track over the height: 0.94 against a friction of 1.8; 1.50 against 0.9
+    assert bend("bolt@published")["ego.roll"].abs().max() > 1.0
+    assert bend("bolt")["ego.roll"].abs().max() < 0.05
+
+
+def test_the_published_cat_vehicle_leans_into_the_bend():
+    lean = {name: bend(name)["ego.roll"].loc[2.0:].mean() for name in ("catvehicle", "catvehicle@published")}
+    assert lean["catvehicle"] > 0.01  # outwards: to the right in a left bend
+    assert lean["catvehicle@published"] < 0.0
+
+
+def test_the_published_cat_vehicle_hides_its_load_transfer():
+    found = figures("catvehicle@published")
+    assert found.mass == pytest.approx(1885.239, abs=1e-6)
+    body = next(link for link in found.links if link.name == "base_link")
+    assert body.com[2] == pytest.approx(-0.0256 - (0.66 - 0.3671951254), abs=1e-9)  # a third of a metre below the road
+    assert found.com[2] < -0.2
+    assert found.wheelbase == pytest.approx(2.60, abs=1e-9)
+    wheel = load_vehicle("catvehicle@published").control.believes.wheel_radius
+    assert wheel == pytest.approx(1.0 / 2.6101, rel=1e-5)
+
+
+def test_the_published_cat_vehicle_runs_four_percent_slow():
+    # 2.6101 instead of 1 / 0.3672 = 2.723
+    moved = run("catvehicle@published", speed=5.0, duration=9.0)
+    assert moved["ego.vx"].loc[7.0:].mean() / 5.0 == pytest.approx(2.6101 * 0.3671951254, rel=0.005)
+
+
+def test_the_cat_vehicle_in_pounds_weighs_more_than_twice_the_real_car():
+    found = figures("catvehicle@published_pounds")
+    assert found.mass == pytest.approx(3755 + 4 * 100 + 2 * 50 + 2, abs=1e-9)
+    assert found.mass > 2.0 * figures("catvehicle").mass
+    ratios = [
+        heavy.moments[i] / light.moments[i]
+        for heavy, light in zip(found.links, figures("catvehicle@published").links, strict=True)
+        for i in range(3)
+        if heavy.name == "base_link"
+    ]
+    assert ratios == pytest.approx([1.0 / POUND] * 3, rel=1e-4)  # both mass and inertia, 2.2046 times
+
+
+def test_the_explorer_has_its_published_mass_wheelbase_length_and_track():
+    # 4695 lb: road test of the 4WD; 112.6 in, 197.1 in: Car and Driver, December 2010; track 67 in: dealers' data
+    found = figures("catvehicle@explorer")
+    assert found.mass == pytest.approx(4695 * POUND, rel=0.01)
+    assert found.wheelbase == pytest.approx(112.6 * INCH, rel=0.01)
+    assert found.size[0] == pytest.approx(197.1 * INCH, rel=0.01)
+    assert found.tracks == pytest.approx((67 * INCH,) * 2, rel=0.01)
+    assert found.warnings == ()
+
+
+def test_the_published_mkz_has_a_third_of_the_yaw_inertia():
+    found, real = figures("mkz@published"), figures("mkz")
+    assert found.mass == pytest.approx(1542.0, abs=1e-9)
+    body = next(link for link in found.links if link.name == "base_link")
+    assert body.moments == pytest.approx((1000.0,) * 3, abs=1e-9)
+    assert body.com == pytest.approx((1.4225, 0.0, 0.25 + 0.33), abs=1e-9)
+    assert found.inertia[2] == pytest.approx(real.inertia[2] / 3.0, rel=0.1)
+    assert found.drive == "rear"
+
+
+def test_the_published_mkz_is_not_slowed_by_its_limit_of_22_rad_per_s():
+    # 22 rad/s x 0.33 m = 7.26 m/s: Drake takes a joint's speed limit as a note, not as a stop
+    moved = run("mkz@published", speed=9.0, duration=6.0)
+    assert moved["ego.vx"].iloc[-1] == pytest.approx(9.0, rel=0.01)
+
+
+def test_every_variant_says_what_it_is_in_one_line_and_sources_its_numbers():
+    for name in CARS:
+        for variant, path in variants(ROOT / name).items():
+            vehicle = load_vehicle(f"{name}@{variant}")
+            assert vehicle.spec.numbers_without_source() == [], path
+            assert vehicle.warnings == ()
+            assert np.isfinite(figures(f"{name}@{variant}").mass)
