@@ -18,7 +18,6 @@ from mirdrake.diagram_spec import DiagramSpec, load_diagram
 from mirdrake.plant import make_plant, set_start
 from mirdrake.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
-from mirdrake.worlds import load_world
 
 STEPS = {"point": (0.002, 0.005, 0.010, 0.020), "hydroelastic": (0.002, 0.005, 0.010, 0.020)}
 """Plant steps [s] per contact setting."""
@@ -54,7 +53,7 @@ class BarePlant:
         entry = spec.vehicles["ego"]
         vehicle = load_vehicle(entry.model, arguments=entry.arguments)
         builder = DiagramBuilder()
-        self.parts = make_plant(builder, load_world(spec.world), {"ego": vehicle}, spec=spec.plant)
+        self.parts = make_plant(builder, spec.world.load(), {"ego": vehicle}, spec=spec.plant)
         plant, self._part = self.parts.plant, self.parts.vehicles["ego"]
         count = plant.num_actuators(self._part.instance)
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices())

@@ -3,9 +3,6 @@
 A new block of ours is one schema with a ``make`` method here and one entry in :data:`BLOCKS`.
 """
 
-import importlib
-import inspect
-import sys
 from collections.abc import Mapping
 from math import inf
 from pathlib import Path
@@ -27,6 +24,7 @@ from pydrake.systems.primitives import (
 
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.own_systems import make_own_system
 from mirdrake.yaml_io import Duration, Schema, Source, validate
 
 
@@ -173,7 +171,7 @@ def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, fold
     """
     where = source.where("kind")
     if ":" in kind:
-        return _make_own(kind, parameters, where=where, folder=folder)
+        return make_own_system(kind, parameters, where=where, folder=folder)
     if kind not in BLOCKS:
         words = did_you_mean(kind, BLOCKS)
         raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")
@@ -183,59 +181,3 @@ def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, fold
     except ConfigError as error:
         raise ConfigError(f"{source.where()}: {error}") from None
     return system
-
-
-def _make_own(kind: str, parameters: Mapping[str, Any], *, where: str, folder: Path | None) -> System:
-    """A system from ``module:Class``."""
-    module_name, _, class_name = kind.partition(":")
-    extra = [str(path) for path in (folder, Path.cwd()) if path is not None and str(path) not in sys.path]
-    sys.path[:0] = extra
-    _forget_namesake(module_name, [path for path in (folder, Path.cwd()) if path is not None])
-    try:
-        module = importlib.import_module(module_name)
-        _FOREIGN.add(module_name)
-    except ImportError as error:
-        raise ConfigError(f"{where}: module '{module_name}' cannot be imported: {error}") from None
-    except Exception as error:
-        raise ConfigError(f"{where}: module '{module_name}' fails on import: {type(error).__name__}: {error}") from None
-    finally:
-        for path in extra:
-            sys.path.remove(path)
-    maker = getattr(module, class_name, None)
-    if not isinstance(maker, type) or not issubclass(maker, System):
-        own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
-        classes = [name for name, value in own.items() if isinstance(value, type) and issubclass(value, System)]
-        raise ConfigError(
-            f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}"
-        )
-    try:
-        signature = inspect.signature(maker)
-        allowed = [
-            name for name, p in signature.parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
-        ]
-        any_keyword = any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values())
-        for name in parameters:
-            if name not in allowed and not any_keyword:
-                raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, allowed)}")
-    except ValueError:
-        pass  # a class of C++ has no signature to look into
-    try:
-        return maker(**parameters)
-    except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from None
-    except Exception as error:
-        text = str(error).splitlines()[0] if str(error) else ""
-        raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None
-
-
-_FOREIGN: set[str] = set()  # modules that were imported here
-
-
-def _forget_namesake(module: str, folders: list[Path]) -> None:
-    """Let a module be imported anew if the one of that name was imported for a diagram in another folder."""
-    loaded = sys.modules.get(module)
-    file = getattr(loaded, "__file__", None)
-    wanted = [path for folder in folders if (path := folder / f"{module.replace('.', '/')}.py").is_file()]
-    if module in _FOREIGN and file and wanted and not Path(file).samefile(wanted[0]):
-        del sys.modules[module]
-        importlib.invalidate_caches()

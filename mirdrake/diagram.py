@@ -27,16 +27,18 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer, VectorLogSink
 
 from mirdrake.blocks import make_block
 from mirdrake.controllers import VehicleControl
+from mirdrake.controllers.drivers import OwnDriverSpec
 from mirdrake.controllers.vectors import COMMAND
 from mirdrake.diagram_spec import DiagramSpec, Place, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.plant import PlantParts, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors import SENSORS, Camera, GroundTruth, make_sensor, sensor_feeds
+from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.signals import Signal, signals_of
 from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.wiring import JOIN, SPLIT, Wiring
-from mirdrake.worlds import Start, load_world
+from mirdrake.worlds import Start
 from mirdrake.yaml_io import Source, where
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
@@ -96,6 +98,7 @@ class Assembly:
         for name, part in self.parts.vehicles.items():
             start = self.starts[name]
             set_start(plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
+        self.parts.props.reset(plant, plant_context)
         return context
 
 
@@ -121,7 +124,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         spec = make_spec(spec)
 
     # World and vehicles.
-    world = load_world(spec.world, where=where(spec, "world"))
+    world = spec.world.load(where=where(spec, "world"))
     vehicles = {name: _load(spec, name) for name in spec.vehicles}
     starts = {name: _start(spec, name, world) for name in spec.vehicles}
     _check_starts(spec, vehicles, starts)
@@ -243,6 +246,8 @@ def _add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec
         plant,
         [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
         ground=parts.ground,
+        scenery=parts.props.owners,
+        bumps=parts.props.bumps,
         period=1.0 / rate if cancel else LOAD_PERIOD,
         cancel_numerical=cancel,
     )
@@ -277,8 +282,15 @@ def _add_vehicle_systems(wiring: Wiring, parts: PlantParts, part: VehicleInPlant
 
     if driver_spec is None:
         return track
-    driver = driver_spec.make_system(part.vehicle, parts.world, where=where(spec, "control", name))
+    place = where(spec, "control", name)
+    if isinstance(driver_spec, OwnDriverSpec):
+        folder = Path(spec.folder) if spec.folder is not None else None
+        driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
+    else:
+        driver = driver_spec.make_system(part.vehicle, parts.world, where=place)
     wiring.add(f"{name}.driver", driver)
+    if driver.HasInputPort("ranges"):
+        _add_range_scan(wiring, parts, part, truth)
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())
     wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)
@@ -294,6 +306,19 @@ def _add_vehicle_systems(wiring: Wiring, parts: PlantParts, part: VehicleInPlant
         if f"{name}.{port.get_name()}" in wiring.sources:
             wiring.defaults.append((f"{name}.{port.get_name()}", f"{name}.driver_{port.get_name()}"))
     return track
+
+
+def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:
+    """The stated ground-truth range sensor of one vehicle, for a driver that looks."""
+    scan = RangeScan(parts.world, part.vehicle)
+    wiring.add(f"{part.name}.scan", scan)
+    wiring.link(truth.state, scan.state)
+    if scan.prop_poses is not None:
+        poses = PropPoses([parts.props.bodies[name].index() for name in scan.movable], scan.movable)
+        wiring.add(f"{part.name}.prop_poses", poses)
+        wiring.link(parts.plant.get_body_poses_output_port(), poses.body_poses)
+        wiring.link(poses.prop_poses, scan.prop_poses)
+    wiring.sources[f"{part.name}.ranges"] = (scan.ranges, signals_of(scan.ranges))
 
 
 def _add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> None:

@@ -3,17 +3,19 @@
 A diagram file replaces a launch file. It names things and sets numbers; what it does not say has a default.
 """
 
+import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
-from mirdrake.controllers.spec import DriverSpec
+from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.paths import find
 from mirdrake.plant import PlantSpec
 from mirdrake.vehicles.vehicle import VARIANT_MARK
+from mirdrake.worlds import World, load_world
 from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="letters, digits and _ [-]")]
@@ -62,10 +64,38 @@ class RecordSpec(Schema):
     report: bool = Field(True, description="report.html [-]")
 
 
+class WorldEntry(Schema):
+    """A world with values of its own."""
+
+    name: str = Field(description="name of a world, or a path [-]")
+    seed: int | None = Field(None, description="instead of the file's [-]")
+    params: dict[str, float | int | str] = Field(default_factory=dict, description="instead of the file's [-]")
+
+    def load(self, *, where: str = "") -> World:
+        """The world.
+
+        Args:
+            where: ``file:line: path`` of this entry, for errors.
+
+        Raises:
+            ConfigError, WorldError: there is none of that name, it has faults, or it cannot be laid out.
+        """
+        seed = [] if self.seed is None else [f"seed={self.seed}"]
+        values = [f"params.{key}={json.dumps(value)}" for key, value in self.params.items()]
+        return load_world(self.name, where=where, overrides=seed + values)
+
+
+def _named(value: Any) -> Any:
+    """A bare name stands for the world as its file has it."""
+    return {"name": value} if isinstance(value, str) else value
+
+
 class DiagramSpec(Schema):
     """A diagram file."""
 
-    world: str = Field(description="name of a world, or a path [-]")
+    world: Annotated[WorldEntry, BeforeValidator(_named)] = Field(
+        description="name of a world, or a path; or {name, seed, params} [-]"
+    )
     vehicles: dict[Name, VehicleEntry] = Field(min_length=1, description="vehicles by name [-]")
     control: dict[Name, DriverSpec] = Field(default_factory=dict, description="who drives which vehicle [-]")
     sensors: dict[Name, list[str]] = Field(default_factory=dict, description="sensors in use, per vehicle [-]")
@@ -107,9 +137,9 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     spec = load_yaml(path, DiagramSpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem
-    if spec.folder is None and any(":" in entry.kind for entry in spec.systems.values()):
+    if spec.folder is None and any(":" in entry.kind for entry in (*spec.systems.values(), *spec.control.values())):
         spec.folder = str(path.parent)
-    spec.world = _absolute(spec.world, path.parent)
+    spec.world.name = _absolute(spec.world.name, path.parent)
     for entry in spec.vehicles.values():
         model, mark, variant = entry.model.partition(VARIANT_MARK)
         entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"

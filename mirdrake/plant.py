@@ -15,10 +15,12 @@ from pydantic import Field
 from pydrake.geometry import (
     AddContactMaterial,
     AddRigidHydroelasticProperties,
+    Box,
     DefaultProximityProperties,
     GeometryId,
     HalfSpace,
     ProximityProperties,
+    RoleAssign,
     SceneGraph,
     SceneGraphConfig,
 )
@@ -31,10 +33,12 @@ from pydrake.multibody.tree import (
     ModelInstanceIndex,
     PdControllerGains,
     RigidBody,
+    SpatialInertia,
 )
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.errors import ModelError
+from mirdrake.obstacles import PropsInPlant, add_props
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
 from mirdrake.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.worlds import World, load_world
@@ -55,6 +59,13 @@ PARKING_STIFFNESS = 1e7
 PARKING_INERTIA = 1e4
 """Added to a held wheel [kg m²]: Drake softens friction by a thousandth of the mobility of what it holds, which is high
 for a wheel of 1 kg m² and lets a car on a slope creep by 0.05 mm/s; a held wheel is as immobile as its car."""
+
+CROWD = 12
+"""Shapes beside which a half space is safe. It has no bounds, which unbalances the tree in which Drake looks for
+neighbours; where the tree is more than ten levels deeper than a balanced one, rebalancing it ends the process
+(measured with Drake 1.51 and 1.58: 15 shapes may, 100 always do). With a dozen it cannot become so deep."""
+
+_BEYOND, _DEPTH = 1000.0, 10.0  # [m] of a box for the ground, beyond the world and downwards
 
 ROAD_STIFFNESS = 1e9
 """Point-contact stiffness of the road [N/m]: so much stiffer than a tyre that the tyre's own counts."""
@@ -89,6 +100,7 @@ class VehicleInPlant:
         wheel_actuators: actuators of the wheel joints.
         steering_actuators: actuators of the steering joints.
         tyres: collision geometry of each wheel's tyre.
+        tyre_mu: friction coefficient of each tyre's rubber [-].
         compression: how far a front and a rear tyre under a load [N] are pressed in at rest [m].
     """
 
@@ -101,6 +113,7 @@ class VehicleInPlant:
     wheel_actuators: tuple[JointActuator, ...]
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
+    tyre_mu: tuple[float, ...]
     compression: tuple[Callable[[float], float], Callable[[float], float]]
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
@@ -129,6 +142,7 @@ class PlantParts:
         world: the world.
         vehicles: vehicles by name.
         ground: collision geometries of the road plane.
+        props: the props of the world.
     """
 
     plant: MultibodyPlant
@@ -136,6 +150,7 @@ class PlantParts:
     world: World
     vehicles: dict[str, VehicleInPlant] = field(default_factory=dict)
     ground: tuple[GeometryId, ...] = ()
+    props: PropsInPlant = field(default_factory=PropsInPlant)
 
 
 def make_plant(
@@ -166,13 +181,15 @@ def make_plant(
     # Drake's own defaults, 50 s/m and 0.1 s, would make a tyre of treacle.
     defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.1, relaxation_time=0.0)
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
-    ground = add_world(plant, world)
     parts = {
         name: add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked)
         for name, vehicle in vehicles.items()
     }
+    ground, props = add_world(plant, world)
+    for part in parts.values():
+        _match_tyres(plant, scene_graph, part, world)
     plant.Finalize()
-    return PlantParts(plant, scene_graph, world, parts, ground)
+    return PlantParts(plant, scene_graph, world, parts, ground, props)
 
 
 def add_vehicle(
@@ -271,6 +288,10 @@ def add_vehicle(
         wheel_actuators=wheel_actuators,
         steering_actuators=steering_actuators,
         tyres=tuple(tyres),
+        tyre_mu=tuple(
+            inspector.GetProximityProperties(tyre).GetProperty("material", "coulomb_friction").dynamic_friction()
+            for tyre in tyres
+        ),
         compression=compression,
     )
 
@@ -285,31 +306,66 @@ def _compression(
     """
     if contact == "point":
         stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
-        return lambda load: float(load / stiffness)
+        return lambda load: float(max(load, 0.0) / stiffness)
     modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
-    return lambda load: float((0.75 * load / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0))
+    return lambda load: float((0.75 * max(load, 0.0) / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0))
 
 
-def add_world(plant: MultibodyPlant, world: World | str) -> tuple[GeometryId, ...]:
-    """Put a world's ground and scenery into a plant that is not finalised yet.
+def matched_friction(tyre: float, road: float, *, plane: float) -> float:
+    """Coefficient [-] for the shape of a tyre on the physical plane.
 
-    The road is the plane z = 0 of the world frame. A slope tilts gravity, not the frame, so that the road stays the
-    plane z = 0.
+    Args:
+        tyre: of the tyre.
+        road: of the ground below it; the smaller one of both counts.
+        plane: of the physical plane, the largest in the world.
 
     Returns:
-        the collision geometries of the road.
+        m for which 2 m plane / (m + plane), Drake's rule for a pair, is the smaller one of tyre and road.
+    """
+    wanted = min(tyre, road)
+    return wanted * plane / (2.0 * plane - wanted)
+
+
+def _match_tyres(plant: MultibodyPlant, scene_graph: SceneGraph, part: VehicleInPlant, world: World) -> None:
+    """Give the tyres the friction that they find on ground like the physical plane."""
+    for tyre, own in zip(part.tyres, part.tyre_mu, strict=True):
+        properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+        value = matched_friction(own, world.road_mu, plane=world.road_mu)
+        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(value, value))
+        scene_graph.AssignRole(plant.get_source_id(), tyre, properties, RoleAssign.kReplace)
+
+
+def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[GeometryId, ...], PropsInPlant]:
+    """Put a world's ground, scenery and props into a plant that is not finalised yet, after all that moves on it.
+
+    The road is the plane z = 0 of the world frame. A slope tilts gravity, not the frame, so that the road stays the
+    plane z = 0. It is a half space where that is safe, see :data:`CROWD`: on the world body beside few props, on a body
+    of its own beside few things that move. Else it is the top of a box, which costs up to twice the step time.
+
+    Returns:
+        the collision geometries of the road, and the props.
     """
     world = load_world(world) if isinstance(world, str) else world
+    props = add_props(plant, world)
     material = ProximityProperties()
     friction = CoulombFriction(world.road_mu, world.road_mu)
     AddContactMaterial(friction=friction, dissipation=0.0, point_stiffness=ROAD_STIFFNESS, properties=material)
     AddRigidHydroelasticProperties(material)
-    ground = plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "road", material)
+    body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform()
+    still = len(plant.GetCollisionGeometriesForBody(body))
+    if still > CROWD:
+        if plant.num_collision_geometries() - still > CROWD:
+            side = 2.0 * (max(map(abs, world.ground.extent)) + _BEYOND)
+            shape, X_BG = Box(side, side, _DEPTH), RigidTransform([0.0, 0.0, -_DEPTH / 2.0])
+        else:
+            body = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.Zero())
+            plant.WeldFrames(plant.world_frame(), body.body_frame())
+    ground = plant.RegisterCollisionGeometry(body, X_BG, shape, "road", material)
     plant.mutable_gravity_field().set_gravity_vector(world.ground.gravity)
     for item in scenery(world):
         rgba = item.rgba if item.rgba is not None else [1.0, 1.0, 1.0, 1.0]
         plant.RegisterVisualGeometry(plant.world_body(), item.X_WG, item.shape, f"scenery/{item.name}", rgba)
-    return (ground,)
+    return (ground,), props
 
 
 def set_start(

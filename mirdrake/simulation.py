@@ -22,6 +22,7 @@ from mirdrake.logs import Run, RunWriter, read_signals
 from mirdrake.recorder import Blocks, Events, Pictures
 from mirdrake.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.telemetry import Array, Columns, Telemetry
+from mirdrake.tyres import RoadFriction
 from mirdrake.yaml_io import shown, where
 
 BLOCK = 1.0
@@ -77,6 +78,7 @@ class Simulation:
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
         self._simulator = Simulator(assembly.diagram)
+        self._friction = RoadFriction(assembly.parts)
 
     def run(
         self,
@@ -112,6 +114,9 @@ class Simulation:
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
         watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
+        if self._friction.varies:
+            self._friction.start()
+            watchers.insert(0, self._friction.watch)
         if writer is not None and assembly.cameras:
             watchers.append(Pictures(assembly, writer.folder))
         if watchers:

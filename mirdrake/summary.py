@@ -62,7 +62,7 @@ def make_summary(
     """The figures of a run, as in summary.json."""
     summary: dict[str, Any] = {
         "diagram": data["name"],
-        "world": data["world"],
+        "world": data["world"]["name"],
         "simulated_s": round(simulated, 9),
         "wall_s": round(wall, 3),
         "real_time_factor": round(simulated / wall, 2) if wall > 0.0 else None,

@@ -84,6 +84,15 @@ def to_si(value: Any, unit: str) -> Any:
     return number * scale
 
 
+def any_to_si(value: str) -> float | str:
+    """A text such as ``"90 deg"`` as a number in the SI unit of its kind; any other text unchanged."""
+    match = _NUMBER.fullmatch(value.strip())
+    for known in _UNITS.values():
+        if match is not None and match.group(2) in known:
+            return float(match.group(1)) * known[match.group(2)]
+    return value
+
+
 def _quantity(unit: str) -> BeforeValidator:
     def convert(value: Any) -> Any:
         if isinstance(value, bool):
@@ -122,12 +131,17 @@ def parse_yaml(text: str, schema: type[SchemaT], *, name: str = "<text>", overri
     Raises:
         ConfigError: one line per fault, each ``name:line: dotted.path: what is wrong``.
     """
-    data, source = parse_tree(text, name)
-    data = {} if data is None else data
-    if isinstance(data, dict):  # anything else is refused below
-        for override in overrides:
-            data, source = _apply_override(data, override, source)
+    data, source = _overridden(text, name, overrides)
     return validate(data, schema, source)
+
+
+def read_tree(path: Path, *, overrides: Iterable[str] = ()) -> tuple[Any, Source]:
+    """A YAML file as plain data with its places, overrides applied; see :func:`parse_yaml`.
+
+    Raises:
+        ConfigError: the file cannot be read, is not YAML, or an override is wrong.
+    """
+    return _overridden(read_text(path), shown(path), overrides)
 
 
 def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
@@ -290,6 +304,16 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
             ]
             nodes = tagged or nodes
     return sorted({key for candidate in nodes for leaf in resolve(candidate) for key in leaf.get("properties", {})})
+
+
+def _overridden(text: str, name: str, overrides: Iterable[str]) -> tuple[Any, Source]:
+    """A text as plain data with overrides applied."""
+    data, source = parse_tree(text, name)
+    data = {} if data is None else data
+    if isinstance(data, dict):  # anything else is refused by the schema
+        for override in overrides:
+            data, source = _apply_override(data, override, source)
+    return data, source
 
 
 def _apply_override(data: dict[str, Any], override: str, source: Source) -> tuple[dict[str, Any], Source]:

@@ -111,7 +111,7 @@ def test_a_world_beside_the_diagram_file_is_found_from_any_folder(
     )
     monkeypatch.chdir(tmp_path)
     spec = mir.load_diagram("mine/drive.yaml")
-    assert spec.world == str(tmp_path / "mine" / "field.yaml")
+    assert spec.world.name == str(tmp_path / "mine" / "field.yaml")
     assert assemble(spec).parts.world.name == "field"
 
 

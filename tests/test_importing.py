@@ -194,6 +194,19 @@ def test_of_two_steered_axles_the_rear_one_is_fixed():
     assert len([line for line in lines(mend(model)) if "'rka'" in line]) == 1
 
 
+def test_rear_wheels_below_the_cage_of_a_differential_are_still_two_wheels():
+    model = car()
+    cage = Link("cage", Inertial(3.0, RigidTransform(), np.eye(3) * 0.01), where="car.urdf:80")
+    add(model, cage, axle("cage_joint", "chassis", "cage", -WHEELBASE / 2, 0.0, 0.0))
+    for letter, sign in (("a", 1), ("b", -1)):
+        model.joints[f"j2{letter}"] = axle(f"j2{letter}", "cage", f"w2{letter}", 0.0, sign * TRACK / 2, 0.0)
+    wheels, _ = roles_of(model)
+    assert wheels == EXPECTED
+    result = mend(model)
+    assert result.body.mass.mass == pytest.approx(BODY + 3.0)
+    assert said(result, "joint 'cage_joint'", "fixed at zero")
+
+
 # --- what is no car ----------------------------------------------------------------------------------------------
 
 
@@ -282,6 +295,7 @@ REFUSED = {
     "a drone": (drone, "no road wheels"),
     "differential drive": (lambda: two_driven("ball"), "2 driven wheels and 1 caster .*'drive_l', 'drive_r'"),
     "differential drive on swivels": (lambda: two_driven("swivel"), "2 driven wheels and 2 casters"),
+    "differential drive on a skid": (lambda: without(two_driven("ball"), "mount"), "2 driven wheels on one axle"),
     "a tricycle": (lambda: without(car(), "j2b"), "tricycle: 3 wheels .* on 2 axles"),
     "a bicycle": (lambda: without(car(), "j2b", "j1a"), "bicycle"),
     "a lorry": (six_wheels, "6 wheels .* on 3 axles"),
@@ -341,6 +355,16 @@ def test_transmissions_without_interface_count_if_they_are_not_on_all_wheels():
     assert recognise(model).drive == "front"
     model.transmissions = [Transmission(name) for name in (*EXPECTED.values(), "ka", "kb")]
     assert recognise(model).drive_source == ""
+
+
+@pytest.mark.parametrize(("front", "back", "drive"), [("800", "0", "front"), ("0", "300.5", "rear"), ("4", "4", "all")])
+def test_torques_of_a_plugin_say_what_is_driven(front, back, drive):
+    model = car()
+    values = {"front_left_wheel": "j1a", "front_torque": front, "back_torque": back, "back_brake_torque": "7"}
+    values |= {"front_steer_torque": "6", "feedback_torque": "5"}
+    model.plugins.append(Plugin("hybrid_drive", "libhybrid.so", values, "car.urdf:90"))
+    _, roles = roles_of(model)
+    assert (roles.drive, roles.drive_source) == (drive, "imported: torques of the plugin, car.urdf:90")
 
 
 def test_rear_wheels_are_taken_as_driven_if_nobody_says_anything():
@@ -645,11 +669,25 @@ def test_steering_without_usable_limits_gets_those_of_the_other_side_or_of_the_b
     model.joints["kb"].kind = "continuous"
     model.joints["ka"].limits = Limits(-0.7, 0.7, 1000.0, 0.5)
     assert mend(model).numbers["steering_limit"].value == 0.7
+    model.joints["ka"].kind = "continuous"  # now both: the numbers are better than none
+    assert mend(model).numbers["steering_limit"].value == 0.6
+    assert said(mend(model), "joint 'ka': limits", "±0.7 rad")
     for name in ("ka", "kb"):
         model.joints[name].kind, model.joints[name].limits = "revolute", Limits(0.0, 0.0, 0.0, 0.0)
     result = mend(model)
     assert result.numbers["steering_limit"].value == 0.6
     assert said(result, "joint 'ka': limits", "0 … 0 rad")
+
+
+def test_the_steering_limit_of_a_plugin_counts_where_the_joints_have_none():
+    model = car()
+    for name in ("ka", "kb"):
+        model.joints[name].kind, model.joints[name].limits = "continuous", Limits()
+    model.plugins.append(Plugin("drive", "libdrive.so", {"max_steer": "0.45", "max_speed": "9"}, "car.urdf:80"))
+    result = mend(model)
+    assert result.numbers["steering_limit"].value == 0.45
+    assert result.numbers["steering_limit"].source == "imported: plugin, car.urdf:80"
+    assert said(result, "plugin 'drive'", "max_steer 0.45, max_speed 9")
 
 
 @pytest.mark.parametrize("nonsense", [0.0, -1.0, float("nan"), float("inf"), 1e9])

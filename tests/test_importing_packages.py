@@ -1,6 +1,8 @@
 """Packages with the traps of real ones become cars that stand, drive and show, or are refused with a reason."""
 
+from collections.abc import Callable
 from math import tan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from mirdrake.errors import ModelError
 from mirdrake.plant import make_plant, set_start
 from mirdrake.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.importing import import_vehicle
+from mirdrake.vehicles.importing import ImportResult, import_vehicle
 from mirdrake.worlds import load_world
 from tests import trap_packages as traps
 from tests.mesh_rigs import add_eye
@@ -21,7 +23,7 @@ CAR, GOLF, RACER = traps.Car(), traps.GOLF, traps.RACER
 SPEED = 2.0  # m/s, of all drives
 STEERING = 0.2  # rad
 
-GOOD = {
+GOOD: dict[str, tuple[Callable[[Path], Path], traps.Car, dict[str, Any]]] = {
     "city_car": (traps.city_car, CAR, {}),
     "mini_racer": (traps.mini_racer, RACER, {"arguments": {"racer_version": "v2"}}),
     "golf_cart": (traps.golf_cart, GOLF, {}),
@@ -29,9 +31,12 @@ GOOD = {
     "ball_wheels": (traps.ball_wheels, CAR, {}),
     "shocks": (traps.shocks, CAR, {}),
     "uneven_steering": (traps.uneven_steering, CAR, {}),
+    "wheels_in_the_box": (traps.wheels_in_the_box, CAR, {}),
+    "lost_pictures": (traps.lost_pictures, CAR, {}),
     "sdf_cart": (traps.sdf_cart, GOLF, {}),
     "universal": (lambda folder: traps.two_axis_joints(folder, "universal"), CAR, {}),
     "revolute2": (lambda folder: traps.two_axis_joints(folder, "revolute2"), CAR, {}),
+    "odd_words": (traps.odd_words, CAR, {}),
     "lost_picture": (lambda folder: traps.lost_meshes(folder, how="missing"), CAR, {}),
 }
 
@@ -46,7 +51,7 @@ BAD = {
     "lost_wheels": (traps.lost_wheels, "wheel"),
 }
 
-_imported: dict[str, tuple[Any, traps.Car]] = {}
+_imported: dict[str, tuple[ImportResult | Exception, traps.Car]] = {}
 
 
 @pytest.fixture
@@ -56,6 +61,7 @@ def imported(request, tmp_path_factory):
     if name not in _imported:
         write, car, options = GOOD[name]
         root = tmp_path_factory.mktemp(name)
+        result: ImportResult | Exception
         try:
             result = import_vehicle(write(root / "source"), name=name, folder=root / "models", **options)
         except Exception as error:  # the tests fail one by one with it
@@ -173,3 +179,33 @@ def test_the_same_package_gives_the_same_bytes(tmp_path):
     assert files == [path.relative_to(second) for path in sorted(second.rglob("*")) if path.is_file()]
     for name in files:
         assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("imported", ["odd_words"], indirect=True)
+def test_words_that_only_some_readers_know_are_understood_or_told(imported):
+    result, car = imported
+    said = {change.what: f"{change.was} -> {change.became}: {change.why}" for change in result.changes}
+    vehicle = result.vehicle
+    assert vehicle.spec.drive == "front"
+    assert (result.folder / "vehicle.yaml").read_text().count("torques of the plugin")
+    properties = (result.folder / "properties.xacro").read_text()
+    assert 'name="front_friction" value="0.8"' in properties
+    assert 'name="rear_friction" value="0.7"' in properties
+    assert said["<mesh> scale"].startswith("1 1 1 1 -> 1 1 1")
+    assert f"±{car.limit:g} rad" in said["joint 'front_left_steer_joint': limits"]
+    assert "suspension" not in said["joint 'pedal_joint'"]
+    assert "front_torque 800" in said["plugin 'hybrid'"]
+    assert said["link 'plate': material"].startswith("Workshop/Rust -> left out")
+    assert (
+        "minDepth 0.002" in said["contact stiffness of the tyres"]
+        or "rolling_friction" in said["contact stiffness of the tyres"]
+    )
+    assert not any("<contact>" in what or "<material>" in what for what in said)
+
+
+def test_controllers_of_the_neighbouring_package_of_the_same_name_count(tmp_path):
+    result = import_vehicle(traps.controllers_beside(tmp_path / "source"), name="new", folder=tmp_path / "models")
+    assert result.vehicle.spec.drive == "front"
+    assert "rover_control/config/motors.yaml" in (result.folder / "vehicle.yaml").read_text()
+    told = [change for change in result.changes if change.what.startswith("gains of")]
+    assert [change.was for change in told] == ["p 5, i 0.5, d 0"]

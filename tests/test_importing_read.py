@@ -51,6 +51,7 @@ def written(folder, text, name="cart.urdf"):
 def test_a_urdf_is_read_as_it_stands(tmp_path):
     model = read_source(written(tmp_path, URDF))
     body, axle = model.links["body"], model.joints["axle"]
+    assert body.inertial is not None
     assert body.inertial.mass == 12.0
     np.testing.assert_array_equal(body.inertial.inertia, [[1, 0.1, 0], [0.1, 2, 0], [0, 0, 2.5]])
     np.testing.assert_allclose(body.inertial.X_LI.translation(), [0.1, 0, 0.2])
@@ -65,6 +66,7 @@ def test_a_urdf_is_read_as_it_stands(tmp_path):
 def test_gazebo_tags_and_transmissions_are_not_dropped(tmp_path):
     model = read_source(written(tmp_path, URDF))
     surface = model.links["wheel"].surface
+    assert surface is not None
     assert (surface.mu, surface.mu2, surface.stiffness) == (1.2, None, 1e6)
     (eye,) = model.sensors
     assert (eye.kind, eye.link, eye.rate, eye.values["camera.image.width"]) == ("camera", "wheel", 20.0, "64")
@@ -199,6 +201,7 @@ def test_nested_models_and_includes_keep_their_place(tmp_path):
     height = 1.1 * traps.GOLF.radius + 0.5 * traps.GOLF.size[2]
     np.testing.assert_allclose(spin.X_PJ.translation(), [x, y, traps.GOLF.radius - height], atol=1e-9)
     (hood,) = model.links["chassis"].visuals
+    assert hood.mesh is not None
     assert (hood.submesh, hood.mesh.name) == ("hood", "cart.dae")
 
 
@@ -271,3 +274,22 @@ def test_a_broken_file_gives_a_model_or_one_line(data, tmp_path_factory):
         told = str(error).splitlines()
         assert len(told) == 1
     assert all(told)
+
+
+def test_elements_that_stand_several_times_are_all_kept(tmp_path):
+    twice = URDF.replace("<joint>axle</joint></plugin>", "<joint>axle</joint><joint>hub</joint></plugin>")
+    model = read_source(written(tmp_path, twice))
+    assert model.plugins[0].values == {"joint": "axle", "joint[2]": "hub"}
+
+
+def test_a_fixed_joint_needs_no_axis(tmp_path):
+    still = URDF.replace('type="continuous"', 'type="fixed"').replace('axis xyz="0 2 0"', 'axis xyz="0 0 0"')
+    assert read_source(written(tmp_path, still)).joints["axle"].kind == "fixed"
+
+
+def test_packages_beside_are_those_of_the_same_name(tmp_path):
+    for name in ("car_description", "car_control", "cart_control", "car"):
+        (tmp_path / name / "urdf").mkdir(parents=True)
+        (tmp_path / name / "package.xml").write_text(f"<package><name>{name}</name></package>")
+    path = written(tmp_path / "car_description/urdf", URDF)
+    assert [folder.name for folder in Packages(path).beside()] == ["car", "car_control"]

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import trimesh
 
 from mirdrake.diagram import assemble
 from mirdrake.paths import data_root
 from mirdrake.simulation import Simulation
 from mirdrake.vehicles import load_vehicle, variants
 from mirdrake.vehicles.inspection import inspect_vehicle
+from mirdrake.vehicles.spec import Pid
 
 GRAVITY = 9.80665
 INCH, FOOT, POUND = 0.0254, 0.3048, 0.45359237
@@ -244,6 +246,67 @@ def test_the_published_mkz_is_not_slowed_by_its_limit_of_22_rad_per_s():
     # 22 rad/s x 0.33 m = 7.26 m/s: Drake takes a joint's speed limit as a note, not as a stop
     moved = run("mkz@published", speed=9.0, duration=6.0)
     assert moved["ego.vx"].iloc[-1] == pytest.approx(9.0, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["unior", "unior@published", "unior@printed_steering"])
+def test_the_unior_is_as_large_and_as_heavy_as_the_paper_says(name):
+    found = figures(name)
+    assert found.mass == pytest.approx(43.5, rel=0.01)
+    for size in (found.size, found.visual_size):
+        assert size == pytest.approx((1.112, 0.65, 0.57), rel=0.01)
+    wheel = load_vehicle(name).geometry
+    assert (wheel.front_wheel_radius, wheel.rear_wheel_radius) == pytest.approx((0.13, 0.13), abs=1e-9)
+    assert (wheel.front_wheel_width, wheel.rear_wheel_width) == pytest.approx((0.11, 0.11), abs=1e-9)
+
+
+def test_the_sensors_of_the_unior_are_drawn_at_their_frames():
+    mesh = trimesh.load(ROOT / "unior" / "meshes" / "body.gltf").to_geometry().vertices  # y up
+    seen = np.stack([mesh[:, 0], -mesh[:, 2], mesh[:, 1]], axis=1)
+    places = {sensor.name: sensor.place for sensor in figures("unior").sensors}
+    for name in ("kinect", "gps", "front_sonar", "rear_sonar"):  # frames on the surface
+        assert np.linalg.norm(seen - places[name], axis=1).min() < 0.06
+    x, y, z = places[
+        "hokuyo"
+    ]  # a frame inside: the head of 2 x 0.026 m goes around it, and nothing stands in its plane
+    around = np.hypot(seen[:, 0] - x, seen[:, 1] - y)
+    level = np.abs(seen[:, 2] - z) < 0.008
+    assert around[np.abs(seen[:, 2] - z) < 0.03].min() < 0.03
+    behind = np.arctan2(seen[:, 1] - y, seen[:, 0] - x)
+    assert not (level & (around > 0.03) & (np.abs(behind) < np.deg2rad(120))).any()
+
+
+def test_the_published_unior_is_a_cuboid_with_the_copied_gains():
+    body = next(link for link in figures("unior@published").links if link.name == "base_link")
+    lx, ly, lz = 1.112, 0.65, 0.57
+    mass = 43.5 - 4 * 0.9 - 2 * 0.45
+    cuboid = [mass * (ly**2 + lz**2) / 12, mass * (lx**2 + lz**2) / 12, mass * (lx**2 + ly**2) / 12]
+    assert body.moments == pytest.approx(cuboid, rel=1e-9)
+    vehicle = load_vehicle("unior@published")
+    assert vehicle.spec.steering.law == "unior_printed"
+    for loop in (vehicle.control.wheel_speed, vehicle.control.steering):
+        assert loop == Pid(kind="pid", kp=100, ki=0.01, kd=10)
+
+
+def test_the_published_unior_limps():
+    # a derivative of 10 N m s² on 0.37 kg m²: the torque jumps between its limits
+    moved = run("unior@published", speed=2.0, duration=8.0).signals.loc[5.0:]
+    assert 0.3 < moved["ego.vx"].mean() / 2.0 < 0.85
+    limit = load_vehicle("unior").spec.powertrain.max_torque / 2.0
+    assert (moved["ego.wheel_torque.rear_left"].abs() > 0.99 * limit).mean() > 0.8
+
+
+def test_the_printed_steering_of_the_unior_turns_the_outer_wheel_more_and_so_runs_wide():
+    control = {"kind": "constant", "speed": 1.4, "steering": 0.4}
+    moved = run("unior@printed_steering", speed=1.4, duration=8.0, control=control).signals.loc[5.0:]
+    left, right = (moved[f"ego.steering_angle.{side}"].mean() for side in ("left", "right"))
+    assert left == pytest.approx(0.5 * 0.4, rel=0.01)
+    geometry = load_vehicle("unior").geometry
+    ratio = geometry.kingpin_track / geometry.wheelbase
+    assert 1.0 / np.tan(right) == pytest.approx(1.0 / np.tan(left) - ratio, rel=0.01)
+    ideal = geometry.wheelbase / np.tan(left) - geometry.kingpin_track / 2.0  # the larger angle inside
+    radius = (moved["ego.vx"] / moved["ego.wz"]).mean()
+    assert 1.10 < radius / ideal < 1.20
+    assert moved["ego.vx"].mean() == pytest.approx(1.4, rel=0.005)
 
 
 def test_every_variant_says_what_it_is_in_one_line_and_sources_its_numbers():

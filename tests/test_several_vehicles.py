@@ -1,5 +1,7 @@
 """Several vehicles in one diagram: each with its own name, start and controllers, all in one contact problem."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from mirdrake.diagram import assemble, load_diagram
 from mirdrake.errors import ConfigError, WorldError
 from mirdrake.simulation import Simulation
 
-TWO = {
+TWO: dict[str, Any] = {
     "world": "empty",
     "vehicles": {
         "first": {"model": "bolt", "start": {"x": 0, "y": 0}},

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.special import fresnel
 
+from mirdrake.errors import WorldError
 from mirdrake.worlds import Piece, Track, load_world
 from mirdrake.worlds.tracks import advance
 
@@ -280,3 +281,135 @@ def test_neighbouring_points_of_any_track_are_as_far_apart_as_their_s(parts: lis
     chords, arcs = np.hypot(np.diff(x), np.diff(y)), np.diff(s)
     assert (chords <= arcs + 1e-12).all()
     assert (chords >= arcs * (1 - (arcs / 6.0) ** 2 / 24) - 1e-12).all()  # a chord of a circle of 6 m, the sharpest
+
+
+# --- varying width ------------------------------------------------------------------------------------------------
+
+
+def wavy(length: float, *, closed: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges from 1.5 to 3.5 m to the left and from 1 to 2 m to the right."""
+    s = np.linspace(0.0, length, 121)
+    left, right = 2.5 + np.sin(2 * np.pi * 3 * s / length), 1.5 + 0.5 * np.cos(2 * np.pi * 2 * s / length)
+    if closed:
+        left[-1], right[-1] = left[0], right[0]
+    return s, left, right
+
+
+def test_edges_of_steady_width_make_the_same_road_as_a_width(main_track: Track):
+    pieces = main_track.pieces
+    edges = ([0.0, 965.0], [1.5, 1.5], [1.5, 1.5])
+    same = Track(pieces, start=main_track.pose_at(0.0), closed=True, edges=edges)
+    assert same.width == 3.0
+    assert shapely.area(shapely.symmetric_difference(same.area, main_track.area)) < 0.02  # both are true to 1 mm
+    assert same.bounds == pytest.approx(main_track.bounds, abs=2e-3)
+
+
+def test_a_straight_that_becomes_wider_is_a_trapezium():
+    taper = Track([Piece(40.0, 0.0, 0.0)], edges=([0.0, 40.0], [1.0, 3.0], [2.0, 2.0]))
+    assert taper.width == 5.0
+    assert shapely.area(taper.area) == pytest.approx(40.0 * (3.0 + 5.0) / 2)
+    assert taper.bounds == pytest.approx((0.0, -2.0, 40.0, 3.0))
+    assert taper.inside([20.0, 20.0, 20.0], [1.99, 2.01, -1.99]).tolist() == [True, False, True]
+
+
+def test_a_circle_with_its_centre_line_beside_the_middle_has_the_area_of_a_ring():
+    circle = Track(
+        [Piece(40.0 * math.pi, 1 / 20, 1 / 20)], closed=True, edges=([0.0, 40.0 * math.pi], [4.0] * 2, [1.0] * 2)
+    )
+    assert shapely.area(circle.area) == pytest.approx(math.pi * (21.0**2 - 16.0**2), rel=1e-4)
+
+
+def test_widths_have_the_shape_of_s_and_are_periodic_on_a_closed_track():
+    circle = Track([Piece(100.0, 2 * math.pi / 100, 2 * math.pi / 100)], closed=True, edges=wavy(100.0, closed=True))
+    s = np.array([[0.0, 12.5], [99.0, -1.0]])
+    assert circle.left_width(s).shape == circle.right_width(s).shape == (2, 2)
+    assert circle.left_width(s + 300.0) == pytest.approx(circle.left_width(s))
+    assert circle.right_width(-1.0) == pytest.approx(float(circle.right_width(99.0)))
+    plain = Track([Piece(10.0, 0.0, 0.0)], width=3.0)
+    assert plain.left_width([-5.0, 2.0, 50.0]).tolist() == plain.right_width([1.0] * 3).tolist() == [1.5] * 3
+    taper = Track([Piece(40.0, 0.0, 0.0)], edges=([0.0, 40.0], [1.0, 3.0], [2.0, 2.0]))
+    assert taper.left_width([-5.0, 10.0, 50.0]).tolist() == [1.0, 1.5, 3.0]
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_sides_of_a_road_of_varying_width_are_true_to_a_millimetre(main_track: Track, closed: bool):
+    track = Track(main_track.pieces, closed=closed, edges=wavy(965.0, closed=True))
+    s = np.linspace(0.0, 964.99, 60_000)
+    for side, line in zip((track.left_width(s), -track.right_width(s)), track.boundaries(), strict=True):
+        off = shapely.distance(shapely.LineString(line), shapely.points(*track.point(s, side)))
+        assert off.max() < 1.2e-3
+    inner = np.linspace(1.0, 963.0, 3000)
+    for offset, on_road in ((-2e-3, True), (2e-3, False)):
+        assert (track.inside(*track.point(inner, track.left_width(inner) + offset)) == on_road).all()
+        assert (track.inside(*track.point(inner, -track.right_width(inner) - offset)) == on_road).all()
+    assert shapely.is_valid(track.area)
+    assert len(track.stations()) < 8000
+
+
+def test_bands_may_follow_the_edge():
+    taper = Track([Piece(40.0, 0.0, 0.0)], edges=([0.0, 40.0], [1.0, 3.0], [2.0, 2.0]))
+    paint = taper.band(lambda s: taper.left_width(s) - 0.15, lambda s: taper.left_width(s) - 0.05)
+    assert shapely.area(paint) == pytest.approx(40.0 * 0.1)
+    assert tuple(shapely.bounds(paint)) == pytest.approx((0.0, 0.85, 40.0, 2.95))
+    assert shapely.area(taper.outline(sagitta=0.01)) == pytest.approx(160.0)
+
+
+def test_an_inner_edge_folds_where_it_reaches_the_centre_of_the_bend():
+    bend = [Piece(30.0, 0.0, 0.0), Piece(20.0, 1 / 5, 1 / 5), Piece(30.0, 0.0, 0.0)]
+    s = [0.0, 40.0, 80.0]
+    assert Track(bend, width=9.99).folds() is None
+    assert Track(bend, width=10.0).folds() is not None
+    assert Track(bend, edges=(s, [1.0, 5.5, 1.0], [9.0] * 3)).folds() == pytest.approx(40.0)
+    assert Track(bend, edges=(s, [4.9] * 3, [9.0] * 3)).folds() is None  # the outer edge may be as far as it likes
+    mirrored = [Piece(piece.length, -piece.start_curvature, -piece.end_curvature) for piece in bend]
+    assert Track(mirrored, edges=(s, [9.0] * 3, [1.0, 5.5, 1.0])).folds() == pytest.approx(40.0)
+
+
+def test_a_fold_between_two_stations_is_found():
+    # k d = 0.2 u (1 + 9 (1 - u)), largest at u = 10/18, where it is 1/2 and twice that with twice the curvature
+    track = Track([Piece(36.0, 0.0, 0.36)], edges=([0.0, 36.0], [10.0, 1.0], [1.0, 1.0]))
+    assert track.folds() == pytest.approx(36.0 * 10 / 18)
+    assert Track([Piece(36.0, 0.0, 0.359)], edges=([0.0, 36.0], [10.0, 1.0], [1.0, 1.0])).folds() is None
+
+
+widths = st.lists(st.floats(0.2, 8.0), min_size=2, max_size=6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(pieces, widths, widths)
+def test_a_road_folds_where_samples_of_its_edges_fold(parts: list[Piece], left: list[float], right: list[float]):
+    n = min(len(left), len(right))
+    length = math.fsum(part.length for part in parts)
+    track = Track(parts, edges=(np.linspace(0.0, length, n), left[:n], right[:n]))
+    s = np.concatenate([np.linspace(a + 1e-9, b - 1e-9, 400) for a, b in itertools.pairwise(track.knots)])
+    k = track.curvature(s)
+    inner = np.maximum(k * track.left_width(s), -k * track.right_width(s))
+    place = track.folds()
+    if place is None:
+        assert inner.max() < 1.0 + 1e-6
+    else:
+        assert inner.max() > 0.99
+        near = np.abs(s - place) < 0.2
+        assert inner[near].max() == pytest.approx(inner.max(), abs=0.02 * max(1.0, inner.max()))
+
+
+@pytest.mark.parametrize(
+    ("edges", "says"),
+    [
+        (([0.0, 5.0, 10.0], [1.0, 1.0], [1.0, 1.0]), "shapes (3,), (2,), (2,); give s, left and right with one value"),
+        (([0.0], [1.0], [1.0]), "two or more"),
+        (([0.0, math.nan, 10.0], [1.0] * 3, [1.0] * 3), "some values are not finite; give numbers in m"),
+        (([0.0, 9.0], [1.0] * 2, [1.0] * 2), "s goes from 0 to 9 m; make it go from 0 to 10.000000 m"),
+        (([0.0, 5.0, 5.0, 10.0], [1.0] * 4, [1.0] * 4), "s does not rise from 5 to 5 m; sort the stations, each once"),
+        (([0.0, 4.0, 10.0], [1.0, 0.0, 1.0], [1.0] * 3), "left is 0 m at s = 4 m; make it more than 0"),
+        (([0.0, 4.0, 10.0], [1.0] * 3, [1.0, -2.0, 1.0]), "right is -2 m at s = 4 m; make it more than 0"),
+        (([0.0, 10.0], [1.0, 2.0], [1.0] * 2), "left is 1 m at the start and 2 m at the end of a closed track"),
+    ],
+)
+def test_edges_that_do_not_fit_are_refused_in_one_line(edges: tuple[list[float], ...], says: str):
+    with pytest.raises(WorldError) as caught:
+        Track([Piece(10.0, 0.0, 0.0)], closed=True, edges=edges, name="loop")  # type: ignore[arg-type]
+    message = str(caught.value)
+    assert message.startswith("track 'loop': edges")
+    assert says in message
+    assert "\n" not in message

@@ -185,6 +185,7 @@ class TestBrowser:
         meshcat = make_meshcat(port=0, world=load_world("empty"))
         show_vehicle(load_vehicle("bolt"), meshcat, collision=True, meshes=False)
         write_page(meshcat, tmp_path / "bolt.html")
+        severe(driver)  # what pages before this one said
         driver.get((tmp_path / "bolt.html").as_uri())
         assert _settled(driver, lambda image: _red(image) > 0.05 and _blue(image) < 0.005)
         assert severe(driver) == []

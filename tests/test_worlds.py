@@ -131,8 +131,8 @@ goals: {disc: {at: [3, 4], radius: 2}, gate: {gate: {track: loop, s: 10}}, laps:
 """)
     assert everything.starts["a"].speed == 10.0
     assert everything.tracks["lane"].length == pytest.approx(60.0)
-    assert everything.road_mu == 0.8
-    everything.mu(0.0, 0.0)
+    assert everything.road_mu == 0.85  # of the lane, which is asphalt
+    assert everything.mu(*everything.tracks["loop"].pose_at(120.0)[:2]) == 0.8
     scenery(everything)
 
 
@@ -263,7 +263,7 @@ FAULTS = [
         "5: start.a.on_track.offset: start outside the world: 1.6 m beside the centre line",
     ),
     ("start: {a: {at: [0, 0], on_track: {track: main}}}", "2: start.a: give either at and yaw, or on_track"),
-    ("goals: {a: {gate: {track: main}}}", "2: goals.a.gate.track: unknown track 'main'; nothing is available here"),
+    ("goals: {a: {gate: {track: main}}}", "2: goals.a.gate.track: unknown track 'main'; the world has none"),
     ("goals: {a: {}}", "2: goals.a: give exactly one of at, gate and laps"),
 ]
 

@@ -297,10 +297,85 @@ def shocks(folder):
     return package(folder / "shocks", "shocks", "car.urdf", car_urdf("shocks", Car(), suspension=spring))
 
 
+def wheels_in_the_box(folder):
+    """The body collides as one box around everything, wheels as well; Gazebo lets no parts of one model touch."""
+    car = Car()
+    x, y, z = car.size
+    text = car_urdf("boxed", car).replace(
+        f'<collision><origin xyz="0 0 {0.1 * car.radius + 0.5 * z:g}"/><geometry><box size="{x:g} {y:g} {z:g}"/>',
+        f'<collision><origin xyz="0 0 0.3"/><geometry><box size="{x:g} {car.track + 0.3:g} 1"/>',
+    )
+    return package(folder / "boxed", "boxed", "car.urdf", text)
+
+
+def lost_pictures(folder):
+    """No picture of any part is there."""
+    text = car_urdf("unseen", Car(), visual=mesh("../meshes/body.dae"), wheel_visual=mesh("../meshes/wheel.dae"))
+    return package(folder / "unseen", "unseen", "car.urdf", text)
+
+
 def uneven_steering(folder):
     """The left steering joint is revolute, the right one continuous, so that its limits do not count."""
     text = car_urdf("uneven", Car(), kinds=("revolute", "continuous"))
     return package(folder / "uneven", "uneven", "car.urdf", text)
+
+
+def odd_words(folder):
+    """Words that only some readers know.
+
+    An axis of zero at a fixed joint, four factors of a mesh's scale, a colour inside the geometry, numbers as
+    attributes of Gazebo tags, Bullet's contact, continuous steering joints with limits, a plugin that says which axle
+    has torque, a pedal, and a material of a script.
+    """
+    car = Car()
+    solid = mesh("../meshes/body.STL", "1 1 1 1").replace("</geometry>", '<material name="paint"/></geometry>')
+    text = car_urdf(
+        "odd_words", car, visual=solid, kinds=("continuous", "continuous"), transmissions=False,
+        steer_limit=f'<limit lower="-{car.limit}" upper="{car.limit}" effort="10000000" velocity="1000000"/>',
+        before='<material name="paint"><color rgba="0.1 0.5 0.2 1"/></material>\n',
+        after=link("plate", "", '<geometry><box size="0.1 0.3 0.02"/></geometry>')
+        + joint("plate_joint", "fixed", "base_link", "plate", place="1.9 0 0.5", axis="0 0 0")
+        + link("pedal", box_inertial(0.1, (0.1, 0.1, 0.1)))
+        + joint("pedal_joint", "prismatic", "base_link", "pedal", inside='<limit lower="0" upper="0.08" effort="9"/>')
+        + "".join(
+            f'<gazebo reference="rear_{side}_wheel"><mu1 value="0.7"/><mu2 value="0.7"/><minDepth value="0.002"/>'
+            "</gazebo>"
+            for side in ("left", "right")
+        )
+        + '<gazebo reference="plate"><material>Workshop/Rust</material></gazebo>'
+        + '<gazebo><plugin name="hybrid" filename="libhybrid.so"><front_torque>800</front_torque>'
+        "<back_torque>0</back_torque><front_brake_torque>900</front_brake_torque></plugin></gazebo>\n",
+    )  # fmt: skip
+    for side in ("left", "right"):
+        text = text.replace(
+            f'<link name="front_{side}_wheel">',
+            f'<link name="front_{side}_wheel"><contact><lateral_friction value="0.8"/><rolling_friction value="0.01"/>'
+            "</contact>",
+        )
+    path = package(folder / "odd_words", "odd_words", "car.urdf", text)
+    x, y, z = car.size
+    low = np.array([-0.5 * x, -0.5 * y, 0.03])
+    write_stl(path.parents[1] / "meshes/body.STL", box(low, low + np.array([x, y, z])))
+    return path
+
+
+def controllers_beside(folder):
+    """The description in one package, its controllers in a neighbouring one, a stranger's in a third."""
+    path = package(
+        folder / "rover_description", "rover_description", "rover.urdf", car_urdf("rover", Car(), transmissions=False)
+    )
+    for name, corners in (("rover_control", ("front_left", "front_right")), ("crane_control", ("rear_left",))):
+        package(folder / name, name, "nothing.txt", "", inside="notes")
+        (folder / name / "config").mkdir()
+        (folder / name / "config/motors.yaml").write_text(
+            "".join(
+                f"{corner}_motor:\n  type: effort_controllers/JointVelocityController\n"
+                f"  joint: {corner}_wheel_joint\n  pid: {{p: 5.0, i: 0.5, d: 0.0}}\n"
+                for corner in corners
+            )
+            + "boom:\n  type: effort_controllers/JointPositionController\n  joint: boom_joint\n"
+        )
+    return path
 
 
 def lost_meshes(folder, *, how):

@@ -54,9 +54,8 @@ def run(options: argparse.Namespace) -> int:
     meshcat: Any = None
     if options.view or (options.view is None and terminal):
         from mirdrake.viewer import make_meshcat
-        from mirdrake.worlds import load_world
 
-        meshcat = make_meshcat(world=load_world(spec.world))
+        meshcat = make_meshcat(world=spec.world.load())
         print(f"Meshcat: {meshcat.web_url()}", flush=True)
     end = options.duration or spec.duration
     bar = tqdm(

@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.cli.verb import kind_of
+from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
 
 HELP = "look at a vehicle, a world, a diagram or a run in Meshcat"
 MORE = """\
-For a vehicle there is a slider for every joint; Escape in the page, or Ctrl-C here, ends it.
+For a vehicle there is a slider for every joint, and buttons show and hide frames (key F), collision shapes (C) and
+meshes (M); the options below say what is shown at first. Escape in the page, or Ctrl-C here, ends it.
 
 examples:
   mirdrake view bolt
+  mirdrake view bolt --collision --no-meshes     what touches, and nothing else
   mirdrake view test_track --out track.html      a page that opens offline"""
 
 
@@ -22,11 +25,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("name", help="name or path of a vehicle, a world, a diagram or a run folder")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
+    vehicle = parser.add_argument_group("for a vehicle")
+    vehicle.add_argument("--frames", action="store_true", help="show the frame of every link, and the centre of mass")
+    vehicle.add_argument("--collision", action="store_true", help="show the collision shapes")
+    vehicle.add_argument("--no-meshes", action="store_true", help="hide the meshes")
 
 
 def run(options: argparse.Namespace) -> int:
     """Show."""
-    from mirdrake.diagram_spec import load_diagram
+    from mirdrake.diagram_spec import WorldEntry, load_diagram
     from mirdrake.logs import load_run
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
@@ -35,15 +42,18 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.worlds import load_world
 
     kind = kind_of(options.name)
+    layers = [f"--{name.replace('_', '-')}" for name in ("frames", "collision", "no_meshes") if getattr(options, name)]
+    if layers and kind != "models":
+        raise ConfigError(f"{', '.join(layers)}: for a vehicle only; '{options.name}' is none")
     sliders: Any = None
     diagram: Any = None
     if kind == "runs":
         run = load_run(options.name)
-        meshcat = make_meshcat(world=load_world(run.spec["world"]))
+        meshcat = make_meshcat(world=WorldEntry(**run.spec["world"]).load())
         draw_run(run, meshcat)
     elif kind == "diagrams":
         spec = load_diagram(options.name)
-        meshcat = make_meshcat(world=load_world(spec.world))
+        meshcat = make_meshcat(world=spec.world.load())
         diagram = show_diagram(spec, meshcat)
     elif kind == "worlds":
         world = load_world(options.name)
@@ -51,7 +61,13 @@ def run(options: argparse.Namespace) -> int:
         diagram = show_world(world, meshcat)
     else:
         meshcat = make_meshcat(world=load_world("empty"))
-        diagram, sliders = show_vehicle(load_vehicle(options.name), meshcat)
+        diagram, sliders = show_vehicle(
+            load_vehicle(options.name),
+            meshcat,
+            frames=options.frames,
+            collision=options.collision,
+            meshes=not options.no_meshes,
+        )
     if options.out is not None:
         write_page(meshcat, options.out)
         print(shown(options.out))

@@ -10,7 +10,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal, Protocol
+from typing import Literal, Protocol
 
 from pydantic import Field, model_validator
 
@@ -171,7 +171,3 @@ class ScheduleSpec(Schema):
     ) -> CommandSchedule:
         """The driver as a system with the output port ``command``; it needs to know of no vehicle and no world."""
         return CommandSchedule(self.schedule(), period=self.period)
-
-
-DriverSpec = Annotated[PathTrackingSpec | ConstantSpec | ScheduleSpec, Field(discriminator="kind")]
-"""Any driver, told apart by its ``kind``."""

@@ -30,9 +30,9 @@ def load_roads(world: str) -> list[Road]:
         if track.closed:
             s[-1] = 0.0
         left, right, centre = (
-            np.column_stack(track.point(s, offset)) for offset in (track.width / 2.0, -track.width / 2.0, 0.0)
+            np.column_stack(track.point(s, offset)) for offset in (track.left_width(s), -track.right_width(s), 0.0)
         )
-        roads.append(Road(left, right, centre, track.closed, track.width))
+        roads.append(Road(left, right, centre, track.closed, track.width, track.edges))
     return roads
 
 

@@ -197,6 +197,7 @@ def _make_vehicle_page(run: RunLike, signals: VehicleSignals, index: int, roads:
             signals,
             f"v{index}-",
             road_width=width,
+            road_edges=_road_edges(signals, roads),
             geometry=load_geometry(model),
             marks=_marks(run),
         )
@@ -209,6 +210,15 @@ def _make_vehicle_page(run: RunLike, signals: VehicleSignals, index: int, roads:
         tiles=_vehicle_tiles(figures),
         charts=charts,
     )
+
+
+def _road_edges(signals: VehicleSignals, roads: Sequence[Road]) -> tuple[Any, Any] | None:
+    """Lateral places [m] of the edges along the drive, + left, if the width of the road varies."""
+    if not roads or roads[0].edges is None or not signals.has("lateral_error", "progress"):
+        return None
+    s, left, right = roads[0].edges
+    along = signals["progress"]
+    return np.interp(along, s, left), -np.interp(along, s, right)
 
 
 def _figures(signals: VehicleSignals, told: Mapping[str, Any]) -> dict[str, float]:

@@ -32,13 +32,17 @@ _MOST_POINTS = 5000  # of one driven line
 
 @dataclass(frozen=True)
 class Road:
-    """Edges and centre line of a road, each N x 2 [m], in driving order; closed: the last point is the first."""
+    """Edges and centre line of a road, each N x 2 [m], in driving order; closed: the last point is the first.
+
+    Where the width varies, `width` is the largest, and `edges` are s and the distances of both edges there, N each [m].
+    """
 
     left: Array
     right: Array
     centre: Array
     closed: bool
     width: float
+    edges: tuple[Array, Array, Array] | None = None
 
 
 @dataclass(frozen=True)

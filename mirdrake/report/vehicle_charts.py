@@ -65,6 +65,7 @@ def make_charts(
     prefix: str,
     *,
     road_width: float | None = None,
+    road_edges: tuple[Array, Array] | None = None,
     geometry: Mapping[str, float] | None = None,
     marks: Sequence[float] = (),
 ) -> list[Chart]:
@@ -74,6 +75,7 @@ def make_charts(
         signals: of the vehicle.
         prefix: of ids, unique in the page.
         road_width: of the track [m], if there is one.
+        road_edges: lateral places [m] of its left and its right edge at every stamp, if its width varies.
         geometry: "wheelbase" [m] and "body_width" [m] over the wheels, as far as they are known.
         marks: times of events [s].
     """
@@ -81,7 +83,7 @@ def make_charts(
     plans = [
         _plan_speed(signals),
         _plan_steering(signals),
-        _plan_lateral_error(signals, road_width, geometry.get("body_width")),
+        _plan_lateral_error(signals, road_width, geometry.get("body_width"), road_edges),
         _plan_yaw_rate(signals, geometry.get("wheelbase")),
         _plan_wheels(signals, "wheel_torque", "Wheel torques", "torque", "N m", "torques", 1.0),
         _plan_wheels(signals, "wheel_load", "Contact: wheel loads", "load", "kN", "loads", 1e-3),
@@ -149,7 +151,12 @@ def _plan_steering(signals: VehicleSignals) -> Plan | None:
     return "steering", "Steering", [Panel("Steering angle", "°", curves, zero=True)], caption
 
 
-def _plan_lateral_error(signals: VehicleSignals, road_width: float | None, body_width: float | None) -> Plan | None:
+def _plan_lateral_error(
+    signals: VehicleSignals,
+    road_width: float | None,
+    body_width: float | None,
+    road_edges: tuple[Array, Array] | None = None,
+) -> Plan | None:
     if not signals.has("lateral_error"):
         return None
     error = signals["lateral_error"]
@@ -163,6 +170,14 @@ def _plan_lateral_error(signals: VehicleSignals, road_width: float | None, body_
         caption += f"Largest: {tell(size, 'm', digits=2)} to the {side} at {clock(float(signals.time[worst]))}; "
         caption += f"root mean square {tell(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
     curve = Curve("lateral error", error, "main")
+    if road_edges is not None:
+        edges = [
+            Curve(f"{side} edge", values, "ink", dashed=True) for side, values in zip(_SIDES, road_edges, strict=True)
+        ]
+        room = float(np.nanmin([road_edges[0] - error, error - road_edges[1]]))
+        caption += f" Least distance of the middle of the car to an edge of the road: {tell(room, 'm', digits=2)}."
+        across = Panel("The same across the road", "m", [curve, *edges], zero=True, relative_height=0.62)
+        return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), across], caption
     if not road_width:
         return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True)], caption
     edge, colour = road_width / 2.0, "right"

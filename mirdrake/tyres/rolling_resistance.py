@@ -26,7 +26,7 @@ The tyre's own moment is -Crr N h tanh(ω/ω_0), with h the height of the axle a
 back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import cos, exp, sin, tanh
 from typing import NamedTuple
@@ -111,7 +111,7 @@ class RollingResistance(LeafSystem):
         generalized_force: for the plant's applied generalised force (num_velocities) [N, N m].
         wheel_load (4 a vehicle) [N]: normal load of the road on each wheel.
         resistance (4 a vehicle) [N m]: torque applied about each wheel's axle, tyre and cancellation.
-        other_contacts (1) [1]: number of contacts that are not tyres on the road.
+        other_contacts (1) [1]: number of contacts of vehicles that are not tyres on the road.
 
     All outputs are discrete states, updated every `period`.
 
@@ -119,6 +119,8 @@ class RollingResistance(LeafSystem):
         plant: finalised plant, with its wheels' spin axes along y of their bodies.
         wheels: the wheels.
         ground: geometries of the road plane, whose normal is z of the world.
+        scenery: other geometries of the world; how they touch each other or the road is of no interest.
+        bumps: those of them that are made to be driven over.
         period: time between updates [s], a multiple of the plant's step.
         cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place; then, as in point
             contact, :data:`LOAD_PERIOD` is enough.
@@ -133,6 +135,8 @@ class RollingResistance(LeafSystem):
         wheels: Sequence[RollingWheel],
         *,
         ground: Sequence[GeometryId],
+        scenery: Collection[GeometryId] = (),
+        bumps: Collection[GeometryId] = (),
         period: float,
         cancel_numerical: bool = True,
     ) -> None:
@@ -140,7 +144,8 @@ class RollingResistance(LeafSystem):
         if not period > 0.0:
             raise ConfigError(f"RollingResistance: period {period} is not allowed; it must be a positive time in s")
         self._wheels = tuple(wheels)
-        self._ground = frozenset(ground)
+        self._ground, self._bumps = frozenset(ground), frozenset(bumps)
+        self._scenery = self._ground | frozenset(scenery)
         self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
         self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
         self._cancel = cancel_numerical
@@ -210,14 +215,14 @@ class RollingResistance(LeafSystem):
             row = self._wheel_on_road(pair.id_A, pair.id_B)
             if row is not None:
                 contacts[row].load += abs(float(info.contact_force()[2]))
-            else:
+            elif self._counts(pair.id_A, pair.id_B):
                 others += 1
         for k in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(k)
             surface = info.contact_surface()
             row = self._wheel_on_road(surface.id_M(), surface.id_N())
             if row is None:
-                others += 1
+                others += self._counts(surface.id_M(), surface.id_N())
                 continue
             contact, pose = contacts[row], poses[row]
             wrench = info.F_Ac_W().get_coeffs().tolist()
@@ -241,6 +246,12 @@ class RollingResistance(LeafSystem):
         if first in self._ground:
             return self._row.get(second)
         return self._row.get(first) if second in self._ground else None
+
+    def _counts(self, first: GeometryId, second: GeometryId) -> bool:
+        """Whether two geometries that touch are a vehicle and something that it should not touch."""
+        if first in self._scenery and second in self._scenery:
+            return False
+        return not (first in self._bumps and second in self._row) and not (second in self._bumps and first in self._row)
 
     def _wheel_poses(self, x: Sequence[float]) -> list["_Pose"]:
         """Centre and axle of every wheel, from the plant's state."""

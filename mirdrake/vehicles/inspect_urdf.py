@@ -4,17 +4,20 @@ Drake replaces an impossible inertia by a plausible one, skips actuators without
 Here all of these are errors that name the link or joint, the numbers, and the line in the xacro source.
 """
 
+import base64
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from mirdrake.errors import ConfigError, ModelError, did_you_mean
+from mirdrake.errors import ConfigError, MirdrakeError, ModelError, did_you_mean
 from mirdrake.paths import data_root
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.numbers_in_urdf import check_numbers, number
@@ -33,24 +36,54 @@ def check_urdf(urdf: Urdf, *, spec: VehicleSpec, sensors: SensorsSpec) -> None:
         ModelError: masses, inertias, joint types, limits or transmissions are wrong.
         ConfigError: vehicle.yaml or sensors.yaml names something that the URDF does not have.
     """
+    for fault in find_faults(urdf, spec=spec, sensors=sensors):
+        raise fault
+
+
+def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | None) -> Iterator[MirdrakeError]:
+    """All faults of links, joints, actuators and frames; what needs a spec that is None is left out."""
     links = {link.get("name", ""): link for link in urdf.root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in urdf.root.findall("joint")}
-    check_numbers(urdf)
+    for element in urdf.root:
+        yield from _raised(check_numbers, replace(urdf, root=element))
+    yield from _twice(urdf)
     for link in links.values():
-        _check_inertia(urdf, link)
-    _check_massless(urdf, links, joints)
-    if spec.base_link not in links:
-        raise ConfigError(
-            f"{where_in(spec, 'base_link')}: no link '{spec.base_link}'; {did_you_mean(spec.base_link, links)}"
-        )
-    _check_connected(urdf, spec, links, joints)
-    _check_roles(urdf, spec, joints)
-    _check_drive(urdf, spec, joints)
+        yield from _raised(_check_inertia, urdf, link)
+    yield from _massless(urdf, links, joints)
+    if spec is not None:
+        if spec.base_link in links:
+            yield from _unconnected(urdf, spec, links, joints)
+        else:
+            hint = did_you_mean(spec.base_link, links)
+            yield ConfigError(f"{where_in(spec, 'base_link')}: no link '{spec.base_link}'; {hint}")
+        yield from _wrong_roles(urdf, spec, joints)
+        yield from _weak_joints(urdf, spec, joints)
     frames = [*links, *(frame.get("name", "") for frame in urdf.root.findall("frame"))]
-    for name, mount in sensors.mounts.items():
+    for name, mount in (sensors.mounts if sensors is not None else {}).items():
         if mount.frame not in frames:
-            at = where_in(sensors, "mounts", name, "frame")
-            raise ConfigError(f"{at}: no link '{mount.frame}'; {did_you_mean(mount.frame, frames)}")
+            at = where_in(sensors, "mounts", name, "frame") if sensors is not None else ""
+            yield ConfigError(f"{at}: no link '{mount.frame}'; {did_you_mean(mount.frame, frames)}")
+
+
+def _raised(check: Callable[..., None], *arguments: Any) -> Iterator[MirdrakeError]:
+    """The fault that a check raises, if it does."""
+    try:
+        check(*arguments)
+    except MirdrakeError as fault:
+        yield fault
+
+
+def _twice(urdf: Urdf) -> Iterator[MirdrakeError]:
+    """Links or joints of the same name."""
+    for kind in ("link", "joint"):
+        first: dict[str, ElementTree.Element] = {}
+        for element in urdf.root.findall(kind):
+            name = element.get("name", "")
+            if name in first:
+                yield ModelError(
+                    f"{urdf.where(element)}: {kind} '{name}' is there already, from {urdf.where(first[name])}"
+                )
+            first.setdefault(name, element)
 
 
 def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple[str, ...]]:
@@ -66,32 +99,38 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
         URDF text, the package map (name -> folder), warnings.
 
     Raises:
-        ModelError: an unknown package, a missing file, or a collision mesh in a format that Drake does not read.
+        ModelError: unknown packages, missing files, collision meshes in a format that Drake does not read: a line each.
     """
     own = folder.name if folder.name != "mirdrake" else "mirdrake_vehicle"
     packages = {own: str(folder), "mirdrake": str(data_root())}
     text = urdf.text.split("\n")
-    warnings = []
+    warnings, faults = [], []
     seen: set[Path] = set()
     for role, formats in (("visual", VISUAL_FORMATS), ("collision", COLLISION_FORMATS)):
         for mesh in urdf.root.findall(f"link/{role}/geometry/mesh"):
             address = mesh.get("filename", "")
             at = f"{urdf.where(mesh)}: {role} mesh '{address}'"
-            package, path = _mesh_file(address, folder, packages, at)
-            if not path.is_file():
-                raise ModelError(f"{at}: no such file: {path}")
-            if path.suffix == ".gltf" and path not in seen:
-                seen.add(path)
-                _check_gltf(path, at)
-            if path.suffix.lower() not in formats:
-                if role == "collision":
-                    raise ModelError(f"{at}: Drake reads {', '.join(formats)}; convert it")
-                warnings.append(f"{at}: cameras see {' and '.join(formats)} only; convert it")
+            try:
+                package, path = _mesh_file(address, folder, packages, at)
+                if not path.is_file():
+                    raise ModelError(f"{at}: no such file: {path}")
+                if path.suffix == ".gltf" and path not in seen:
+                    seen.add(path)
+                    _check_gltf(path, at)
+                if path.suffix.lower() not in formats:
+                    if role == "collision":
+                        raise ModelError(f"{at}: Drake reads {', '.join(formats)}; convert it")
+                    warnings.append(f"{at}: cameras see {' and '.join(formats)} only; convert it")
+            except ModelError as fault:
+                faults.append(str(fault))
+                continue
             if package:
                 number = urdf.lines[mesh] - 1
                 text[number] = text[number].replace(
                     f'filename="{_escaped(address)}"', f'filename="{_escaped(package)}"'
                 )
+    if faults:
+        raise ModelError("\n".join(dict.fromkeys(faults)))
     return "\n".join(text), packages, tuple(warnings)
 
 
@@ -113,20 +152,157 @@ def _mesh_file(address: str, folder: Path, packages: Mapping[str, str], at: str)
     return f"package://{own}/{address}", folder / address
 
 
-def _check_gltf(path: Path, at: str) -> None:
-    """The buffers and textures that a glTF file names are there."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        addresses = [entry.get("uri", "") for key in ("buffers", "images") for entry in content.get(key, [])]
-    except (ValueError, AttributeError) as error:
-        raise ModelError(f"{at}: not a glTF file: {error}") from None
-    for address in addresses:
-        if address and not address.startswith("data:") and not (path.parent / unquote(address)).is_file():
-            raise ModelError(f"{at}: it needs '{address}'; no such file: {path.parent / unquote(address)}")
-
-
 def _escaped(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace(">", "&gt;")
+
+
+# --- glTF --------------------------------------------------------------------------------------------------------
+
+_SCALARS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+
+def _check_gltf(path: Path, at: str) -> None:
+    """A glTF file and its buffers hold together: VTK, which reads them for cameras, crashes on some that do not."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(
+            text, parse_float=_finite, parse_int=lambda word: int(_finite(word)), parse_constant=_finite
+        )
+        addresses = [entry.get("uri", "") for key in ("buffers", "images") for entry in content.get(key, [])]
+        missing = [one for one in addresses if one and not one.startswith("data:") and not _beside(path, one).is_file()]
+    except (ValueError, AttributeError, TypeError, OSError, RecursionError) as error:
+        raise ModelError(f"{at}: not a glTF file: {_plain(error)}") from None
+    if missing:
+        raise ModelError(f"{at}: it needs '{missing[0]}'; no such file: {_beside(path, missing[0])}")
+    try:
+        _check_links(content)
+        _check_data(content, path)
+    except KeyError as error:
+        raise ModelError(f"{at}: broken glTF file: {error} is missing") from None
+    except (ValueError, AttributeError, TypeError, OSError, IndexError) as error:
+        raise ModelError(f"{at}: broken glTF file: {_plain(error)}") from None
+
+
+def _finite(text: str) -> float:
+    """A number of a JSON file; Python would take more than VTK does."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is not a finite number")
+    return value
+
+
+def _beside(path: Path, address: str) -> Path:
+    return path.parent / unquote(address)
+
+
+def _plain(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def _entry(content: Mapping[str, Any], kind: str, number: Any) -> Any:
+    """An entry of one of the lists of a glTF file, by number."""
+    entries = content.get(kind, [])
+    if type(number) is not int or not 0 <= number < len(entries):
+        raise ValueError(f"there is no {kind}[{str(number)[:40]}]")
+    return entries[number]
+
+
+def _check_links(content: Mapping[str, Any]) -> None:
+    """What refers to something refers to something that exists, and no node hangs below itself.
+
+    Raises:
+        ValueError, KeyError, TypeError or AttributeError: it does not.
+    """
+    if not isinstance(content["asset"]["version"], str):
+        raise ValueError("the version is no text")
+    for texture in content.get("textures", []):
+        for key, kind in (("source", "images"), ("sampler", "samplers")):
+            if key in texture:
+                _entry(content, kind, texture[key])
+    for material in content.get("materials", []):
+        for part in (material, material.get("pbrMetallicRoughness", {})):
+            for key in [key for key in part if key.endswith("Texture")]:
+                _entry(content, "textures", part[key]["index"])
+    parents = set()
+    for node in content.get("nodes", []):
+        if "mesh" in node:
+            _entry(content, "meshes", node["mesh"])
+        for child in node.get("children", []):
+            _entry(content, "nodes", child)
+            if child in parents:
+                raise ValueError(f"nodes[{child}] hangs below two others")
+            parents.add(child)
+        for key, count in (("matrix", 16), ("translation", 3), ("rotation", 4), ("scale", 3)):
+            numbers = np.array(node.get(key, [0] * count), dtype=float)
+            if numbers.shape != (count,) or not np.isfinite(numbers).all():
+                raise ValueError(f"{key} of a node should be {count} numbers")
+    scenes = content["scenes"]
+    for scene in scenes:
+        for index in scene.get("nodes", []):
+            _entry(content, "nodes", index)
+            if index in parents:
+                raise ValueError(f"nodes[{index}] is in a scene and below another node")
+    waiting = list(_entry(content, "scenes", content.get("scene", 0)).get("nodes", []))
+    shown = False
+    while waiting:
+        node = content["nodes"][waiting.pop()]
+        shown = shown or "mesh" in node
+        waiting += node.get("children", [])
+    if not shown:
+        raise ValueError("its scene shows no mesh")
+
+
+def _check_data(content: Mapping[str, Any], path: Path) -> None:
+    """Buffers are as long as said, views and accessors lie in them, points are numbers, triangles have their points.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError or OSError: something is wrong.
+    """
+    buffers = []
+    for index, buffer in enumerate(content.get("buffers", [])):
+        uri = buffer["uri"]
+        data = base64.b64decode(uri.partition(",")[2]) if uri.startswith("data:") else _beside(path, uri).read_bytes()
+        if not 0 < buffer["byteLength"] <= len(data):
+            name = f"buffers[{index}]" if uri.startswith("data:") else f"'{uri}'"
+            raise ValueError(f"{name} has {len(data)} bytes and should have {buffer['byteLength']}")
+        buffers.append(data[: buffer["byteLength"]])
+    for index, view in enumerate(content.get("bufferViews", [])):
+        _entry(content, "buffers", view["buffer"])
+        begin, length = view.get("byteOffset", 0), view["byteLength"]
+        if begin < 0 or length <= 0 or begin + length > len(buffers[view["buffer"]]):
+            raise ValueError(f"bufferViews[{index}] does not lie in its buffer")
+
+    def values(index: Any) -> np.ndarray:
+        accessor = _entry(content, "accessors", index)
+        kind, width, count = _SCALARS[accessor["componentType"]], _WIDTHS[accessor["type"]], accessor["count"]
+        if any(len(accessor[key]) != width for key in ("min", "max") if key in accessor):
+            raise ValueError(f"min and max of accessors[{index}] should be {width} numbers")
+        view = _entry(content, "bufferViews", accessor["bufferView"])
+        begin, size = accessor.get("byteOffset", 0), width * np.dtype(kind).itemsize
+        stride = view.get("byteStride", size)
+        if begin < 0 or count < 1 or stride < size or begin + stride * (count - 1) + size > view["byteLength"]:
+            raise ValueError(f"accessors[{index}] does not lie in its bufferView")
+        data = np.frombuffer(buffers[view["buffer"]], np.uint8, offset=view.get("byteOffset", 0) + begin)
+        rows = np.lib.stride_tricks.as_strided(data, (count, size), (stride, 1))
+        return np.ascontiguousarray(rows).view(kind)
+
+    for index in range(len(content.get("accessors", []))):
+        values(index)
+    for index, mesh in enumerate(content["meshes"]):
+        for primitive in mesh["primitives"]:
+            points = values(primitive["attributes"]["POSITION"])
+            if points.shape[1] != 3 or points.dtype != np.float32 or not (np.abs(points) < 1e6).all():
+                raise ValueError(f"meshes[{index}] has points that are not three finite numbers")
+            for name, attribute in primitive["attributes"].items():
+                if len(values(attribute)) != len(points):
+                    raise ValueError(f"meshes[{index}] has {len(points)} points, but another count of {name}")
+            if "indices" in primitive:
+                corners = values(primitive["indices"])
+                if corners.shape[1] != 1 or corners.dtype.kind != "u" or corners.max() >= len(points):
+                    raise ValueError(f"meshes[{index}] has triangles whose corners are not among its points")
+            if "material" in primitive:
+                _entry(content, "materials", primitive["material"])
 
 
 # --- links -------------------------------------------------------------------------------------------------------
@@ -172,10 +348,10 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
         )
 
 
-def _check_massless(
+def _massless(
     urdf: Urdf, links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]
-) -> None:
-    """Links that move together have mass together: Drake fails at the first step otherwise."""
+) -> Iterator[MirdrakeError]:
+    """Links that move together and have no mass together: Drake fails at the first step."""
     parent_of = {}
     for joint in joints.values():
         parent, child = joint.find("parent"), joint.find("child")
@@ -190,18 +366,18 @@ def _check_massless(
         mass[root] += _mass(link) or 0.0
     for name, link in links.items():
         if name not in parent_of and name != "world" and mass[name] == 0.0:
-            raise ModelError(
+            yield ModelError(
                 f"{urdf.where(link)}: link '{name}' moves but has no mass; give it an <inertial> or a fixed joint"
             )
 
 
-def _check_connected(
+def _unconnected(
     urdf: Urdf,
     spec: VehicleSpec,
     links: Mapping[str, ElementTree.Element],
     joints: Mapping[str, ElementTree.Element],
-) -> None:
-    """All links hang on base_link: Drake would let the others fall beside the car."""
+) -> Iterator[MirdrakeError]:
+    """Links that do not hang on base_link: Drake would let them fall beside the car."""
     children: dict[str, list[str]] = {}
     for joint in joints.values():
         ends = [end.get("link", "") if (end := joint.find(tag)) is not None else "" for tag in ("parent", "child")]
@@ -214,7 +390,7 @@ def _check_connected(
             waiting += children.get(name, [])
     for name, link in links.items():
         if name not in reached:
-            raise ModelError(
+            yield ModelError(
                 f"{urdf.where(link)}: link '{name}' hangs on nothing; add a joint that leads to it from "
                 f"'{spec.base_link}'"
             )
@@ -223,8 +399,8 @@ def _check_connected(
 # --- joints ------------------------------------------------------------------------------------------------------
 
 
-def _check_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]) -> None:
-    """The joints with roles exist, once each, with the right type, and have actuators."""
+def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]) -> Iterator[MirdrakeError]:
+    """Joints with roles that do not exist, have two roles, the wrong type, or no actuator."""
     roles = [(("joints", "wheels", name), getattr(spec.joints.wheels, name), "continuous") for name in WHEELS]
     roles += [
         (("joints", "steering", name), getattr(spec.joints.steering, name), "revolute") for name in ("left", "right")
@@ -234,25 +410,21 @@ def _check_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
         at = where_in(spec, *path)
         if name not in joints:
             movable = [other for other, joint in joints.items() if joint.get("type") != "fixed"]
-            raise ConfigError(f"{at}: no joint '{name}'; {did_you_mean(name, movable)}")
-        if name in used:
-            raise ConfigError(f"{at}: joint '{name}' is already {used[name]}")
-        used[name] = ".".join(path)
-        joint = joints[name]
-        if joint.get("type") != kind:
-            raise ModelError(
-                f"{urdf.where(joint)}: joint '{name}' is {joint.get('type')}; as {'.'.join(path)} it should be {kind}"
-            )
+            yield ConfigError(f"{at}: no joint '{name}'; {did_you_mean(name, movable)}")
+        elif name in used:
+            yield ConfigError(f"{at}: joint '{name}' is already {used[name]}")
+        else:
+            used[name] = ".".join(path)
+            joint = joints[name]
+            if (given := joint.get("type")) != kind:
+                yield ModelError(f"{urdf.where(joint)}: joint '{name}' is {given}; as {used[name]} it should be {kind}")
     actuated = {joint.get("name") for joint in urdf.root.findall("transmission/joint")}
     for name in used:
+        at, effort = urdf.where(joints[name]), _effort(joints[name])
         if name not in actuated:
-            raise ModelError(
-                f"{urdf.where(joints[name])}: joint '{name}' has no <transmission>, so nothing can move it; add one"
-            )
-        effort = _effort(joints[name])
+            yield ModelError(f"{at}: joint '{name}' has no <transmission>, so nothing can move it; add one")
         if effort is not None and not effort > 0.0:
-            at = urdf.where(joints[name])
-            raise ModelError(f"{at}: joint '{name}' has effort limit {effort:g} N m; it should be above zero")
+            yield ModelError(f"{at}: joint '{name}' has effort limit {effort:g} N m; it should be above zero")
 
 
 def check_actuators(
@@ -286,19 +458,19 @@ def _effort(joint: ElementTree.Element) -> float | None:
     return number(limit.get("effort"))
 
 
-def _check_drive(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]) -> None:
-    """The effort limits let through the brakes' torque, and at driven wheels the motor's on top of it."""
+def _weak_joints(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]) -> Iterator[MirdrakeError]:
+    """Effort limits that do not let through the brakes' torque, and at driven wheels the motor's on top of it."""
     driven = spec.driven_wheels()
     share = spec.brakes.front_share
     for wheel in WHEELS:
         name = getattr(spec.joints.wheels, wheel)
-        effort = _effort(joints[name])
-        if effort is None:
+        effort = _effort(joints[name]) if name in joints else None
+        if effort is None or not effort > 0.0:
             continue
         drive = spec.powertrain.max_torque / len(driven) if wheel in driven else 0.0
         brake = spec.brakes.max_torque * (share if wheel.startswith("front") else 1.0 - share) / 2.0
         if effort < (drive + brake) * (1.0 - 1e-6):
-            raise ModelError(
+            yield ModelError(
                 f"{urdf.where(joints[name])}: joint '{name}' is limited to {effort:.6g} N m; vehicle.yaml asks for "
                 f"{drive + brake:.6g} N m at the {wheel} wheel (drive {spec.drive}: {drive:.6g}, brake {brake:.6g})"
             )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.paths import find
@@ -13,10 +13,13 @@ from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.spec import ControlSpec, Drive, VariantSpec, VehicleSpec
 from mirdrake.vehicles.xacro_render import Urdf, render_xacro
-from mirdrake.yaml_io import Source, load_yaml
+from mirdrake.yaml_io import SchemaT, Source, load_yaml, shown
 from mirdrake.yaml_io import where as where_in
 
 MAIN_FILE = "main.urdf.xacro"
+FILES = ("vehicle.yaml", "control.yaml", "sensors.yaml", MAIN_FILE)
+"""What every vehicle folder holds; more .xacro files, meshes/ and variants/ may come along."""
+
 VARIANT_MARK = "@"
 """Between the name of a vehicle and that of its variant: ``bolt@published``."""
 
@@ -62,20 +65,14 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
         ModelError: the xacro files, the URDF or the meshes are wrong.
     """
     folder, variant = find_vehicle(name, where=where)
-    change = VariantSpec(description="as it stands")
-    if variant is not None:
-        known = variants(folder)
-        if variant not in known:
-            prefix = f"{where}: " if where else ""
-            raise ConfigError(f"{prefix}{folder.name} has no variant '{variant}'; {did_you_mean(variant, known)}")
-        change = load_yaml(known[variant], VariantSpec)
-    spec = load_yaml(folder / "vehicle.yaml", VehicleSpec, over=_part(change, "vehicle"))
-    control = load_yaml(folder / "control.yaml", ControlSpec, over=_part(change, "control"))
-    sensors = load_yaml(folder / "sensors.yaml", SensorsSpec, over=_part(change, "sensors"))
+    change = load_variant(folder, variant, where=where)
+    spec = load_part(folder, "vehicle", VehicleSpec, change)
+    control = load_part(folder, "control", ControlSpec, change)
+    sensors = load_part(folder, "sensors", SensorsSpec, change)
     given = {name: str(value) for name, value in (arguments or {}).items()}
     values = change.arguments | given
     if "drive" in values:
-        spec = _with_drive(spec, values["drive"], where if "drive" in given else where_in(change, "arguments"))
+        spec = with_drive(spec, values["drive"], where if "drive" in given else where_in(change, "arguments"))
     at = where if given or variant is None else where_in(change, "arguments")
     urdf = render_xacro(folder / MAIN_FILE, arguments=values, defaults={"drive": spec.drive}, where=at)
     label = folder.name if variant is None else f"{folder.name}{VARIANT_MARK}{variant}"
@@ -103,10 +100,43 @@ def variants(folder: Path) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("variants/*.yaml"))}
 
 
-def _part(change: VariantSpec, key: str) -> tuple[Any, Source] | None:
-    """One part of a variant as a tree to lay over a file."""
+def load_variant(folder: Path, variant: str | None, *, where: str = "") -> VariantSpec:
+    """What a variant changes; nothing if there is none.
+
+    Raises:
+        ConfigError: the folder has no such variant, or its file is wrong.
+    """
+    if variant is None:
+        return VariantSpec(description="as it stands")
+    known = variants(folder)
+    if variant not in known:
+        prefix = f"{where}: " if where else ""
+        raise ConfigError(f"{prefix}{folder.name} has no variant '{variant}'; {did_you_mean(variant, known)}")
+    return load_yaml(_file(known[variant]), VariantSpec)
+
+
+def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec) -> SchemaT:
+    """One of the YAML files of a vehicle folder with a variant laid over it.
+
+    Args:
+        folder: of the vehicle.
+        key: name of the file and of the part of the variant: vehicle, control or sensors.
+        schema: format of the file.
+        change: the variant.
+
+    Raises:
+        ConfigError: the file is wrong.
+    """
     data = getattr(change, key)
-    return (data, (change._source or Source(key, {}))._replace(prefix=(key,))) if data else None
+    over = (data, (change._source or Source(key, {}))._replace(prefix=(key,))) if data else None
+    return load_yaml(_file(folder / f"{key}.yaml"), schema, over=over)
+
+
+def _file(path: Path) -> Path:
+    """The path, unless reading from it would never end."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise ConfigError(f"{shown(path)}: is no file")
+    return path
 
 
 def make_vehicle(
@@ -147,7 +177,7 @@ def make_vehicle(
     )
 
 
-def _with_drive(spec: VehicleSpec, drive: str, where: str) -> VehicleSpec:
+def with_drive(spec: VehicleSpec, drive: str, where: str) -> VehicleSpec:
     """The spec with another driven axle."""
     allowed = get_args(Drive)
     if drive not in allowed:

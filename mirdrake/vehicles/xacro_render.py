@@ -92,10 +92,13 @@ class _Expansion:
         """One file as a DOM tree whose elements know their place."""
         name = shown(path)
         try:
-            data = path.read_bytes()
+            problem = "" if path.is_file() or not path.exists() else "is a folder" if path.is_dir() else "is no file"
+            data = b"" if problem else path.read_bytes()  # reading a pipe or a device would never end
         except OSError as error:
+            problem = (error.strerror or "cannot be read") if path.exists() else "no such file"
+        if problem:
             at = f"{self.where()}: include: " if self.files else ""
-            raise ModelError(f"{at}{name}: {'no such file' if not path.exists() else error.strerror}") from None
+            raise ModelError(f"{at}{name}: {problem}")
         self.files.append(path)
         lines: list[int] = []
         parser = expat.ParserCreate()
@@ -189,7 +192,7 @@ def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> 
     for name in given:
         if name not in note.arguments and name not in note.used:
             prefix = f"{where}: " if where else f"{shown(note.files[0])}: "
-            raise ModelError(f"{prefix}unknown argument '{name}'; {did_you_mean(name, note.arguments)}")
+            raise ModelError(f"{prefix}unknown argument '{_printable(name)}'; {did_you_mean(name, note.arguments)}")
 
 
 def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
@@ -286,4 +289,9 @@ def _drop_space_and_comments(node: Any) -> None:
 
 def _one_line(error: Exception) -> str:
     parts = " ".join(str(error).split()).split(" when evaluating expression ")
-    return " in ".join(parts[:2]) or type(error).__name__
+    return _printable(" in ".join(parts[:2])) or type(error).__name__
+
+
+def _printable(text: str) -> str:
+    """The text with invisible characters spelt out."""
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)

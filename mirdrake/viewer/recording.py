@@ -14,13 +14,12 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatVisualizer, Meshc
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram_spec import make_spec
+from mirdrake.diagram_spec import WorldEntry, make_spec
 from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.plant import PlantSpec, make_plant
 from mirdrake.vehicles import WHEELS, load_vehicle
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_meshcat, place_camera
-from mirdrake.worlds import load_world
 
 Array = NDArray[np.float64]
 
@@ -42,7 +41,7 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
     """
     if run.folder is None or run.signals.empty:
         raise RunError("recording: the run has no folder or no samples")
-    meshcat = make_meshcat(port=0, world=load_world(run.spec["world"]))
+    meshcat = make_meshcat(port=0, world=WorldEntry(**run.spec["world"]).load())
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     path = run.folder / "recording.html"
     write_file(path, meshcat.StaticHtml())
@@ -59,7 +58,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     """
     spec = make_spec(run.spec)
     builder = DiagramBuilder()
-    world = load_world(spec.world)
+    world = spec.world.load()
     vehicles = {name: load_vehicle(entry.model, arguments=entry.arguments) for name, entry in spec.vehicles.items()}
     parts = make_plant(builder, world, vehicles, spec=PlantSpec(contact="point"))
     params = MeshcatVisualizerParams(publish_period=1.0 / frames_per_second)

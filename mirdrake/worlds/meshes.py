@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,12 @@ class Surface:
     """linear red, green, blue, 0 .. 1; multiplies the texture"""
     texture: str | None = None
     """name of a texture file"""
+    roughness: float = 0.95
+    """0 mirrors, 1 is matt"""
 
 
 def fill(
-    polygon: shapely.Geometry, *, z: float, tile: float, color: tuple[float, float, float], texture: str | None
+    polygon: BaseGeometry, *, z: float, tile: float, color: tuple[float, float, float], texture: str | None
 ) -> Surface:
     """A horizontal polygon, holes and all, as triangles.
 
@@ -63,7 +66,7 @@ def fill(
 
 
 def skirt(
-    polygon: shapely.Geometry, *, top: float, bottom: float, tile: float, color: tuple[float, float, float]
+    polygon: BaseGeometry, *, top: float, bottom: float, tile: float, color: tuple[float, float, float]
 ) -> Surface:
     """The vertical sides [m] of a slab with that outline, facing outwards, without texture."""
     vertices: list[Array] = []
@@ -112,7 +115,11 @@ def make_gltf(surfaces: Sequence[Surface]) -> str:
         }
         indices = add(surface.triangles.ravel().astype("<u4"), 34963, "SCALAR", 5125)
         primitives.append({"attributes": attributes, "indices": indices, "material": number})
-        pbr: dict[str, Any] = {"baseColorFactor": [*surface.color, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.95}
+        pbr: dict[str, Any] = {
+            "baseColorFactor": [*surface.color, 1.0],
+            "metallicFactor": 0.0,
+            "roughnessFactor": surface.roughness,
+        }
         if surface.texture:
             pbr["baseColorTexture"] = {"index": images.index(surface.texture)}
         materials.append({"pbrMetallicRoughness": pbr})
@@ -139,19 +146,33 @@ def make_gltf(surfaces: Sequence[Surface]) -> str:
     return json.dumps(document)
 
 
-def _pieces(polygon: shapely.Geometry, *, size: float = 60.0) -> NDArray[np.object_]:
+def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]:
     """A polygon with holes cut along a grid, for the time to triangulate grows faster than the number of corners.
 
     The grid is the same for all polygons, so that neighbours are cut at the same points and no crack opens between
-    them.
+    them. Parts are halved again and again, so that every cut is of a part that is small already; rectangles are left.
     """
+    parts = np.asarray(shapely.get_parts(polygon))
     if shapely.get_num_coordinates(polygon) < 200:
-        return np.asarray(shapely.get_parts(polygon))
-    xmin, ymin, xmax, ymax = np.floor(shapely.bounds(polygon) / size) * size
-    x, y = np.meshgrid(np.arange(xmin, xmax + size, size), np.arange(ymin, ymax + size, size))
-    cells = shapely.box(x, y, x + size, y + size)
-    parts = shapely.get_parts(shapely.get_parts(shapely.intersection(polygon, cells.ravel())))
-    return np.asarray(parts[shapely.area(parts) > 1e-8])
+        return parts
+    done: list[NDArray[np.object_]] = []
+    while parts.size:
+        low, high = np.split(shapely.bounds(parts), 2, axis=1)
+        first, last = np.floor(low / size + 1e-6), np.ceil(high / size - 1e-6)  # lines of the grid around each part
+        cells = last - first
+        area = shapely.area(parts)
+        small = (cells <= 1.0).all(axis=1) | (area > (1.0 - 1e-12) * np.prod(high - low, axis=1))
+        done.append(parts[small])
+        parts, low, high, first, cells = (values[~small] for values in (parts, low, high, first, cells))
+        across = np.argmax(cells, axis=1)[:, None] == [0, 1]  # the longer way
+        middle = size * (first + np.floor(cells / 2.0))
+        halves = [
+            shapely.intersection(parts, shapely.box(*np.hstack((begin, end)).T))
+            for begin, end in ((low, np.where(across, middle, high)), (np.where(across, middle, low), high))
+        ]
+        parts = shapely.get_parts(shapely.get_parts(np.concatenate(halves)))
+        parts = parts[shapely.area(parts) > 1e-8]
+    return np.concatenate(done)
 
 
 def _y_up(vectors: Array) -> Array:

@@ -2,10 +2,12 @@
 
 Road, paint and ground are cut out of each other, so that no two surfaces lie close above one another: nothing flickers
 (z-fighting), however far away the camera is. The road's top is at z = 0, where the physical plane is; the ground beside
-it lies lower by the road's thickness.
+it lies lower by the road's thickness. A friction patch is cut out likewise; one without a surface of its own lets what
+lies below be seen, darker and shinier, as if it were wet.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +23,12 @@ from pydrake.geometry import (
     Shape,
 )
 from pydrake.math import RigidTransform
+from shapely.geometry.base import BaseGeometry
 
 from mirdrake.paths import data_root
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.spec import MarkingSpec
-from mirdrake.worlds.tracks import Array, Track
+from mirdrake.worlds.tracks import Array, Offset, Track, offset_at
 from mirdrake.worlds.world import World, verge
 
 TILES = {"asphalt": 4.0, "grass": 6.0, "concrete": 4.0, "gravel": 3.0, "ice": 8.0}
@@ -35,6 +38,7 @@ SKIES = {"clear": ((70, 125, 200), (205, 222, 238)), "overcast": ((176, 182, 190
 """Colours of the skies at the zenith and at the horizon, red, green, blue, 0 .. 255."""
 
 _WHITE = (0.86, 0.86, 0.84)
+_WET, _WET_ROUGHNESS = (0.62, 0.66, 0.74), 0.55
 _EDGE = {"asphalt": 0.10, "grass": 0.12, "concrete": 0.35, "gravel": 0.22, "ice": 0.70}  # linear grey of a slab's side
 _APRON = 1000.0  # [m] visible ground beyond the world, up to the horizon
 _INSET = 0.05  # [m] between the edge of the road and an edge line
@@ -75,11 +79,10 @@ def scenery(world: World) -> list[SceneryItem]:
     The meshes are in memory and name their textures by path; nothing is written.
     """
     items: list[SceneryItem] = []
-    roads = {
-        name: track.band(-track.width / 2.0, track.width / 2.0, sagitta=_SAGITTA)
-        for name, track in world.roads().items()
-    }
+    roads = {name: track.outline(sagitta=_SAGITTA) for name, track in world.roads().items()}
     names = list(roads)
+    patches, wet = _seen_patches(world)
+    covered = shapely.union_all(list(patches.values()))
     for index, name in enumerate(names):
         spec, track, road = world.spec.tracks[name], world.tracks[name], roads[name]
         others = [roads[other] for other in names if other != name]
@@ -88,30 +91,45 @@ def scenery(world: World) -> list[SceneryItem]:
         # Paint: the lines that are on no other road; then the road around them.
         lines = shapely.union_all([_line(track, marking) for marking in spec.markings])
         lines = shapely.difference(shapely.intersection(lines, road), shapely.union_all(others))
-        bare = shapely.difference(shapely.difference(road, lines), later)
-        surfaces = [_textured(bare, spec.surface, z=0.0)]
+        bare = shapely.difference(shapely.difference(shapely.difference(road, lines), later), covered)
+        lines = shapely.difference(lines, covered)
+        surfaces = _textured(bare, spec.surface, wet, z=0.0)
         if spec.thickness:
             grey = (_EDGE[spec.surface],) * 3
             surfaces.append(skirt(road, top=0.0, bottom=-spec.thickness, tile=TILES[spec.surface], color=grey))
         items.append(_item(f"world/{name}/road", surfaces))
         if not lines.is_empty:
-            paint = fill(_polygons(lines), z=0.0, tile=1.0, color=_WHITE, texture=None)
-            items.append(_item(f"world/{name}/lines", [paint]))
+            paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
+            items.append(_item(f"world/{name}/lines", paint))
 
     # Ground: everything that is no road, as much lower as the roads are thick.
     depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
     plane = shapely.box(*world.ground.extent)
-    ground = shapely.difference(plane, shapely.union_all(list(roads.values())))
-    apron = shapely.difference(plane.buffer(_APRON, join_style="mitre"), plane)
-    parts = []
+    wide = plane.buffer(_APRON, join_style="mitre")
+    asphalt = shapely.union_all(list(roads.values()))
+    ground = shapely.difference(shapely.difference(plane, asphalt), covered)
+    apron = shapely.difference(shapely.difference(wide, plane), covered)
+    parts: list[Surface] = []
     for name, track in world.roads().items():
         edges = world.spec.tracks[name].edges
         if edges is not None and edges != world.ground.surface:
             beside = shapely.intersection(verge(track), ground)
             ground = shapely.difference(ground, beside)
-            parts.append(_textured(beside, edges, z=-depth))
-    parts += [_textured(part, world.ground.surface, z=-depth) for part in (ground, apron)]
+            parts += _textured(beside, edges, wet, z=-depth)
+    for part in (ground, apron):
+        parts += _textured(part, world.ground.surface, wet, z=-depth)
     items.insert(0, _item("world/ground", parts))
+
+    # Patches: on the road as high as the road, beside it as high as the ground.
+    looks = {patch.name: patch.surface for patch in world.patches if patch.surface is not None}
+    for name, area in patches.items():
+        above, beside = (
+            shapely.intersection(area, asphalt),
+            shapely.difference(shapely.intersection(area, wide), asphalt),
+        )
+        both = _textured(above, looks[name], wet, z=0.0) + _textured(beside, looks[name], wet, z=-depth)
+        if both:
+            items.append(_item(f"world/patch.{name}", both))
     return items
 
 
@@ -186,55 +204,97 @@ def set_sky(meshcat: Meshcat, world: World) -> None:
 # --- the inner parts ---------------------------------------------------------------------------------------------
 
 
-def _patch(track: Track, stations: Array, begin: float, end: float, right: float, left: float) -> shapely.Polygon:
+def _seen_patches(world: World) -> tuple[dict[str, BaseGeometry], BaseGeometry]:
+    """What is seen of every patch with a surface, by name, and where it looks wet."""
+    seen: dict[str, BaseGeometry] = {}
+    above: BaseGeometry = shapely.Polygon()
+    wet: BaseGeometry = shapely.Polygon()
+    for patch in reversed(world.patches):
+        area = shapely.difference(patch.area, above)
+        if patch.surface is None:
+            wet = shapely.union(wet, area)
+        else:
+            seen[patch.name] = area
+            above = shapely.union(above, area)
+    return dict(reversed(seen.items())), wet
+
+
+def _patch(track: Track, stations: Array, begin: float, end: float, right: Offset, left: Offset) -> shapely.Polygon:
     """The part of a track from one s [m] to another and between two offsets [m], as a polygon."""
     between = stations[(stations > begin + 1e-6) & (stations < end - 1e-6)]
     s = np.concatenate(([begin], between, [end]))
-    return shapely.Polygon(
-        np.vstack((np.column_stack(track.point(s, left)), np.column_stack(track.point(s, right))[::-1]))
-    )
+    a, b = (np.column_stack(track.point(s, offset_at(side, s))) for side in (left, right))
+    return shapely.Polygon(np.vstack((a, b[::-1])))
 
 
-def _line(track: Track, marking: MarkingSpec) -> shapely.Geometry:
+def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     """A painted line as a polygon."""
-    half, side = marking.width / 2.0, track.width / 2.0 - _INSET
+    half = marking.width / 2.0
     stations = track.stations(sagitta=_SAGITTA)
     if marking.line == "start":
         begin = -half if track.closed else 0.0
-        return _patch(track, stations, begin, begin + marking.width, -side, side)
-    middle = {"left": side - half, "right": half - side, "center": 0.0}[marking.line]
+        return _patch(
+            track,
+            stations,
+            begin,
+            begin + marking.width,
+            lambda s: _INSET - track.right_width(s),
+            lambda s: track.left_width(s) - _INSET,
+        )
+
+    def middle(s: Array) -> Array:
+        if marking.line == "left":
+            return track.left_width(s) - _INSET - half
+        return np.zeros_like(s) if marking.line == "center" else _INSET + half - track.right_width(s)
+
+    def right(s: Array) -> Array:
+        return middle(s) - half
+
+    def left(s: Array) -> Array:
+        return middle(s) + half
+
     if marking.kind == "solid":
-        return track.band(middle - half, middle + half, sagitta=_SAGITTA)
+        return track.band(right, left, sagitta=_SAGITTA)
     painted, period = marking.dash[0], sum(marking.dash)
     count = max(1, round(track.length / period)) if track.closed else int(np.ceil(track.length / period))
     if track.closed:  # a whole number of dashes
         painted, period = painted * track.length / (count * period), track.length / count
     begins = period * np.arange(count)
     ends = np.minimum(begins + painted, track.length)
-    return shapely.MultiPolygon(
-        [_patch(track, stations, a, b, middle - half, middle + half) for a, b in zip(begins, ends, strict=True)]
-    )
+    return shapely.MultiPolygon([_patch(track, stations, a, b, right, left) for a, b in zip(begins, ends, strict=True)])
 
 
-def _polygons(shape: shapely.Geometry) -> shapely.Geometry:
+def _polygons(shape: BaseGeometry) -> BaseGeometry:
     """Only the polygons of a shape; an intersection may also leave lines and points."""
     return shapely.MultiPolygon(
         [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-8]
     )
 
 
-def _textured(polygon: shapely.Geometry, surface: str, *, z: float) -> Surface:
+def _textured(polygon: BaseGeometry, surface: str, wet: BaseGeometry, *, z: float) -> list[Surface]:
     """A horizontal polygon with the texture of a surface."""
-    return fill(_polygons(polygon), z=z, tile=TILES[surface], color=(1.0, 1.0, 1.0), texture=surface)
+    return _wetted(
+        polygon,
+        wet,
+        lambda part: fill(part, z=z, tile=TILES[surface], color=(1.0, 1.0, 1.0), texture=surface),
+    )
+
+
+def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeometry], Surface]) -> list[Surface]:
+    """A polygon as surfaces: what is dry of it, and what is wet, as far as there is any."""
+    dry, damp = _polygons(shapely.difference(polygon, wet)), _polygons(shapely.intersection(polygon, wet))
+    surfaces = [] if dry.is_empty else [make(dry)]
+    if not damp.is_empty:
+        below = make(damp)
+        color = tuple(part * tint for part, tint in zip(below.color, _WET, strict=True))
+        surfaces.append(replace(below, color=color, roughness=_WET_ROUGHNESS))  # type: ignore[arg-type]
+    return surfaces
 
 
 def _item(name: str, surfaces: list[Surface]) -> SceneryItem:
     """Surfaces as one thing to see."""
     textures = {surface.texture for surface in surfaces if surface.texture}
-    named = [
-        Surface(s.vertices, s.triangles, s.normal, s.uv, s.color, f"{s.texture}.jpg" if s.texture else None)
-        for s in surfaces
-    ]
+    named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]
     mesh = InMemoryMesh(
         mesh_file=MemoryFile(make_gltf(named), ".gltf", name),
         supporting_files={f"{texture}.jpg": texture_path(texture) for texture in sorted(textures)},

@@ -3,7 +3,7 @@
 Lengths in m and angles in rad once loaded; in the file they may carry a unit (``90 deg``). x forward, y left, z up;
 a positive angle, curvature or signed radius turns left.
 
-One way of writing a track is understood: `segments`, which are laid end to end with a common tangent.
+A track is written in one of four ways. `segments` are laid end to end with a common tangent:
 
 * ``{line: 40}`` is a straight; ``{line: auto}`` lets the loader find the length. Two auto lines close a closed
   track; a third one makes its `length` too.
@@ -12,6 +12,10 @@ One way of writing a track is understood: `segments`, which are laid end to end 
 * ``{clothoid: {from_radius: straight, to_radius: -30, length: 25}}`` has a curvature that changes linearly. Its radii
   are signed (+ left), `straight` (or `inf`) means no curvature. Instead of `length`, `angle` may be given: what it
   turns, signed.
+
+``points: [[0, 0], [40, 5], ...]`` are joined by a smooth curve; ``csv: monza.csv`` or ``csv: {file: monza.csv, ...}``
+takes points, and widths if there are any, from a file; ``xodr: {file: town.xodr, road: 3}`` takes a road of an
+OpenDRIVE file. Files are looked for beside the world file.
 """
 
 import math
@@ -20,6 +24,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
+from mirdrake.worlds.props_spec import CaseSpec, GroupSpec, Label, PatchSpec, PropEntry, RuleSpec, Value
 from mirdrake.yaml_io import Angle, Length, Schema, Speed, to_si
 
 Surface = Literal["asphalt", "concrete", "grass", "gravel", "ice"]
@@ -57,6 +62,39 @@ def _length_with_tolerance(value: Any) -> tuple[float, float]:
     return parts[0], parts[1]
 
 
+_WIDTHS = (0.01, 100.0)  # [m]
+
+
+def _width(value: Any) -> float | list[tuple[float, float]]:
+    if isinstance(value, list | tuple) and value:
+        rows = [[to_si(part, "m") for part in row] if isinstance(row, list | tuple) else [] for row in value]
+        for at, row in enumerate(rows):
+            if len(row) != 2 or any(isinstance(part, bool) or not isinstance(part, int | float) for part in row):
+                raise ValueError(f"entry {at + 1} is not [s, width], two numbers in m")
+            if not 0.0 <= row[0] <= 1e6 or (at and row[0] <= rows[at - 1][0]):
+                raise ValueError(f"entry {at + 1}: s = {row[0]:g} m; make s rise from 0 or more")
+        widths = [float(width) for _, width in rows]
+    else:
+        number = to_si(value, "m")
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise ValueError(f"{str(value)[:40]!r} is not a width; give a number in m, or [[s, width], ...]")
+        rows, widths = [], [float(number)]
+    if not all(_WIDTHS[0] <= width <= _WIDTHS[1] for width in widths):
+        raise ValueError(f"a width must be from {_WIDTHS[0]:g} to {_WIDTHS[1]:g} m")
+    return [(float(s), width) for (s, _), width in zip(rows, widths, strict=True)] if rows else widths[0]
+
+
+def _column(value: Any) -> int | str:
+    if isinstance(value, bool) or not isinstance(value, int | str) or not str(value).strip():
+        raise ValueError("the name of a column, or its number counted from 1, is expected")
+    return value
+
+
+Width = Annotated[
+    float | list[tuple[float, float]],
+    PlainValidator(_width, json_schema_input_type=float | str | list[tuple[float, float]]),
+]
+Column = Annotated[int | str, PlainValidator(_column, json_schema_input_type=int | str)]
 LengthOrAuto = Annotated[float | Literal["auto"], PlainValidator(_length_or_auto, json_schema_input_type=float | str)]
 RadiusOrStraight = Annotated[
     float | Literal["straight"], PlainValidator(_radius_or_straight, json_schema_input_type=float | str)
@@ -82,6 +120,7 @@ class GroundSpec(Schema):
         description="extent in x and y about the middle of the tracks; default: 50 m beyond them, or 400 m [m]",
     )
     slope: SlopeSpec = Field(default_factory=SlopeSpec, description="uniform slope [-]")
+    patches: list[PatchSpec] = Field(default_factory=list, description="parts with a friction of their own [-]")
 
     @field_validator("size")
     @classmethod
@@ -182,15 +221,65 @@ class MarkingSpec(Schema):
         return dash
 
 
-class TrackSpec(Schema):
-    """A road along a centre line."""
+class _FileSpec(Schema):
+    file: Annotated[str, Field(min_length=1)] = Field(description="looked for beside the world file [-]")
 
-    segments: Annotated[list[SegmentSpec], Field(min_length=1, max_length=2000)] = Field(
-        description="in driving order [-]"
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, data: Any) -> Any:
+        return {"file": data} if isinstance(data, str) else data
+
+
+class CsvSpec(_FileSpec):
+    """Points of a centre line in a file, one per line; by default as the race lines of TUM have them."""
+
+    x: Column = Field(default="x_m", description="column of x: its name, or its number from 1 [-]")
+    y: Column = Field(default="y_m", description="column of y [-]")
+    right: Column | None = Field(
+        default="w_tr_right_m", description="column of the distance of the right edge; null: none [-]"
     )
-    start: PoseSpec = Field(default_factory=PoseSpec, description="where s = 0 is [-]")
-    closed: bool = Field(default=False, description="the end meets the start [-]")
-    width: Annotated[Length, Field(ge=0.01, le=100.0)] = Field(default=3.0, description="width of the road [m]")
+    left: Column | None = Field(
+        default="w_tr_left_m", description="column of the distance of the left edge; null: none [-]"
+    )
+    scale: Annotated[float, Field(gt=0.0, le=1e6)] = Field(
+        default=1.0, description="metres per unit of the file; also of the widths [-]"
+    )
+    smooth: Annotated[Length, Field(ge=0.0, le=100.0)] = Field(
+        default=0.0, description="root mean square by which noisy points may be moved [m]"
+    )
+
+
+class XodrSpec(_FileSpec):
+    """A road, or a chain of roads, of an OpenDRIVE file."""
+
+    road: Column | None = Field(
+        default=None, description="its id, or several in driving order: '1, 7, 2'; default: the only one [-]"
+    )
+    lane: Column = Field(default="driving", description="type of the lanes that are the road, or the id of one [-]")
+
+
+class TrackSpec(Schema):
+    """A road along a centre line: exactly one of segments, points, csv and xodr."""
+
+    segments: Annotated[list[SegmentSpec], Field(min_length=1, max_length=2000)] | None = Field(
+        default=None, description="in driving order [-]"
+    )
+    points: Annotated[list[Point], Field(min_length=1, max_length=10_000)] | None = Field(
+        default=None, description="x and y in driving order, four or more; a smooth curve goes through them [m]"
+    )
+    csv: CsvSpec | None = Field(default=None, description="file of points and widths [-]")
+    xodr: XodrSpec | None = Field(default=None, description="road of an OpenDRIVE file [-]")
+    start: PoseSpec | None = Field(
+        default=None, description="where s = 0 is; default: the origin, or where the points or the file have it [-]"
+    )
+    closed: bool | None = Field(
+        default=None, description="the end meets the start; default: false, or as it is in the file [-]"
+    )
+    crossing: bool = Field(default=False, description="it may cross itself, as a figure of eight does [-]")
+    width: Width | None = Field(
+        default=None,
+        description="of the road, or [[s, width], ...] with straight edges between; default: the file's, else 3 [m]",
+    )
     thickness: Annotated[Length, Field(ge=0.0, le=0.5)] = Field(
         default=0.01, description="height of the road above the surface beside it; seen, not felt [m]"
     )
@@ -202,9 +291,18 @@ class TrackSpec(Schema):
     markings: list[MarkingSpec] = Field(default_factory=list, description="painted lines [-]")
     road: bool = Field(default=True, description="false: only a line to follow, on roads of other tracks [-]")
     length: Annotated[Length, Field(gt=0.0, le=1e6)] | None = Field(
-        default=None, description="wanted length: met by a third auto line, otherwise by scaling the centre line [m]"
+        default=None,
+        description="wanted length, of segments: met by a third auto line, otherwise by scaling the centre line [m]",
     )
     check_length: CheckedLength | None = Field(default=None, description="'965 +- 1': the length must be that [m]")
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if sum(part is not None for part in (self.segments, self.points, self.csv, self.xodr)) != 1:
+            raise ValueError("give exactly one of segments, points, csv and xodr")
+        if self.length is not None and self.segments is None:
+            raise ValueError("length belongs to segments; set csv.scale, or correct the points")
+        return self
 
 
 class SunSpec(Schema):
@@ -281,6 +379,8 @@ class WorldSpec(Schema):
     mirdrake: Literal["world/1"] = Field(description="the language and its version [-]")
     name: str = Field(default="", description="default: the file's name [-]")
     seed: int = Field(default=0, description="seed of everything random in the world [-]")
+    params: dict[Label, Value] = Field(default_factory=dict, description="numbers and words for $name [-]")
+    use: list[str] = Field(default_factory=list, description="files whose groups may be used, beside this one [-]")
     ground: GroundSpec = Field(default_factory=GroundSpec, description="the base plane [-]")
     tracks: dict[str, TrackSpec] = Field(default_factory=dict, description="roads by name; later ones lie on top [-]")
     lights: LightsSpec = Field(default_factory=LightsSpec, description="sun and ambient light [-]")
@@ -289,3 +389,7 @@ class WorldSpec(Schema):
         default_factory=dict, description="places to start from, by name; default: origin at [0, 0] [-]"
     )
     goals: dict[str, GoalSpec] = Field(default_factory=dict, description="what to reach, by name [-]")
+    props: list[PropEntry] = Field(default_factory=list, max_length=5000, description="what stands in the world [-]")
+    groups: dict[Label, GroupSpec] = Field(default_factory=dict, description="props that belong together [-]")
+    rules: list[RuleSpec] = Field(default_factory=list, description="what must hold in the world [-]")
+    tests: list[CaseSpec] = Field(default_factory=list, description="what must hold for a vehicle in it [-]")

@@ -11,16 +11,21 @@ exact to 1e-12 m, without the cancellation that the closed form by Fresnel integ
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, overload
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
+from shapely.geometry.base import BaseGeometry
+
+from mirdrake.errors import WorldError
 
 Array = NDArray[np.float64]
 Placement = tuple[float, float, float]
+Edges = tuple[ArrayLike, ArrayLike, ArrayLike]
+Offset = float | Callable[[Array], Array]
 
 # Gauss-Legendre on [0, 1] with three points: exact for polynomials up to degree 5.
 _NODES = (0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15))
@@ -64,6 +69,11 @@ def advance(pose: Placement, piece: Piece) -> Placement:
     return x + math.fsum(dx), y + math.fsum(dy), yaw + piece.turn
 
 
+def offset_at(offset: Offset, s: Array) -> Array:
+    """An offset, a number or a function of s, at all of s [m]."""
+    return np.broadcast_to(np.asarray(offset(s) if callable(offset) else offset, dtype=float), s.shape)
+
+
 def _cells_of(piece: Piece) -> tuple[float, int, float]:
     """Cell length [m], number of cells and rate of curvature [1/m²] of a piece."""
     sharpest = max(abs(piece.start_curvature), abs(piece.end_curvature))
@@ -83,17 +93,24 @@ def _displace(yaw: Array, k: Array, c: Array, u: Array) -> tuple[Array, Array]:
 
 
 class Track:
-    """A road: a centre line of constant width.
+    """A road: a centre line and its width to both sides.
 
     Args:
         pieces: the centre line, end to end with a common tangent.
         start: pose (x [m], y [m], yaw [rad]) at s = 0 in the world frame.
         closed: the end meets the start; s is then periodic.
-        width: of the road [m].
+        width: of the road [m], half of it to each side; not used when `edges` is given.
+        edges: for a road of varying width: s [m], rising from 0 to the length, and how far the left and the right edge
+            are from the centre line there [m], three arrays of N; straight between them, so the width is continuous.
         name: for messages.
+        notes: what its source had and it has not, a line each.
+
+    Raises:
+        WorldError: `edges` do not fit the centre line.
 
     Attributes:
         length: of the centre line [m].
+        width: of the road [m]; where it varies, the largest.
         min_radius: smallest radius of the centre line [m]; infinite for a straight.
         gap: distance [m] and heading difference [rad] from the end back to the start.
 
@@ -107,11 +124,13 @@ class Track:
         start: Placement = (0.0, 0.0, 0.0),
         closed: bool = False,
         width: float = 3.0,
+        edges: Edges | None = None,
         name: str = "track",
+        notes: Sequence[str] = (),
     ) -> None:
         self.name = name
+        self.notes = tuple(notes)
         self.closed = closed
-        self.width = width
         self.pieces = tuple(pieces)
         self.length = math.fsum(piece.length for piece in self.pieces)
         sharpest = max(max(abs(piece.start_curvature), abs(piece.end_curvature)) for piece in self.pieces)
@@ -144,8 +163,10 @@ class Track:
         self._end_curvature = self.pieces[-1].end_curvature
         turn = pose[2] - start[2]
         self.gap = (math.hypot(pose[0] - start[0], pose[1] - start[1]), math.remainder(turn, 2.0 * math.pi))
+        self._edges = None if edges is None else self._check_edges(edges)
+        self.width = width if self._edges is None else float((self._edges[1] + self._edges[2]).max())
         self._tree: cKDTree | None = None
-        self._area: shapely.Geometry | None = None
+        self._area: BaseGeometry | None = None
 
     def __repr__(self) -> str:
         shape = "closed" if self.closed else "open"
@@ -210,6 +231,47 @@ class Track:
         offset = np.asarray(offset, dtype=float)
         return x - offset * np.sin(yaw), y + offset * np.cos(yaw)
 
+    def left_width(self, s: ArrayLike) -> Array:
+        """Distance [m] of the left edge from the centre line at s [m], in the shape of s; steady beyond the ends."""
+        return self._side_width(s, 1)
+
+    def right_width(self, s: ArrayLike) -> Array:
+        """Distance [m] of the right edge from the centre line at s [m], positive, in the shape of s."""
+        return self._side_width(s, 2)
+
+    @property
+    def edges(self) -> tuple[Array, Array, Array] | None:
+        """Of a road of varying width: s and how far the left and the right edge are there [m], N each; else None."""
+        return self._edges
+
+    def sharpest(self) -> float:
+        """Where the radius is smallest: s [m]."""
+        ends = [max(abs(piece.start_curvature), abs(piece.end_curvature)) for piece in self.pieces]
+        at = int(np.argmax(ends))
+        piece = self.pieces[at]
+        return float(self.knots[at + (abs(piece.end_curvature) > abs(piece.start_curvature))])
+
+    def folds(self) -> float | None:
+        """Where the inner edge of a bend folds back on itself: s [m] of the worst such place, None if there is none.
+
+        An edge at the distance d inside a bend of curvature k advances by 1 - k d per metre of the centre line, so it
+        folds where k d >= 1. Between joints and stations both are linear; the largest k d is found exactly.
+        """
+        s, end, k, k_end = self._intervals()
+        worst, place = -math.inf, 0.0
+        for side, sign in ((1, 1.0), (2, -1.0)):
+            # k d = (k + p u)(d + q u), u from 0 to 1 over an interval, is largest at an end or at its vertex.
+            d = sign * self._at_stations(s, side)
+            p, q = k_end - k, sign * self._at_stations(end, side) - d
+            bend = 2.0 * p * q
+            vertex = np.clip(np.divide(-(k * q + p * d), bend, out=np.zeros_like(bend), where=bend < 0.0), 0.0, 1.0)
+            for u in (np.zeros_like(s), np.ones_like(s), vertex):
+                product = (k + p * u) * (d + q * u)
+                at = int(np.argmax(product))
+                if product[at] > worst:
+                    worst, place = float(product[at]), float(s[at] + u[at] * (end[at] - s[at]))
+        return place if worst >= 1.0 else None
+
     # --- from the plane to the track ------------------------------------------------------------------------------
 
     @overload
@@ -258,6 +320,8 @@ class Track:
             sagitta: largest distance [m] between the outer edge and its polyline.
             longest: largest spacing [m].
         """
+        if self._edges is not None:
+            return self._varying_stations(sagitta, longest)
         values: list[Array] = []
         for begin, piece in zip(self.knots[:-1], self.pieces, strict=True):
             sharpest = max(abs(piece.start_curvature), abs(piece.end_curvature))
@@ -274,23 +338,33 @@ class Track:
         s = self.stations(sagitta=sagitta)
         if self.closed:
             s[-1] = 0.0
-        left = np.column_stack(self.point(s, self.width / 2.0))
-        right = np.column_stack(self.point(s, -self.width / 2.0))
+        left = np.column_stack(self.point(s, self.left_width(s)))
+        right = np.column_stack(self.point(s, -self.right_width(s)))
         return left, right
 
     @property
-    def area(self) -> shapely.Geometry:
+    def area(self) -> BaseGeometry:
         """The road as a shapely polygon [m], true to 1 mm; parts that overlap are merged."""
         if self._area is None:
-            self._area = self.band(-self.width / 2.0, self.width / 2.0)
+            self._area = self.outline()
         return self._area
 
-    def band(self, right: float, left: float, *, sagitta: float = 1e-3) -> shapely.Geometry:
-        """The strip between two offsets [m, + left] over the whole length, as a polygon true to `sagitta` [m]."""
+    def outline(self, *, sagitta: float = 1e-3) -> BaseGeometry:
+        """The road as a shapely polygon [m], true to `sagitta` [m]; :attr:`area` keeps that of 1 mm."""
+        return self.band(lambda s: -self.right_width(s), self.left_width, sagitta=sagitta)
+
+    def band(self, right: Offset, left: Offset, *, sagitta: float = 1e-3) -> BaseGeometry:
+        """The strip between two offsets over the whole length, as a polygon true to `sagitta` [m].
+
+        Args:
+            right: offset [m, + left] of its right side, a number or a function of s [m], N to N.
+            left: offset of its left side, likewise.
+            sagitta: largest distance [m] between a side and its polyline.
+        """
         s = self.stations(sagitta=sagitta)
         if self.closed:
             s[-1] = 0.0
-        a, b = np.column_stack(self.point(s, left)), np.column_stack(self.point(s, right))
+        a, b = (np.column_stack(self.point(s, offset_at(side, s))) for side in (left, right))
         if self.closed:  # a ring, unless the road crosses itself
             outer, inner = sorted((shapely.Polygon(a), shapely.Polygon(b)), key=lambda ring: -ring.area)
             ring = shapely.Polygon(outer.exterior, [inner.exterior])
@@ -304,6 +378,84 @@ class Track:
         """Smallest x, smallest y, largest x and largest y of the road [m]."""
         xmin, ymin, xmax, ymax = np.vstack(self.boundaries())[:, [0, 1, 0, 1]].T
         return float(xmin.min()), float(ymin.min()), float(xmax.max()), float(ymax.max())
+
+    # --- the edges ------------------------------------------------------------------------------------------------
+
+    def _check_edges(self, edges: Edges) -> tuple[Array, Array, Array]:
+        """Stations and the widths to both sides as arrays; the last station is exactly the length.
+
+        Raises:
+            WorldError: they do not fit the centre line.
+        """
+        s, left, right = (np.array(values, dtype=float) for values in edges)
+        where = f"track '{self.name}': edges"
+        if s.ndim != 1 or len(s) < 2 or s.shape != left.shape or s.shape != right.shape:
+            shapes = ", ".join(str(values.shape) for values in (s, left, right))
+            raise WorldError(
+                f"{where}: shapes {shapes}; give s, left and right with one value each per station, two or more"
+            )
+        if not all(np.isfinite(values).all() for values in (s, left, right)):
+            raise WorldError(f"{where}: some values are not finite; give numbers in m")
+        slack = 1e-6 * max(1.0, self.length)
+        if abs(s[0]) > slack or abs(s[-1] - self.length) > slack:
+            raise WorldError(f"{where}: s goes from {s[0]:g} to {s[-1]:g} m; make it go from 0 to {self.length:.6f} m")
+        s[0], s[-1] = 0.0, self.length
+        if (np.diff(s) <= 0.0).any():
+            at = int(np.argmax(np.diff(s) <= 0.0))
+            raise WorldError(
+                f"{where}: s does not rise from {s[at]:g} to {s[at + 1]:g} m; sort the stations, each once"
+            )
+        for side, values in (("left", left), ("right", right)):
+            if values.min() <= 0.0:
+                at = int(np.argmin(values))
+                raise WorldError(f"{where}: {side} is {values[at]:g} m at s = {s[at]:g} m; make it more than 0")
+            if self.closed and abs(values[-1] - values[0]) > 1e-6:
+                raise WorldError(
+                    f"{where}: {side} is {values[0]:g} m at the start and {values[-1]:g} m at the end of a closed "
+                    "track; make them equal"
+                )
+        return s, left, right
+
+    def _side_width(self, s: ArrayLike, side: int) -> Array:
+        """Distance [m] of an edge at s [m], any shape; side 1 is left, 2 is right."""
+        flat, shape = self._flat(s)
+        return self._at_stations(flat, side).reshape(shape)
+
+    def _at_stations(self, s: Array, side: int) -> Array:
+        """:meth:`_side_width` for a flat s within 0 to the length; there the end of a lap is not its start."""
+        if self._edges is None:
+            return np.full(len(s), self.width / 2.0)
+        return np.interp(s, self._edges[0], self._edges[side])
+
+    def _intervals(self) -> tuple[Array, Array, Array, Array]:
+        """Start and end [m], and curvature at start and end [1/m], of the parts over which all is linear."""
+        s = self.knots if self._edges is None else np.unique(np.concatenate((self.knots, self._edges[0])))
+        s = s[np.concatenate(([True], np.diff(s) > 1e-9))]
+        s[-1] = self.length
+        begin, end = s[:-1], s[1:]
+        piece = np.clip(np.searchsorted(self.knots, (begin + end) / 2.0) - 1, 0, len(self.pieces) - 1)
+        length, first, last = np.array(self.pieces)[piece].T
+        rate = (last - first) / length
+        return begin, end, first + rate * (begin - self.knots[piece]), first + rate * (end - self.knots[piece])
+
+    def _varying_stations(self, sagitta: float, longest: float) -> Array:
+        """:meth:`stations` where the width varies.
+
+        An edge p + d n bends by k (1 + |k| d) across the road, k the curvature and d the distance. Along the road it
+        bends by 2 d' k + d k', which counts by its part across the edge: times d'.
+        """
+        begin, end, first, last = self._intervals()
+        size = end - begin
+        k, rate = np.maximum(np.abs(first), np.abs(last)), np.abs(last - first) / size
+        step = np.full(len(size), longest)
+        for side in (1, 2):
+            d, d_end = self._at_stations(begin, side), self._at_stations(end, side)
+            slope, far = np.abs(d_end - d) / size, np.maximum(d, d_end)
+            bend = k * (1.0 + k * far) + (2.0 * slope * k + far * rate) * slope
+            step = np.minimum(step, np.sqrt(8.0 * sagitta / np.maximum(bend, 1e-12)))
+        parts = np.maximum(1, np.ceil(size / step)).astype(int)
+        index = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        return np.append(np.repeat(begin, parts) + index * np.repeat(size / parts, parts), self.length)
 
     # --- the inner parts ------------------------------------------------------------------------------------------
 

@@ -86,6 +86,19 @@ def draw_number(value: Number | str, *, unit: str, parameters: Parameters, strea
     return float(result)
 
 
+def settle(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> Number | str:
+    """The value of a text as YAML would hold it without chance and parameters: a number, a word, or ``number unit``.
+
+    Raises:
+        ConfigError: the text is no such value, or a parameter is unknown.
+    """
+    parser = _Parser(value, None, parameters, stream, where)
+    result = parser.value()
+    if isinstance(result, str) or not parser.unit:
+        return result
+    return f"{result!r} {parser.unit}"
+
+
 def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> str:
     """A word, for example the name of a prop; ``a | b`` and ``$name`` are understood.
 
@@ -119,11 +132,11 @@ class _Parser:
                  factor  = "-" factor | number [unit] | $name | "(" sum ")"
     """
 
-    def __init__(self, text: str, unit: str, parameters: Parameters, stream: Stream, where: str) -> None:
+    def __init__(self, text: str, unit: str | None, parameters: Parameters, stream: Stream, where: str) -> None:
         self._text, self._unit, self._parameters = text, unit, parameters
         self._stream, self._where = stream, where
         self._tokens, self._at, self._depth = self._tokenise(), 0, 0
-        self._unit_given = False
+        self.unit = ""  # of the result, when any unit is welcome
 
     def value(self) -> Number | str:
         """The value of the whole text."""
@@ -192,6 +205,11 @@ class _Parser:
 
     def _scaled(self, number: float, unit: str) -> float:
         if not unit:
+            return number
+        if self._unit is None:
+            if self.unit not in {"", unit}:
+                self._fail(f"two units, {self.unit} and {unit}; write both in one")
+            self.unit = unit
             return number
         if not self._unit:
             self._fail(f"a number without unit is expected, not '{unit}'")

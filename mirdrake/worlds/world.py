@@ -1,24 +1,24 @@
-"""A world laid out: from the world file to tracks, starts and ground.
-
-::
-
-    worlds/<name>.yaml ── load_world ──► WorldSpec ── make_world ──► World(tracks, starts, ground)
-"""
+"""A world laid out: tracks, starts, goals, ground with its friction, props."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
+from shapely.geometry.base import BaseGeometry
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.paths import find
-from mirdrake.worlds.spec import GroundSpec, StartSpec, TrackSpec, WorldSpec
-from mirdrake.worlds.tracks import Array, Piece, Track
-from mirdrake.yaml_io import load_yaml, where
+from mirdrake.worlds.props import PlacedProp
+from mirdrake.worlds.regions import Patch
+from mirdrake.worlds.spec import TrackSpec, WorldSpec
+from mirdrake.worlds.tracks import Array, Track
+
+if TYPE_CHECKING:
+    from mirdrake.worlds.rules import Rules
 
 SURFACE_MU = {"asphalt": 0.85, "concrete": 0.85, "gravel": 0.6, "grass": 0.5, "ice": 0.1}
 """Friction coefficients of dry surfaces [-]: asphalt and concrete (0.8 .. 0.9), gravel and ice are peak values of
@@ -27,11 +27,7 @@ J. Y. Wong, "Theory of Ground Vehicles", table of average road adhesion (after T
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
-_GAP_LENGTH, _GAP_ANGLE = 1e-3, math.radians(0.01)
-_MARGIN = 50.0  # [m] ground beyond the tracks
 _VERGE = 2.0  # [m]
-_LONGEST = 1e5  # [m] longest track
-_BARE_SIZE = 400.0  # [m] side of the ground of a world without tracks
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,19 @@ class Start:
     """track it stands on, if it was placed by `on_track`"""
     s: float | None = None
     """along that track [m]"""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What to reach: an area, a line across a track, or a number of laps."""
+
+    name: str
+    area: BaseGeometry | None = None
+    """polygon in W [m]"""
+    gate: tuple[str, float] | None = None
+    """track, and s on it [m]"""
+    laps: int | None = None
+    """of a closed track"""
 
 
 @dataclass(frozen=True)
@@ -104,25 +113,44 @@ class World:
         default_factory=lambda: Ground("asphalt", SURFACE_MU["asphalt"], (-200.0, -200.0, 200.0, 200.0))
     )
 
-    @property
+    patches: tuple[Patch, ...] = ()
+    """parts of the ground with a friction of their own; later ones on top"""
+    goals: dict[str, Goal] = field(default_factory=dict)
+    props: tuple[PlacedProp, ...] = ()
+    """in the order of the file"""
+    homeless: tuple[str, ...] = ()
+    """what found no free place, one line each"""
+    rules: "Rules | None" = field(default=None, compare=False)
+
+    @cached_property
     def road_mu(self) -> float:
-        """Friction coefficient of the physical plane [-]: that of the first track, or of the ground without tracks."""
-        return track_mu(next(iter(self.spec.tracks.values()))) if self.tracks else self.ground.mu
+        """Friction coefficient of the physical plane [-]: the largest in the world."""
+        return max([self.ground.mu, *(mu for _, mu in self.friction_areas)])
 
     def mu(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Friction coefficient [-] at points (world x, y [m], any shape).
 
-        That of the last track they are on, else of a verge (`edges`), else of the ground.
+        That of the last patch they are on, else of the last track, else of a verge (`edges`), else of the ground.
         """
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         value = np.full(x.shape, self.ground.mu)
+        for area, mu in self.friction_areas:
+            value[shapely.contains_xy(area, x, y)] = mu
+        return value
+
+    @cached_property
+    def friction_areas(self) -> tuple[tuple[BaseGeometry, float], ...]:
+        """Areas [m] and their friction coefficients [-] on the ground, later ones on top."""
+        areas: list[tuple[BaseGeometry, float]] = []
         for name, track in self.tracks.items():
             edges = self.spec.tracks[name].edges
             if edges is not None and edges != self.ground.surface:
-                value[shapely.contains_xy(verge(track), x, y)] = SURFACE_MU[edges]
-        for name, track in self.roads().items():
-            value[track.inside(x, y)] = track_mu(self.spec.tracks[name])
-        return value
+                areas.append((verge(track), SURFACE_MU[edges]))
+        areas += [(track.area, track_mu(self.spec.tracks[name])) for name, track in self.roads().items()]
+        areas += [(patch.area, patch.mu) for patch in self.patches]
+        for area, _ in areas:
+            shapely.prepare(area)
+        return tuple(areas)
 
     def on_road(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Whether points (world x, y [m], any shape) are on a track; everywhere in a world without tracks."""
@@ -159,216 +187,7 @@ class World:
         return self.tracks[name]
 
 
-def load_world(name: str, *, where: str = "", overrides: Iterable[str] = ()) -> World:
-    """The world of that name or file.
-
-    Args:
-        name: a name below worlds/ or a path of a YAML file.
-        where: prefix of the message when there is no such world, for example ``"drive.yaml:3: world"``.
-        overrides: ``"dotted.path=value"`` texts, see :func:`mirdrake.yaml_io.parse_yaml`.
-
-    Raises:
-        ConfigError: no such world, or the file has faults.
-        WorldError: the world cannot be laid out.
-    """
-    path = find("worlds", name, where=where)
-    return make_world(load_yaml(path, WorldSpec, overrides=overrides), path=path)
-
-
-def make_world(spec: WorldSpec, *, path: Path | None = None) -> World:
-    """A world from its description.
-
-    Args:
-        spec: the checked description.
-        path: the file it came from.
-
-    Raises:
-        WorldError: a track does not close or folds in its bends, a length is wrong, a start is outside the world; all
-            faults, one per line.
-    """
-    faults: list[str] = []
-
-    # Tracks: pieces from segments, lengths of the auto lines, then the checks.
-    tracks: dict[str, Track] = {}
-    for name, track_spec in spec.tracks.items():
-        try:
-            tracks[name] = make_track(track_spec, name=name)
-        except WorldError as error:
-            faults.append(str(error))
-    if faults:
-        raise WorldError("\n".join(faults))
-
-    # Ground: as large as the tracks need.
-    ground = _make_ground(spec.ground, tracks)
-
-    # Starts, then the names in the goals.
-    starts: dict[str, Start] = {}
-    for name, start_spec in (spec.start or {"origin": StartSpec()}).items():
-        try:
-            starts[name] = _make_start(start_spec, tracks, ground)
-        except WorldError as error:
-            faults.append(str(error))
-    faults += [
-        f"{where(gate, 'track')}: unknown track '{gate.track}'; {did_you_mean(gate.track, tracks)}"
-        for gate in (goal.gate for goal in spec.goals.values())
-        if gate is not None and gate.track not in tracks
-    ]
-    if faults:
-        raise WorldError("\n".join(faults))
-    return World(spec.name or (path.stem if path else "world"), spec, path, tracks, starts, ground)
-
-
-def make_track(spec: TrackSpec, *, name: str = "track") -> Track:
-    """A track from its description.
-
-    Args:
-        spec: the checked description.
-        name: for messages.
-
-    Raises:
-        WorldError: it does not close, its inner edge folds, its length is wrong, or auto lines have no solution.
-    """
-    start = (*spec.start.at, spec.start.yaw)
-    pieces = _solve_auto_lines(spec, _pieces_of(spec))
-    total = math.fsum(piece.length for piece in pieces)
-    if not 0.1 <= (spec.length or total) <= _LONGEST:
-        raise WorldError(f"{where(spec)}: {spec.length or total:g} m long; a track may have from 0.1 m to 100 km")
-    if spec.length is not None and abs(spec.length / total - 1.0) > 1e-12:
-        scale = spec.length / total
-        pieces = [Piece(p.length * scale, p.start_curvature / scale, p.end_curvature / scale) for p in pieces]
-    track = Track(pieces, start=start, closed=spec.closed, width=spec.width, name=name)
-    gap, angle = track.gap
-    if spec.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):
-        raise WorldError(
-            f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
-            "0.01 deg; make the turns add up to 360 deg and two lines that are not parallel auto, or set closed: false"
-        )
-    if track.min_radius <= spec.width / 2.0:
-        raise WorldError(
-            f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m, width "
-            f"{spec.width:.3g} m; make the radius larger than half the width"
-        )
-    if spec.check_length is not None and abs(track.length - spec.check_length[0]) > spec.check_length[1]:
-        wanted, tolerance = spec.check_length
-        raise WorldError(
-            f"{where(spec, 'check_length')}: the track is {track.length:.6f} m long; {wanted:g} +- {tolerance:g} m was "
-            "asked; change a segment, or let `length` scale it"
-        )
-    return track
-
-
-# --- the inner parts ---------------------------------------------------------------------------------------------
-
-
-def _pieces_of(spec: TrackSpec) -> list[Piece]:
-    """Pieces of a centre line; auto lines have length 0."""
-    pieces: list[Piece] = []
-    for segment in spec.segments:
-        if segment.line is not None:
-            pieces.append(Piece(0.0 if segment.line == "auto" else segment.line, 0.0, 0.0))
-        elif segment.arc is not None:
-            arc = segment.arc
-            k = math.copysign(1.0 / arc.radius, arc.angle)
-            clothoid = 2.0 * arc.radius * arc.transition  # length over which 0 -> 1/R turns `transition`
-            rest = max(0.0, abs(arc.angle) - 2.0 * arc.transition)
-            if clothoid:
-                pieces.append(Piece(clothoid, 0.0, k))
-            if rest > 1e-12:
-                pieces.append(Piece(arc.radius * rest, k, k))
-            if clothoid:
-                pieces.append(Piece(clothoid, k, 0.0))
-        elif segment.clothoid is not None:
-            pieces.append(Piece(segment.clothoid.arc_length, *segment.clothoid.curvatures))
-    return pieces
-
-
-def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
-    """Lengths of the auto lines: position closure is linear in them, and so is the total length.
-
-    With unit vectors t_i of the auto lines and the gap g that the other pieces leave: sum of a_i t_i = -g, and with a
-    third line sum of a_i = length - rest.
-    """
-    unknown = [i for i, piece in enumerate(pieces) if piece.length == 0.0]
-    if not unknown:
-        return pieces
-    place = where(spec, "segments")
-    wanted = 2 if spec.length is None else 3
-    if not spec.closed or len(unknown) not in (2, wanted):
-        raise WorldError(
-            f"{place}: {len(unknown)} auto lines; a closed track takes two, or three when `length` is given; "
-            "an open one none"
-        )
-    rest = [piece for piece in pieces if piece.length > 0.0]
-    if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
-        raise WorldError(f"{place}: besides the auto lines there must be bends, and at most 100 km")
-    track = Track(rest)
-    yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[unknown]
-    gap_x, gap_y, _ = track._end
-    matrix, target = np.vstack((np.cos(yaws), np.sin(yaws))), np.array([-gap_x, -gap_y])
-    if len(unknown) == 3:
-        assert spec.length is not None
-        matrix, target = np.vstack((matrix, np.ones(3))), np.append(target, spec.length - track.length)
-    if np.linalg.cond(matrix) > 1e6:
-        raise WorldError(f"{place}: the auto lines cannot close the track, for they are parallel; choose others")
-    lengths = np.linalg.solve(matrix, target)
-    if (lengths <= 0.0).any():
-        found = ", ".join(f"{length:.3f}" for length in lengths)
-        raise WorldError(
-            f"{place}: auto lines would need lengths of {found} m; change the other segments so that all are positive"
-        )
-    result = list(pieces)
-    for index, length in zip(unknown, lengths.tolist(), strict=True):
-        result[index] = Piece(length, 0.0, 0.0)
-    return result
-
-
-def _make_ground(spec: GroundSpec, tracks: dict[str, Track]) -> Ground:
-    mu = SURFACE_MU[spec.surface] if spec.mu is None else spec.mu
-    if tracks:
-        boxes = np.array([track.bounds for track in tracks.values()])
-        low, high = boxes[:, :2].min(axis=0) - _MARGIN, boxes[:, 2:].max(axis=0) + _MARGIN
-    else:
-        low, high = np.full(2, -_BARE_SIZE / 2.0), np.full(2, _BARE_SIZE / 2.0)
-    if spec.size is not None:
-        middle, half = (low + high) / 2.0, np.array(spec.size) / 2.0
-        low, high = middle - half, middle + half
-    extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading)
-
-
-def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> Start:
-    if spec.on_track is None:
-        x, y = spec.at or (0.0, 0.0)
-        ground.check_place(x, y, where=where(spec, "at"))
-        return Start(x, y, _folded(spec.yaw or 0.0), spec.speed)
-    on_track = spec.on_track
-    if on_track.track not in tracks:
-        raise WorldError(
-            f"{where(spec, 'on_track', 'track')}: unknown track '{on_track.track}'; "
-            f"{did_you_mean(on_track.track, tracks)}"
-        )
-    track = tracks[on_track.track]
-    if not 0.0 <= on_track.s <= track.length:
-        raise WorldError(
-            f"{where(spec, 'on_track', 's')}: start outside the world: s = {on_track.s:g} m; the track is "
-            f"{track.length:g} m long"
-        )
-    if abs(on_track.offset) > track.width / 2.0:
-        raise WorldError(
-            f"{where(spec, 'on_track', 'offset')}: start outside the world: {on_track.offset:g} m beside the centre "
-            f"line; the road is {track.width:g} m wide; make it at most {track.width / 2.0:g} m"
-        )
-    x, y, yaw = track.pose_at(on_track.s)
-    x, y = x - on_track.offset * math.sin(yaw), y + on_track.offset * math.cos(yaw)
-    return Start(x, y, _folded(yaw), spec.speed, on_track.track, on_track.s)
-
-
-def _folded(angle: float) -> float:
-    """The angle within [-π, π]."""
-    return math.remainder(angle, 2.0 * math.pi)
-
-
-def verge(track: Track) -> shapely.Geometry:
+def verge(track: Track) -> BaseGeometry:
     """The road and a verge of 2 m on both sides, as a polygon."""
     return shapely.buffer(track.area, _VERGE)
 

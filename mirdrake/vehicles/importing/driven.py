@@ -1,6 +1,8 @@
 """Which axle of a car is driven, from what the files say about its joints."""
 
+import re
 from collections.abc import Iterable, Mapping
+from math import isfinite
 
 from mirdrake.vehicles.importing.kinematics import source_name
 from mirdrake.vehicles.importing.model import Change, Plugin, SourceModel
@@ -8,6 +10,8 @@ from mirdrake.vehicles.spec import Drive
 
 _MOVES = ("drive", "ackermann", "steer", "control", "motor", "wheel")
 _READS = ("state", "odom", "encoder", "slip")
+_TORQUE = re.compile("(?<!feed)(front|rear|back).*torque", re.IGNORECASE)
+_OTHER_TORQUE = re.compile("brak|steer", re.IGNORECASE)
 
 
 def find_drive(
@@ -43,10 +47,17 @@ def find_drive(
         if joint in places and (not moved or joint in moved)
     }
     plugged = {joint: item.where for item in model.plugins for joint in _moved_by(item, places)}
-    for found, kind in ((commanded, "controller"), (moved, "transmission"), (plugged, "plugin")):
+    for found, kind in ((commanded, "controller"), (moved, "transmission")):
         if found:
             drive = _axle(places[joint] for joint in found)
             return drive, f"imported: {kind}, {next(iter(found.values()))}", []
+    for plugin in model.plugins:  # a torque says more than that a joint is named
+        by_torque = _by_torque(plugin)
+        if by_torque is not None:
+            return by_torque, f"imported: torques of the plugin, {plugin.where}", []
+    if plugged:
+        drive = _axle(places[joint] for joint in plugged)
+        return drive, f"imported: plugin, {next(iter(plugged.values()))}", []
     where = source_name(model)
     why = "no transmission, controller or plugin says what drives"
     return "rear", "", [Change(where, "driven axle", "not said", "rear", why)]
@@ -55,6 +66,26 @@ def find_drive(
 def _axle(wheels: Iterable[str]) -> Drive:
     ends = {name.split("_")[0] for name in wheels}
     return "all" if len(ends) == 2 else "front" if "front" in ends else "rear"
+
+
+def _by_torque(plugin: Plugin) -> Drive | None:
+    """The axles to which a plugin gives a torque, if it has a number for each."""
+    torques: dict[str, float] = {}
+    for key, value in plugin.values.items():
+        leaf = key.rpartition(".")[2]
+        match = _TORQUE.search(leaf)
+        if match is not None and _OTHER_TORQUE.search(leaf) is None and _is_number(value):
+            end = "front" if match.group(1).lower() == "front" else "rear"
+            torques[end] = max(torques.get(end, 0.0), abs(float(value)))
+    driven = [end for end, torque in torques.items() if torque > 0.0]
+    return _axle(driven) if len(torques) == 2 and driven else None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _moved_by(plugin: Plugin, joints: Iterable[str]) -> list[str]:

@@ -18,6 +18,8 @@ COLOURS: dict[str, tuple[float, float, float, float]] = {
 }  # fmt: skip
 """Diffuse colours of Gazebo's named materials, rounded."""
 
+SCRIPT = "a material script of Gazebo's is not read; colours of the mesh, or grey"
+
 _SURFACE = {"mu1": "mu", "mu": "mu", "mu2": "mu2", "kp": "stiffness", "kd": "damping"}
 _WITHOUT_EFFECT = {
     "turnGravityOff", "selfCollide", "gravity", "self_collide", "provideFeedback", "implicitSpringDamper", "static",
@@ -35,7 +37,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
     link, joint = model.links.get(name), model.joints.get(name)
     place = where(element)
     for child in element:
-        tag, text = child.tag, (child.text or "").strip()
+        tag, text = child.tag, (child.get("value") or child.text or "").strip()  # Gazebo takes either
         if tag == "sensor":
             model.sensors.append(read_sensor(child, name, where))
         elif tag == "plugin":
@@ -47,7 +49,9 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             link.surface = link.surface or Surface(where=place)
             link.surface.others[tag] = text
         elif link is not None and tag == "material":
-            _paint(link.visuals, text or _script_name(child))
+            named = text or _script_name(child)
+            if not _paint(link.visuals, named):
+                model.changes.append(Change(where(child), f"link '{name}': material", named, "left out", SCRIPT))
         elif joint is not None and tag in {"springStiffness", "stiffness"}:
             joint.stiffness = read_number(text, where=where(child), what=f"<{tag}>")
         elif link is not None and tag in {"visual", "collision"} and child.find("material") is not None:
@@ -84,11 +88,13 @@ def colour_of(name: str) -> tuple[float, float, float, float] | None:
     return COLOURS.get(name.rpartition("/")[2])
 
 
-def _paint(visuals: list[Shape], name: str) -> None:
+def _paint(visuals: list[Shape], name: str) -> bool:
+    """Give visuals the colour of a material; whether that is known."""
     colour = colour_of(name)
     for shape in visuals:
         if colour is not None and shape.texture is None:
             shape.rgba = colour
+    return colour is not None or not name
 
 
 def _script_name(material: ElementTree.Element | None) -> str:

@@ -4,11 +4,14 @@ from collections.abc import Iterable, Sequence
 from math import isfinite
 
 from mirdrake.vehicles.importing.limits import driven_wheels
-from mirdrake.vehicles.importing.model import Change, Controller, Joint, SourceModel
+from mirdrake.vehicles.importing.model import Change, Controller, Joint, Plugin, SourceModel
 from mirdrake.vehicles.importing.recognise import Roles
 
+MOST_NUMBERS = 24
+"""Numbers of a plugin that a report names."""
+
+_SUSPENSION = "mirdrake has no suspension yet; the car stands at the zero position"
 _WHY = {
-    "prismatic": "mirdrake has no suspension yet; the car stands at the zero position",
     "revolute": "it neither steers a front wheel nor turns a wheel",
     "continuous": "it neither steers a front wheel nor turns a wheel",
 }
@@ -20,11 +23,13 @@ def say_joints(roles: Roles) -> list[Change]:
     wheels = [wheel.joint for wheel in roles.wheels.values()]
     used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
     said = {change.what for change in roles.changes if change.became == "fixed at zero"}
+    carrying = {joint.name for wheel in wheels for joint in roles.tree.path(wheel.child)}
     for joint in roles.tree.above.values():
         if joint.kind != "fixed" and all(joint is not other for other in used):
             what = f"joint '{joint.name}'"
             if what not in said:
-                why = _WHY.get(joint.kind, "no joint of a car in mirdrake")
+                springs = joint.kind == "prismatic" and joint.name in carrying
+                why = _SUSPENSION if springs else _WHY.get(joint.kind, "no joint of a car in mirdrake")
                 changes.append(Change(joint.where, what, _words(joint), "fixed at zero", why))
     for joint in used:
         changes += _of_used(joint, spins=any(joint is other for other in wheels))
@@ -89,8 +94,20 @@ def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
             changes.append(Change(item.where, f"joint '{item.joint}': reduction", was, "left out", why))
     for plugin in model.plugins:
         what = f"plugin '{plugin.name or plugin.filename}'"
-        changes.append(Change(plugin.where, what, plugin.filename, "left out", "Gazebo's plugins do not run here"))
+        was = ", ".join([plugin.filename, *_numbers_of(plugin)])
+        changes.append(Change(plugin.where, what, was, "left out", "Gazebo's plugins do not run here"))
     return changes
+
+
+def _numbers_of(plugin: Plugin) -> list[str]:
+    """The numbers that a plugin is given, as it names them: they are lost with it."""
+    found = []
+    for key, text in plugin.values.items():
+        try:
+            found.append(f"{key} {float(text):.6g}")
+        except ValueError:
+            continue
+    return found[:MOST_NUMBERS] + (["…"] if len(found) > MOST_NUMBERS else [])
 
 
 # --- gains -------------------------------------------------------------------------------------------------------

@@ -1,11 +1,12 @@
 """Limits, torques and friction of a car: what a source says plausibly is kept, the rest is estimated."""
 
+import re
 from collections.abc import Sequence
 from math import inf, isfinite, pi
 
 from mirdrake.vehicles.estimates import HOW, Estimates
 from mirdrake.vehicles.importing.car import Number
-from mirdrake.vehicles.importing.model import Change, Limits, Link
+from mirdrake.vehicles.importing.model import Change, Limits, Link, Surface
 from mirdrake.vehicles.importing.recognise import Roles, Wheel, turns_freely
 from mirdrake.vehicles.spec import Drive
 
@@ -27,10 +28,13 @@ RATE = (0.2, 20.0)
 WHEEL_SPEED = (5.0, 1000.0)
 """Wheel speeds [rad/s] that are believed."""
 
+_STEERING_LIMIT = re.compile("max_?steer|steer(ing)?(_angle)?_?limit", re.IGNORECASE)
+
 
 def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
     """The angle that the inner wheel reaches [rad]."""
     inner: list[tuple[float, str]] = []
+    loose: list[tuple[float, str, str, str]] = []  # numbers at joints that have no limits
     changes = []
     for side, joint in zip(("left", "right"), roles.steering, strict=True):
         axis = roles.tree.axis(joint)
@@ -41,7 +45,10 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
         reach, outer = (high, -low) if side == "left" else (-low, high)
         what = f"joint '{joint.name}': limits"
         was = f"{_text(joint.limits.lower)} … {_text(joint.limits.upper)} rad"
-        if joint.kind == "continuous" or turns_freely(joint, joint.limits):
+        free = turns_freely(joint, joint.limits)
+        if free and 0.0 < reach < pi / 2.0 and 0.0 < outer < pi / 2.0:
+            loose.append((reach, joint.where, what, f"{joint.kind}, {was}"))
+        elif free:
             changes.append(Change(joint.where, what, f"{joint.kind}, {was}", "those below", "steering has an end"))
         elif not (reach > 0.0 and outer > 0.0):
             changes.append(Change(joint.where, what, was, "those below", "a wheel that cannot turn to both sides"))
@@ -54,6 +61,19 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             if abs(outer - reach) > 0.01 * reach:
                 why = "limits mean the inner wheel; the outer one follows from the steering law"
                 changes.append(Change(joint.where, what, was, f"±{reach:.4g} rad", why))
+    for reach, where, what, was in loose:
+        if inner:
+            changes.append(Change(where, what, was, "those below", "steering has an end"))
+        else:
+            why = "steering has an end; a continuous joint has none, but its numbers say where it was meant"
+            changes.append(Change(where, what, was, f"±{reach:.4g} rad", why))
+    inner = inner or [(reach, where) for reach, where, _, _ in loose]
+    plugin = None if inner else _plugin_limit(roles)
+    if plugin is not None:
+        value, where = plugin
+        why = "the limit of the plugin, taken for the inner wheel"
+        changes.append(Change(where, "steering limit", "none at the joints", f"±{value:.4g} rad", why))
+        return Number(value, f"imported: plugin, {where}"), changes
     if not inner:
         text = f"estimated: {STEERING_LIMIT:g} rad, as the Bolt; no usable limit in the source"
         where = roles.steering[0].where
@@ -64,6 +84,21 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
         was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
         changes.append(Change(where, "steering limit", was, f"±{limit:.4g} rad", "a car steers alike to both sides"))
     return Number(limit, f"imported: {where}"), changes
+
+
+def _plugin_limit(roles: Roles) -> tuple[float, str] | None:
+    """The steering limit [rad] that a plugin has, and where; None if none has one."""
+    for plugin in roles.tree.model.plugins:
+        for key, text in plugin.values.items():
+            if _STEERING_LIMIT.search(key.rpartition(".")[2]) is None:
+                continue
+            try:
+                value = abs(float(text))
+            except ValueError:
+                continue
+            if 0.0 < value < pi / 2.0:
+                return value, plugin.where
+    return None
 
 
 def _range(limits: Limits) -> tuple[float, float]:
@@ -233,12 +268,30 @@ def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Chang
 def _say_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Number], changes: list[Change]) -> None:
     """Contact stiffness and damping of ODE are solver settings."""
     surfaces = [link.surface for link in _wheel_links(roles, wheels) if link.surface is not None]
-    given = [item for item in surfaces if item.stiffness is not None or item.damping is not None]
+    given = [item for item in surfaces if item.stiffness is not None or item.damping is not None or item.others]
     if given:
         first = given[0]
-        was = f"kp {_text(first.stiffness)} N/m, kd {_text(first.damping)} N s/m"
+        was = _contact_text(first)
         became = (
             f"modulus {numbers['front_tyre_modulus'].value:.4g} Pa, {numbers['front_tyre_stiffness'].value:.4g} N/m"
         )
         why = "kp and kd belong to Gazebo's contact solver, not to tyres; estimated from the load"
         changes.append(Change(first.where, "contact stiffness of the tyres", was, became, why))
+    turning = {link.name for link in _wheel_links(roles, wheels)}
+    for name in roles.tree.poses:
+        link = roles.tree.model.links[name]
+        if link.surface is not None and name not in turning and (was := _contact_text(link.surface)):
+            became = "that of all bodies: friction 0.5"
+            why = "only tyres have a contact of their own"
+            changes.append(Change(link.surface.where, f"link '{name}': contact", was, became, why))
+
+
+def _contact_text(surface: Surface) -> str:
+    """What a source says about the contact of a link."""
+    words = [f"friction {' and '.join(f'{mu:g}' for mu in (surface.mu, surface.mu2) if mu is not None)}"]
+    words = words if surface.mu is not None or surface.mu2 is not None else []
+    for name, value, unit in (("kp", surface.stiffness, "N/m"), ("kd", surface.damping, "N s/m")):
+        if value is not None:
+            words.append(f"{name} {value:.4g} {unit}")
+    words += [f"{key} {value}" for key, value in surface.others.items()]
+    return ", ".join(words)

@@ -15,8 +15,8 @@ SPIN = (0.2, 1.1)
 COM_HEIGHT = 0.35
 """Height of the centre of mass over the car's, where the source's cannot be meant: cars have 0.33 to 0.40."""
 
-BODY_DENSITY = (1.0, 3000.0)
-"""Mass of a body over the box around the car [kg/m³] that is believed: cars have 100 to 200."""
+BODY_DENSITY = (0.2, 3000.0)
+"""Mass of a body over the box around the car [kg/m³] that is believed: cars have 100 to 200, demos of Gazebo 0.5."""
 
 WHEEL_DENSITY = (2.0, 20_000.0)
 """Mass of a wheel over its cylinder [kg/m³] that is believed: cars have 280, solid steel 7800."""

@@ -16,6 +16,7 @@ from urllib.parse import unquote
 LEVELS_UP, LEVELS_DOWN, MOST_FOLDERS = 6, 3, 4000
 _SKIPPED = {"build", "devel", "install", "log", "node_modules", "venv", "site-packages", "proc", "sys", "dev"}
 _NAME = re.compile(r"<name>\s*([^<]+?)\s*</name>")
+_SUFFIX = re.compile("_(description|base|model|urdf|robot|gazebo|sim|simulation)s?$")
 _ARCHIVES = (".tar.gz", ".tgz", ".tar.xz", ".tar.bz2", ".tar", ".zip")
 _POINTER = b"version https://git-lfs"
 
@@ -53,6 +54,17 @@ class Packages:
                 self.used[names[0]] = folder
                 return names[0], folder
         return self._start.parent.name, self._start.parent
+
+    def beside(self) -> list[Path]:
+        """Packages beside the own one and called like it: ``car_control`` is beside ``car_description``."""
+        name, folder = self.own()
+        start = _SUFFIX.sub("", name)
+        found = []
+        for other in _folders_in(folder.parent) if _names_of(folder) else ():
+            names = _names_of(other)
+            if other != folder and names and (names[0] == start or names[0].startswith(f"{start}_")):
+                found.append(other)
+        return found
 
     def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
         """The file of an address, and a remark if it was not simply there.

@@ -41,6 +41,7 @@ def read_source(
     if not model.links:
         raise ModelError(f"{shown(path)}:1: no links in the model")
     read_controllers(dict.fromkeys([folder, *around.used.values()]), model)
+    read_controllers(around.beside(), model, only=set(model.joints))
     model.texts = _texts(folder)
     model.texts.setdefault("package", name)
     return model

@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.errors import ModelError
-from mirdrake.vehicles.importing.gazebo_tags import colour_of, read_sensor
+from mirdrake.vehicles.importing.gazebo_tags import SCRIPT, colour_of, read_sensor
 from mirdrake.vehicles.importing.model import (
     Change,
     Inertial,
@@ -40,6 +40,8 @@ _WITHOUT_EFFECT = {"pose", "self_collide", "allow_auto_disable", "static", "enab
 _IN_LINK = {
     "pose", "inertial", "gravity", "self_collide", "kinematic", "velocity_decay", "must_be_base_link", "enable_wind"
 }  # fmt: skip
+
+_WITHOUT_AXIS = {"fixed", "ball"}
 
 
 @dataclass
@@ -355,7 +357,8 @@ class _Reader:
     ) -> tuple[tuple[float, float, float, float] | None, Path | None]:
         if element is None:
             return None, None
-        rgba, texture = colour_of((element.findtext("script/name") or "").strip()), None
+        script = (element.findtext("script/name") or "").strip()
+        rgba, texture = colour_of(script), None
         for key in ("diffuse", "ambient"):
             text = element.findtext(key)
             if text:
@@ -371,6 +374,8 @@ class _Reader:
                 self._change(
                     element, f"{what} texture", address, "left out" if texture is None else texture.name, remark
                 )
+        if script and rgba is None and texture is None:
+            self._change(element, f"{what} material", script, "left out", SCRIPT)
         return rgba, texture
 
     # --- joints ---
@@ -389,7 +394,7 @@ class _Reader:
             if axis is None:
                 continue
             vector = read_numbers(axis.findtext("xyz"), count=3, default=[0, 0, 1], where=where, what=f"<{tag}> xyz")
-            if not vector.any():
+            if not vector.any() and kind not in _WITHOUT_AXIS:
                 raise ModelError(f"{where}: joint '{name}': its axis has no direction")
             xyz = axis.find("xyz")
             frame = (xyz.get("expressed_in") or "") if xyz is not None else ""

@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.errors import ModelError
 from mirdrake.vehicles.importing.gazebo_tags import read_gazebo_tag
-from mirdrake.vehicles.importing.model import Change, Inertial, Joint, Limits, Link, Shape, SourceModel
+from mirdrake.vehicles.importing.model import Change, Inertial, Joint, Limits, Link, Shape, SourceModel, Surface
 from mirdrake.vehicles.importing.packages import Packages
 from mirdrake.vehicles.importing.ros_control import read_ros2_control, read_transmission
 from mirdrake.vehicles.importing.xml_lines import make_pose, read_number, read_numbers
@@ -20,12 +20,15 @@ from mirdrake.vehicles.xacro_render import Urdf, render_xacro
 _SPRING = re.compile("stiff|spring", re.IGNORECASE)
 _KNOWN = {
     "robot": {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "drake:collision_filter_group"},
-    "link": {"inertial", "visual", "collision"},
+    "link": {"inertial", "visual", "collision", "contact"},
     "joint": {"parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
 }
 _TYPES = {
     "revolute", "continuous", "prismatic", "fixed", "floating", "planar", "universal", "ball", "screw", "revolute2"
 }  # fmt: skip
+
+_CONTACT = {"lateral_friction": "mu", "stiffness": "stiffness", "damping": "damping"}
+_WITHOUT_AXIS = {"fixed", "floating", "ball"}
 
 
 def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -> SourceModel:
@@ -98,7 +101,21 @@ class _Reader:
         for tag, shapes in (("visual", link.visuals), ("collision", link.collisions)):
             for part in element.findall(tag):
                 shapes += self._shapes(part, f"link '{name}': {tag}")
+        self._contact(element.find("contact"), link)
         return link
+
+    def _contact(self, element: ElementTree.Element | None, link: Link) -> None:
+        """What Bullet's dialect of URDF says about a link's contact."""
+        if element is None:
+            return
+        link.surface = Surface(where=self._urdf.where(element))
+        for child in element:
+            text = child.get("value", "")
+            if child.tag in _CONTACT:
+                value = read_number(text, where=self._urdf.where(child), what=f"<{child.tag}>")
+                setattr(link.surface, _CONTACT[child.tag], value)
+            else:
+                link.surface.others[child.tag] = text
 
     def _inertial(self, element: ElementTree.Element | None, name: str) -> Inertial | None:
         if element is None:
@@ -136,8 +153,11 @@ class _Reader:
                 self._change(element, what, "no geometry", "left out", "there is nothing to see or touch")
             return
         where, pose = self._urdf.where(element), self._origin(element)
-        rgba, texture = self._material(element.find("material"), what)
+        inside = geometry.find("material")  # where some files have it
+        rgba, texture = self._material(inside if element.find("material") is None else element.find("material"), what)
         for shape in geometry:
+            if shape is inside:
+                continue
             found = self._shape(shape, where, what)
             if found is not None:
                 found.X_LG, found.rgba, found.texture = pose, rgba, texture
@@ -165,6 +185,9 @@ class _Reader:
     def _scale(self, shape: ElementTree.Element, where: str) -> tuple[float, ...]:
         """Scale of a mesh: three factors, or one that some files write for all."""
         text = shape.get("scale")
+        if text is not None and len(text.split()) > 3:
+            text = " ".join(text.split()[:3])
+            self._change(shape, "<mesh> scale", shape.get("scale", ""), text, "a mesh has three factors")
         count = 1 if text is not None and len(text.split()) == 1 else 3
         scale = read_numbers(text, count=count, default=[1.0] * 3, where=where, what="<mesh> scale")
         return tuple((np.repeat(scale, 3) if len(scale) == 1 else scale).tolist())
@@ -218,7 +241,7 @@ class _Reader:
         joint.axis = read_numbers(
             axis.get("xyz") if axis is not None else None, count=3, default=[1, 0, 0], where=where, what=f"{what} axis"
         )
-        if not joint.axis.any():
+        if not joint.axis.any() and kind not in _WITHOUT_AXIS:
             raise ModelError(f"{where}: {what}: its axis has no direction")
         joint.mimic = mimic.get("joint", "") if mimic is not None else ""
         limit, dynamics = element.find("limit"), element.find("dynamics")

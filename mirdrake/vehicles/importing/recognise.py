@@ -44,7 +44,7 @@ class Wheel:
         off_axis: how far the shape's centre is from the axis [m].
         shape: what is round.
         steering: upright joints on the way from the root, the nearest to the wheel last.
-        seen: radius of the largest round visual [m]; None if there is none.
+        seen: the largest round visual; None if there is none.
     """
 
     joint: Joint
@@ -54,7 +54,7 @@ class Wheel:
     off_axis: float
     shape: Round
     steering: tuple[Joint, ...]
-    seen: float | None
+    seen: Round | None
 
     @property
     def bottom(self) -> float:
@@ -132,30 +132,44 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
         ModelError: a joint turns the wheels of both sides.
     """
     found, blank = [], []
-    for joint in tree.above.values():
-        second = joint.kind in ("universal", "revolute2") and _is_level(tree.axis(joint, second=True))
-        axis = tree.axis(joint, second=second)
-        limits = joint.limits2 if second else joint.limits
-        if axis is None or not _is_level(axis) or not turns_freely(joint, limits):
-            continue
+    spinning = {joint.name: spin for joint in tree.above.values() if (spin := _spin(tree, joint)) is not None}
+    for name, (joint, axis, second) in spinning.items():
         X_MW = frame_about(tree.pose(joint).translation(), y=axis, up=UP)
         rounds = find_rounds(tree, tree.rigid_with(joint.child, ()), X_MW)
         if not rounds:
             blank.append(joint)
             continue
         shape = rounds[0]
-        _check_single(tree, joint, [item for item in rounds if item.role == shape.role])
+        alike = [item.centre[1] for item in rounds if item.role == shape.role and item.radius > 0.9 * shape.radius]
+        if max(alike) - min(alike) > 2.0 * shape.radius:
+            inner = [
+                other for other in spinning if any(above.name == name for above in tree.path(spinning[other][0].parent))
+            ]
+            if len(inner) > 1:  # the cage of a differential
+                continue
+            raise ModelError(
+                f"{source_name(tree.model)}: joint '{name}' turns the wheels of both sides; "
+                "mirdrake needs a joint for each of the four wheels"
+            )
         upright = [other for other in tree.path(joint.child) if other is not joint and _is_upright(tree, other)]
         if second and _is_upright(tree, joint):
             upright.append(joint)
         off_axis = float(np.hypot(shape.centre[0], shape.centre[2]))
         point = X_MW.multiply(np.array([0.0, shape.centre[1], 0.0]))
-        seen = next((item.radius for item in rounds if item.role == "visual"), None)
+        seen = next((item for item in rounds if item.role == "visual"), None)
         found.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright), seen))
     if not found:
         return [], blank
     lowest = min(found, key=lambda wheel: wheel.bottom)
     return [wheel for wheel in found if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius], blank
+
+
+def _spin(tree: Tree, joint: Joint) -> tuple[Joint, Vector, bool] | None:
+    """A joint that turns freely about a level axis, with that axis in M and whether it is its second one."""
+    second = joint.kind in ("universal", "revolute2") and _is_level(tree.axis(joint, second=True))
+    axis = tree.axis(joint, second=second)
+    limits = joint.limits2 if second else joint.limits
+    return (joint, axis, second) if axis is not None and _is_level(axis) and turns_freely(joint, limits) else None
 
 
 def _is_level(axis: Vector | None) -> bool:
@@ -167,16 +181,6 @@ def _is_upright(tree: Tree, joint: Joint) -> bool:
         return False
     axis = tree.axis(joint)
     return axis is not None and abs(axis[2]) >= UPRIGHT
-
-
-def _check_single(tree: Tree, joint: Joint, rounds: Sequence[Round]) -> None:
-    """A joint turns one wheel, not a rigid axle."""
-    alike = [item.centre[1] for item in rounds if item.radius > 0.9 * rounds[0].radius]
-    if max(alike) - min(alike) > 2.0 * rounds[0].radius:
-        raise ModelError(
-            f"{source_name(tree.model)}: joint '{joint.name}' turns the wheels of both sides; "
-            "mirdrake needs a joint for each of the four wheels"
-        )
 
 
 # --- axles -------------------------------------------------------------------------------------------------------
@@ -216,8 +220,8 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
     steered = [wheel for wheel in wheels if wheel.steering]
     number = len(wheels)
     if len(driven) == 2 and (casters or (number == 2 and len(axles) == 1)):
-        count = f"{casters} caster{'s' if casters != 1 else ''}"
-        return f"2 driven wheels and {count} (differential drive): {_names(driven)}"
+        count = f" and {casters} caster{'s' if casters != 1 else ''}" if casters else " on one axle"
+        return f"2 driven wheels{count} (differential drive): {_names(driven)}"
     if number == 2 and len(axles) == 2:
         return f"a bicycle: {_named(wheels)}"
     if number == 3:
@@ -308,7 +312,8 @@ def _refusal(tree: Tree, found: str) -> ModelError:
 def _inventory(tree: Tree) -> str:
     kinds = Counter(joint.kind for joint in tree.above.values() if joint.kind != "fixed")
     joints = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "no movable"
-    return f"{len(tree.poses)} links with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
+    links = f"{len(tree.poses)} link{'' if len(tree.poses) == 1 else 's'}"
+    return f"{links} with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
 
 
 def _blank_words(tree: Tree, blank: Sequence[Joint]) -> str:
@@ -319,7 +324,8 @@ def _blank_words(tree: Tree, blank: Sequence[Joint]) -> str:
     links = [tree.model.links[name] for joint in blank for name in tree.rigid_with(joint.child, ())]
     lost = [shape.address for link in links for shape in (*link.visuals, *link.collisions) if shape.kind == "mesh"]
     lost = [address for address in dict.fromkeys(lost) if address]
-    why = f" (is a mesh missing? {', '.join(lost[:3])})" if lost else ""
+    told = {change.was: f": {change.why}" for change in tree.model.changes if change.became == "left out"}
+    why = f" (is a mesh missing? {', '.join(address + told.get(address, '') for address in lost[:3])})" if lost else ""
     return f"; {names} turn{'s' if len(blank) == 1 else ''} like a wheel but nothing round{why}"
 
 

@@ -1,6 +1,6 @@
 """What ros_control says: transmissions in the URDF, controllers and gains in YAML files beside it."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -40,12 +40,13 @@ def read_ros2_control(
             model.transmissions.append(Transmission(joint.get("name", ""), known, 1.0, where(joint)))
 
 
-def read_controllers(folders: Iterable[Path], model: SourceModel) -> None:
-    """Controllers from the YAML files in the usual folders of packages."""
+def read_controllers(folders: Iterable[Path], model: SourceModel, *, only: Set[str] | None = None) -> None:
+    """Controllers from the YAML files in the usual folders of packages; with `only`, those of these joints."""
     for folder in folders:
         for below in ("config", "param", "params", "cfg", "yaml", "control"):
             for path in sorted((folder / below).rglob("*.y*ml")) if (folder / below).is_dir() else ():
-                model.controllers += _read_file(path)
+                found = _read_file(path)
+                model.controllers += found if only is None else [item for item in found if only & set(item.joints)]
 
 
 def _read_file(path: Path) -> list[Controller]:

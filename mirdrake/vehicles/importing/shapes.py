@@ -1,10 +1,12 @@
 """Shapes of a car as files and elements that Drake takes, and a body that does not drag on the road."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from math import pi
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles.importing.car import Car, Part
 from mirdrake.vehicles.importing.meshes import MeshError, convert_collision, convert_visual
@@ -16,6 +18,8 @@ CLEARANCE = 0.02
 """Height over the wheelbase below which a collision shape of the body would carry the car on a bump or in a bend."""
 
 _LEVEL = 1e-3
+_LYING = RollPitchYaw(pi / 2.0, 0.0, 0.0)
+_RUBBER, _PAINT = (0.1, 0.1, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
 
 
 def convert_shapes(car: Car, folder: Path) -> list[Change]:
@@ -28,6 +32,7 @@ def convert_shapes(car: Car, folder: Path) -> list[Change]:
     changes: list[Change] = []
     files: set[str] = set()
     written: dict[tuple[object, ...], Shape] = {}
+    pictured = [part for part in car.parts if part.visuals] or car.parts
     for part in car.parts:
         part.visuals = [
             new for shape in part.visuals if (new := _visual(shape, part, folder, files, written, changes)) is not None
@@ -39,6 +44,7 @@ def convert_shapes(car: Car, folder: Path) -> list[Change]:
     car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
     if not car.body.collisions:
         car.body.collisions = [_box(car, changes)]
+    changes += _show_what_touches(car, [part for part in pictured if not part.visuals])
     return changes
 
 
@@ -57,6 +63,8 @@ def _visual(
         return None
     if shape.kind != "mesh":
         return shape
+    if shape.mesh is None:  # told when it was read
+        return None
     key = (shape.mesh, shape.scale, shape.submesh, shape.rgba, shape.texture)
     if key in written:
         known = written[key]
@@ -78,6 +86,8 @@ def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes:
         changes.append(
             Change(shape.where, what, f"{shape.kind} {shape.size}", "left out", "nothing that can be touched")
         )
+        return []
+    if shape.kind == "mesh" and shape.mesh is None:  # told when it was read
         return []
     name = Names.unique(f"{Path(shape.address or 'mesh').stem}_collision".replace(".", "_"), files)
     try:
@@ -119,6 +129,22 @@ def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape 
 
 def _raised(X: RigidTransform, height: float) -> RigidTransform:
     return RigidTransform(X.rotation(), X.translation() + np.array([0.0, 0.0, height]))
+
+
+def _show_what_touches(car: Car, lost: Sequence[Part]) -> list[Change]:
+    """Body and wheels whose pictures are all lost look like their collision shapes: nobody sees a car without any."""
+    changes = []
+    for part in lost:
+        rear = [key.startswith("rear") for key, wheel in car.wheels.items() if wheel is part]
+        if rear:
+            size = (car.layout.radii[rear[0]], car.layout.widths[rear[0]])
+            part.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
+        elif part is car.body:
+            part.visuals = [replace(shape, rgba=_PAINT) for shape in part.collisions]
+        if part.visuals:
+            what, why = f"link '{part.name}': visuals", "nobody would see the car"
+            changes.append(Change("", what, "none that can be drawn", "its collision shapes", why))
+    return changes
 
 
 def _box(car: Car, changes: list[Change]) -> Shape:

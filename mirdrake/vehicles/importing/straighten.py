@@ -29,6 +29,9 @@ WORTH_SAYING = 1e-3
 SEEN = 0.05
 """Part of the radius by which a wheel may look larger or smaller than it is before that is said."""
 
+BESIDE = 0.15
+"""Part of the radius by which a wheel may look to stand beside its collision shape before that is said."""
+
 LEAN = 0.2
 """Largest slope [rad] of the road below the wheels at the zero position."""
 
@@ -178,8 +181,15 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
         was = f"sphere of radius {shape.radius:.4g} m"
         became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
         changes.append(Change(shape.shape.where, f"{what}: {shape.role} shape", was, became, "a tyre has a width"))
-    if wheel.seen is not None and abs(wheel.seen - shape.radius) > SEEN * shape.radius:
-        was = f"radius {shape.radius:.4g} m, looks like {wheel.seen:.4g} m"
+    if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
+        was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m beside what is seen"
+        changes.append(
+            Change(
+                shape.shape.where, f"{what}: track", was, "as it was: please check", "it rolls on its collision shape"
+            )
+        )
+    if wheel.seen is not None and abs(wheel.seen.radius - shape.radius) > SEEN * shape.radius:
+        was = f"radius {shape.radius:.4g} m, looks like {wheel.seen.radius:.4g} m"
         became = f"{shape.radius:.4g} m: please check"
         changes.append(Change(shape.shape.where, f"{what}: radius", was, became, "it rolls on its collision shape"))
     if shape.role == "visual":

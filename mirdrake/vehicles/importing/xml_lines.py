@@ -1,6 +1,7 @@
 """XML as a tree whose elements know their line, and numbers read from it with errors that name it."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -99,14 +100,16 @@ def make_pose(xyz: Sequence[float] | Vector, rpy: Sequence[float] | Vector) -> R
 
 
 def leaves(element: ElementTree.Element, prefix: str = "") -> dict[str, str]:
-    """Texts and attributes of all elements below one, by dotted path."""
+    """Texts and attributes of all elements below one, by dotted path; the second of a kind is ``tag[2]``."""
     found: dict[str, str] = {}
+    count: Counter[str] = Counter()
     for child in element:
-        path = f"{prefix}{child.tag}"
+        count[child.tag] += 1
+        path = f"{prefix}{child.tag}" + (f"[{count[child.tag]}]" if count[child.tag] > 1 else "")
         for key, value in child.attrib.items():
             found[f"{path}.{key}"] = value
         if len(child):
             found |= leaves(child, f"{path}.")
         elif (child.text or "").strip():
-            found.setdefault(path, (child.text or "").strip())
+            found[path] = (child.text or "").strip()
     return found

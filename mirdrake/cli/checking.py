@@ -1,0 +1,174 @@
+"""All faults of a vehicle folder at once, and whether the vehicle stands still."""
+
+import contextlib
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from mirdrake.errors import MirdrakeError
+from mirdrake.plant import make_plant, set_start
+from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.inspect_urdf import find_faults, resolve_meshes
+from mirdrake.vehicles.mounts import SensorsSpec
+from mirdrake.vehicles.spec import ControlSpec, VehicleSpec
+from mirdrake.vehicles.vehicle import (
+    FILES,
+    MAIN_FILE,
+    VARIANT_MARK,
+    find_vehicle,
+    load_part,
+    load_variant,
+    variants,
+    with_drive,
+)
+from mirdrake.vehicles.xacro_render import render_xacro
+from mirdrake.worlds import load_world
+from mirdrake.yaml_io import shown, where
+
+STANDING = 1.0
+"""How long a vehicle has to stand still [s]."""
+
+MOST_TRAVEL, MOST_TILT = 0.02, math.radians(3.0)
+"""How far it may go meanwhile, in wheelbases, and how far it may tip [rad]: springs settle."""
+
+_NAMES = re.compile(r"'[^']*'")
+
+
+@dataclass
+class Findings:
+    """What a check found.
+
+    Attributes:
+        faults: one line each, with file and line: bad input.
+        failures: one line each: the files are sound, but the vehicle does not do what it should.
+        remarks: no faults.
+    """
+
+    faults: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    @contextlib.contextmanager
+    def caught(self) -> Iterator[None]:
+        """Take down the faults that the block raises, and go on behind it."""
+        try:
+            yield
+        except MirdrakeError as error:
+            self.note(str(error).splitlines())
+
+    def note(self, lines: Iterable[str]) -> None:
+        """Take down faults, each once: of those at one place that differ by a name, as in a macro, only the first."""
+        for line in lines:
+            if _NAMES.sub("", line) not in map(partial(_NAMES.sub, ""), self.faults):
+                self.faults.append(line)
+
+
+def check_vehicle(name: str) -> Findings:
+    """Check the files of a vehicle, and that it stands still; without ``@<variant>`` all of its variants as well.
+
+    Raises:
+        ConfigError: no such vehicle.
+    """
+    path = Path(name).parent if Path(name).name in FILES else Path(name)
+    folder, only = (path.resolve(), None) if any(map(Path.is_file, map(path.joinpath, FILES))) else find_vehicle(name)
+    found = Findings()
+    found.note([*_layout(folder), *_not_xml(folder)])
+    for variant in [only] if only is not None else [None, *variants(folder)]:
+        own = Findings()
+        with own.caught():
+            _check_files(folder, variant, own)
+        found.note(own.faults)
+        if not own.faults and next(_not_xml(folder), None) is None:
+            with found.caught():
+                vehicle = load_vehicle(str(folder) if variant is None else f"{folder}{VARIANT_MARK}{variant}")
+                found.remarks += [line for line in vehicle.warnings if line not in found.remarks]
+                found.failures += [f"{vehicle.name}: {line}" for line in _restless(vehicle)]
+    return found
+
+
+def _layout(folder: Path) -> Iterator[str]:
+    """Files that are missing, each with the name that may be meant."""
+    there = sorted(path.name for path in folder.iterdir() if path.name not in FILES)
+    for name in FILES:
+        if not (folder / name).exists():
+            near = get_close_matches(name, there, n=1)
+            hint = f"; is it '{near[0]}'?" if near else ""
+            yield f"{shown(folder / name)}: no such file{hint}"
+
+
+def _not_xml(folder: Path) -> Iterator[str]:
+    """Files that are no XML, so that xacro would stop at the first of them."""
+    for path in sorted(folder.glob("*.xacro")):
+        if path.is_file():
+            parser = expat.ParserCreate()
+            try:
+                parser.Parse(path.read_bytes(), True)
+            except expat.ExpatError as error:
+                yield f"{shown(path)}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}"
+
+
+def _check_files(folder: Path, variant: str | None, found: Findings) -> None:
+    """Take down the faults of the YAML files, of the xacro files, and of the URDF against what the former say."""
+    change = load_variant(folder, variant)
+    spec = sensors = urdf = None
+    with found.caught():
+        spec = load_part(folder, "vehicle", VehicleSpec, change)
+    with found.caught():
+        load_part(folder, "control", ControlSpec, change)
+    with found.caught():
+        sensors = load_part(folder, "sensors", SensorsSpec, change)
+    at = where(change, "arguments") if variant is not None else ""
+    if spec is not None and "drive" in change.arguments:
+        with found.caught():
+            spec = with_drive(spec, change.arguments["drive"], at)
+    if next(_not_xml(folder), None) is not None:
+        return
+    with found.caught():
+        defaults = {"drive": spec.drive} if spec is not None else {}
+        urdf = render_xacro(folder / MAIN_FILE, arguments=change.arguments, defaults=defaults, where=at)
+    if urdf is not None:
+        found.note(
+            [line for fault in find_faults(urdf, spec=spec, sensors=sensors) for line in str(fault).splitlines()]
+        )
+        with found.caught():
+            resolve_meshes(urdf, folder)
+
+
+def _restless(vehicle: Vehicle) -> Iterator[str]:
+    """What a vehicle does that nobody drives, on the flat and with its wheels free, if it does anything."""
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {"ego": vehicle})
+    plant, part = parts.plant, parts.vehicles["ego"]
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    ahead = float(plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0])
+    if not 0.0 < ahead < vehicle.geometry.wheelbase:
+        yield f"tips over: its centre of mass is {ahead:.3g} m ahead of the rear axle, not between the axles"
+        return
+    ports = plant.get_actuation_input_port(part.instance), plant.get_desired_state_input_port(part.instance)
+    try:
+        set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0)
+        for port in ports:
+            port.FixValue(context, np.zeros(port.size()))
+        simulator.AdvanceTo(STANDING)
+    except (RuntimeError, SystemExit) as error:  # a failed assertion in Drake arrives as SystemExit
+        yield f"cannot be simulated: {' '.join(str(error).split())}"
+        return
+    X_WB = part.base.EvalPoseInWorld(context)
+    travel = float(np.linalg.norm(X_WB.translation()))
+    tilt = math.acos(min(max(float(X_WB.rotation().matrix()[2, 2]), -1.0), 1.0))
+    if not travel <= MOST_TRAVEL * vehicle.geometry.wheelbase:
+        yield f"does not stand still: it goes {travel:.3g} m in {STANDING:g} s"
+    if not tilt <= MOST_TILT:
+        yield f"does not stand upright: it tips by {math.degrees(tilt):.3g} degrees in {STANDING:g} s"

@@ -1,0 +1,83 @@
+"""Drive to the nearest object and stop before it, as the parking-lot test of the world-language paper does.
+
+The object that is nearest at first is kept in mind: of each new scan, what is nearest to the last place counts, if it
+is within 2 m of it; else the nearest of all. The car steers on the circle through it, curvature 2 y/(x^2 + y^2) (pure
+pursuit: R. C. Coulter, CMU-RI-TR-92-01), and brakes on :func:`~.laws.brake_speed`.
+"""
+
+import math
+
+import numpy as np
+
+from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
+from mirdrake.controllers.behaviours.fan import Array
+from mirdrake.controllers.behaviours.laws import brake_speed, free_distance, gap_to
+from mirdrake.controllers.behaviours.outline import ShapedVehicle
+from mirdrake.controllers.checks import check_number
+
+_SAME = 2.0  # what is nearer to the last place than this is the same object [m]
+
+
+class DriveToNearest(Behaviour):
+    """Drives to the nearest object and stops before it; straight on while it sees none. Ports as in :class:`Behaviour`.
+
+    The distance is that of the car's front edge, over its whole width, to the object, or to anything else in its way.
+
+    Memory: x, y of the object in the world [m].
+
+    Args:
+        vehicle: what is driven.
+        speed: wanted speed [m/s].
+        distance: where to stop [m].
+        deceleration: of the braking profile [m/s^2].
+        reaction: delay of the brakes that the profile allows for [s].
+        lateral_acceleration: largest one in curves [m/s^2].
+        period: time between decisions [s].
+
+    Raises:
+        ConfigError: a number out of range.
+    """
+
+    def __init__(
+        self,
+        vehicle: ShapedVehicle,
+        *,
+        speed: float,
+        distance: float = 2.0,
+        deceleration: float = 2.0,
+        reaction: float = 0.3,
+        lateral_acceleration: float = 3.0,
+        period: float = 0.05,
+    ):
+        super().__init__(vehicle, period=period, memory=2)
+        owner = type(self).__name__
+        self.speed = check_number(owner, "speed", speed, unit="m/s", at_least=0.0)
+        self.distance = check_number(owner, "distance", distance, unit="m", at_least=0.0)
+        self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
+        self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
+        self.lateral = check_number(owner, "lateral_acceleration", lateral_acceleration, unit="m/s^2", above=0.0)
+
+    def decide(self, view: View, memory: Array) -> Decision:
+        """Towards the object, on the braking profile."""
+        points = view.points
+        if len(points) == 0:
+            memory[:] = math.nan
+            return Decision(self.speed, 0.0)
+        cos, sin = math.cos(view.yaw), math.sin(view.yaw)
+        place = memory - (view.x, view.y)
+        last = np.array([cos * place[0] + sin * place[1], cos * place[1] - sin * place[0]])
+        gaps = gap_to(points, self.outline)
+        away = np.hypot(*(points - last).T)  # NaN before there is an object
+        target = int(np.argmin(away)) if np.min(away) < _SAME else int(np.argmin(gaps))
+        same = np.hypot(*(points - points[target]).T) < _SAME
+        target = int(np.argmin(np.where(same, gaps, math.inf)))
+        x, y = points[target].tolist()
+        memory[:] = view.x + cos * x - sin * y, view.y + sin * x + cos * y
+
+        steering = self.law.clip(self.law.steering(2.0 * y / (x * x + y * y)))
+        curvature = self.law.curvature(steering)
+        way = free_distance(points, [curvature], self.outline)[0]
+        gap = min(float(gaps[target]), float(way)) - self.distance
+        profile = brake_speed(gap, deceleration=self.deceleration, reaction=self.reaction)
+        limit = math.sqrt(self.lateral / max(abs(curvature), 1e-6))
+        return Decision(min(self.speed, profile, limit), steering)

@@ -1,0 +1,144 @@
+"""Hold a lane of a track, a line at a constant offset from its centre, and stop before what stands in it."""
+
+import math
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiscreteValues
+
+from mirdrake.controllers.behaviours.fan import BEAMS, Fan, range_signals
+from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
+from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.drivable_line import DrivingLimits, Track
+from mirdrake.controllers.path_tracking import PathGains, PathTracker
+from mirdrake.controllers.vectors import Command
+from mirdrake.errors import ConfigError
+from mirdrake.signals import declare_vector_input
+
+_SPACING = 0.05  # of the table of arc lengths [m]
+
+
+class Lane:
+    """A line at a constant offset from a track, itself a track.
+
+    Its arc length is s' = s - offset (yaw(s) - yaw(0)), exactly, for any centre line.
+
+    Args:
+        track: the track.
+        offset: to the left of its centre line [m].
+
+    Raises:
+        ConfigError: the offset is as large as the radius of a bend on its inside.
+    """
+
+    def __init__(self, track: Track, offset: float):
+        self._track, self._offset, self.closed = track, offset, bool(track.closed)
+        self._s = np.linspace(0.0, track.length, max(8, math.ceil(track.length / _SPACING)) + 1)
+        s = self._s.copy()
+        if self.closed:
+            s[-1] = 0.0
+        yaw = np.unwrap(np.asarray(track.pose(s)[2], dtype=float))
+        self._along = self._s - offset * (yaw - yaw[0])
+        if np.min(np.diff(self._along)) <= 0.0:
+            at = float(self._s[int(np.argmin(np.diff(self._along)))])
+            raise ConfigError(f"lane: an offset of {offset:g} m is beyond the centre of the bend at s = {at:.1f} m")
+        self.length = float(self._along[-1])
+
+    def pose(self, s: Any) -> tuple[Any, Any, Any]:
+        """Position x, y [m] and direction [rad] at arc lengths s [m] of the lane."""
+        s = np.asarray(s, dtype=float)
+        s = np.mod(s, self.length) if self.closed else s
+        beyond = s - np.clip(s, 0.0, self.length)  # an open track goes on straight
+        x, y, yaw = self._track.pose(np.interp(s, self._along, self._s) + beyond)
+        return x - self._offset * np.sin(yaw), y + self._offset * np.cos(yaw), yaw
+
+    def project(self, x: Any, y: Any, *, near: Any = None) -> tuple[Any, Any]:
+        """Arc length s [m] along the lane and offset to its left [m] of points; `near` is along the lane."""
+        hint = None if near is None else np.interp(near, self._along, self._s)
+        s, lateral = self._track.project(x, y, near=hint)
+        return np.interp(s, self._s, self._along), lateral - self._offset
+
+
+class HoldLane(PathTracker):
+    """A path tracker that stops before obstacles in its lane.
+
+    Input ports:
+        state (12) [m, rad, m/s, rad/s]: :data:`~mirdrake.controllers.vectors.STATE`.
+        ranges (181) [m]: distances from the middle of the front bumper, beams from -90 to 90 degrees.
+
+    Output ports:
+        command (3) [m/s, rad, s]: speed, steering, stamp.
+        path_error (4) [m, rad, m, 1]: against the lane, not the centre line; see :class:`PathTracker`.
+
+    What lies within half the car's width plus `clearance` of the lane's line, ahead of the bumper, is in the way; the
+    distance to it is taken along the lane.
+
+    Args:
+        vehicle: what is driven.
+        track: the track.
+        gains: of the tracker, with the speed.
+        offset: of the lane, to the left of the centre line [m].
+        distance: gap in front of the car when it stops [m].
+        clearance: distance to the side within which something is in the way [m].
+        reaction: delay of the brakes that the profile allows for [s].
+        limits: accelerations; its deceleration is also that of the stop.
+        period: time between updates [s].
+
+    Raises:
+        ConfigError: a number out of range, or the lane is too tight for the vehicle.
+    """
+
+    def __init__(
+        self,
+        vehicle: ShapedVehicle,
+        track: Track,
+        *,
+        gains: PathGains,
+        offset: float = 0.0,
+        distance: float = 2.0,
+        clearance: float = 0.2,
+        reaction: float = 0.3,
+        limits: DrivingLimits | None = None,
+        period: float = 0.05,
+    ):
+        check_number("HoldLane", "offset", offset, unit="m")
+        lane = Lane(track, offset) if offset else track
+        super().__init__(lane, vehicle.geometry, gains=gains, period=period, limits=limits)
+        self.distance = check_number("HoldLane", "distance", distance, unit="m", at_least=0.0)
+        self.reaction = check_number("HoldLane", "reaction", reaction, unit="s", at_least=0.0)
+        clearance = check_number("HoldLane", "clearance", clearance, unit="m", at_least=0.0)
+        self.outline = outline_of(vehicle)
+        self._half = self.outline.half_width + clearance
+        self.fan = Fan(self.outline.front)
+        self.ranges = declare_vector_input(self, "ranges", range_signals(BEAMS))
+
+    def _step(self, context: Context, values: DiscreteValues) -> None:
+        super()._step(context, values)
+        speed, steering, stamp = values.value(self._command).tolist()
+        progress = float(values.value(self._error)[2])
+        profile = brake_speed(
+            self._gap(context, progress) - self.distance, deceleration=self.limits.deceleration, reaction=self.reaction
+        )
+        values.set_value(self._command, Command(min(speed, profile), steering, stamp))
+
+    def _gap(self, context: Context, progress: float) -> float:
+        """Free distance along the lane [m] before the bumper; inf if it is farther than it matters."""
+        x, y, _, _, _, yaw, *_ = self.state.Eval(context).tolist()
+        points = self.fan.points(self.ranges.Eval(context))
+        matters = self.distance + stopping_distance(
+            self.get_gains(context).speed, deceleration=self.limits.deceleration, reaction=self.reaction
+        )
+        points = points[np.hypot(points[:, 0] - self.outline.front, points[:, 1]) <= matters + self._half]
+        if len(points) == 0:
+            return math.inf
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        s, lateral = self.track.project(
+            x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]
+        )
+        ahead = np.asarray(s) - progress
+        if self.path.closed:
+            ahead = np.mod(ahead + 0.5 * self.path.length, self.path.length) - 0.5 * self.path.length
+        ahead = (ahead - self.outline.front)[np.abs(lateral) < self._half]
+        ahead = ahead[ahead > -self.outline.front]
+        return max(float(ahead.min()), 0.0) if ahead.size else math.inf

@@ -1,0 +1,134 @@
+"""Arithmetic of the behaviours, on plain numbers and arrays: how fast, where to, how far it is free.
+
+Points are in the vehicle frame B: origin below the rear axle centre, x ahead, y left.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mirdrake.controllers.behaviours.fan import Array
+from mirdrake.controllers.behaviours.outline import Outline
+
+_STEEPEST = 0.5  # tangent of the steepest angle at which a line is approached
+_STEEPEST_COURSE = 1.2  # course errors beyond this count as this [rad]
+_STRAIGHT = 1e-6  # curvatures below this are straight [1/m]
+_AT_REST = 0.01  # a gap this small needs no more driving [m]
+
+
+def brake_speed(gap: float, *, deceleration: float, reaction: float) -> float:
+    """Speed [m/s] from which the car still stops within a distance.
+
+    The distance is that of the reaction time t at constant speed, and of braking with the deceleration a::
+
+        gap = v t + v^2/(2 a),   v = sqrt((a t)^2 + 2 a gap) - a t
+
+    so v = sqrt(2 a gap) for t = 0. Near the goal v goes as gap/t: the car settles there instead of overshooting.
+
+    Args:
+        gap: how far the car may still go [m]; 0 below 1 cm.
+        deceleration: a [m/s^2].
+        reaction: t, the delay until the brakes act [s].
+    """
+    if gap < _AT_REST:
+        return 0.0
+    if math.isinf(gap):
+        return math.inf
+    lag = deceleration * reaction
+    return math.sqrt(lag * lag + 2.0 * deceleration * gap) - lag
+
+
+def stopping_distance(speed: float, *, deceleration: float, reaction: float) -> float:
+    """The gap [m] of :func:`brake_speed` for a speed [m/s]."""
+    return speed * reaction + 0.5 * speed * speed / deceleration
+
+
+def line_curvature(lateral: float, heading: float, *, distance: float) -> float:
+    """Curvature [1/m] that takes the rear axle centre back to a straight line, critically damped over a distance.
+
+    The law of :mod:`mirdrake.controllers.path_tracking` for a straight line: e'' = -(2/d) e' - e/d^2 with e' = tan of
+    the course; far away the line is approached at an angle of at most 27 degrees.
+
+    Args:
+        lateral: offset from the line, positive to the left [m].
+        heading: course minus direction of the line [rad].
+        distance: d [m].
+    """
+    theta = min(max(math.remainder(heading, 2.0 * math.pi), -_STEEPEST_COURSE), _STEEPEST_COURSE)
+    approach = min(max(0.5 * lateral / distance, -_STEEPEST), _STEEPEST)
+    return -2.0 / distance * (math.tan(theta) + approach) * math.cos(theta) ** 3
+
+
+def gap_to(points: Array, outline: Outline) -> Array:
+    """Distances (m) [m] from the front edge of a vehicle to points (m, 2) ahead of it."""
+    beside = np.maximum(np.abs(points[:, 1]) - outline.half_width, 0.0)
+    return np.asarray(np.hypot(np.maximum(points[:, 0] - outline.front, 0.0), beside))
+
+
+def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, reach: float = math.inf) -> Array:
+    """How far the rear axle centre can go on circles until the vehicle's box meets a point.
+
+    Exact. In the box's frame a point moves on a circle of radius rho about the turning centre C = (0, R). It enters
+    through the front end, through the inner side ahead of the rear axle, or through the outer side behind it, where
+    rear ends swing out; each entry is an intersection of that circle with an edge. The first one counts.
+
+    Args:
+        points: in B (m, 2) [m].
+        curvatures: of the path of the rear axle centre (k) [1/m]; their radii are larger than half the width.
+        outline: the box.
+        reach: result where nothing is met on the way [m].
+
+    Returns:
+        Distances (k) [m], at most `reach`; 0 if a point lies within the box.
+    """
+    kappa = np.atleast_1d(np.asarray(curvatures, dtype=float))
+    result = np.full(kappa.shape, reach)
+    if len(points) == 0:
+        return result
+    rear, front, half, _ = outline
+    x, y = points[:, 0], points[:, 1]
+    if np.any((x > rear) & (x < front) & (np.abs(y) < half)):
+        return np.zeros_like(result)
+    straight = np.abs(kappa) < _STRAIGHT
+    ahead = x[(np.abs(y) < half) & (x >= front)]
+    if ahead.size:
+        result[straight] = min(reach, float(ahead.min()) - front)
+    turning = ~straight
+    if not turning.any():
+        return result
+
+    radius = 1.0 / np.abs(kappa[turning])[:, None]
+    side = np.sign(kappa[turning])[:, None] * y  # mirrored: every turn is to the left
+    rho = np.hypot(x, side - radius)
+    now = np.arctan2(x, radius - side)  # angle from the foot of C, falling as the vehicle goes on
+    with np.errstate(invalid="ignore", divide="ignore"):
+        front_y = radius - np.sqrt(rho * rho - front * front)
+        at_front = np.where(np.abs(front_y) <= half, np.arcsin(front / rho), np.nan)
+        inner_x = np.sqrt(rho * rho - (radius - half) ** 2)
+        at_inner = np.where(inner_x <= front, np.arccos((radius - half) / rho), np.nan)
+        outer_x = np.sqrt(rho * rho - (radius + half) ** 2)
+        at_outer = np.where(outer_x <= -rear, -np.arccos((radius + half) / rho), np.nan)
+    angle = np.full(rho.shape, math.inf)
+    for entry in (at_front, at_inner, at_outer):
+        to_go = now - entry
+        angle = np.fmin(angle, np.where(to_go < -1e-9, to_go + 2.0 * math.pi, to_go))
+    result[turning] = np.clip(np.min(angle, axis=1) * radius[:, 0], 0.0, reach)
+    return result
+
+
+def headway(distance: Array, curvatures: Array, heading: float, *, lever: float = 0.0) -> Array:
+    """Way made along a line (k) [m] by going distances (k) [m] on circles, at most until square to the line.
+
+    Args:
+        distance: of the rear axle centre along each circle [m].
+        curvatures: of the circles [1/m].
+        heading: course minus direction of the line at the start [rad].
+        lever: how far ahead of the rear axle the point is whose way counts [m].
+    """
+    end = heading + curvatures * distance
+    end = np.clip(end, min(heading, -0.5 * math.pi), max(heading, 0.5 * math.pi))
+    bent = np.abs(curvatures) > _STRAIGHT
+    safe = np.where(bent, curvatures, 1.0)
+    way = np.where(bent, (np.sin(end) - math.sin(heading)) / safe, distance * math.cos(heading))
+    return np.asarray(way + lever * (np.cos(end) - math.cos(heading)))

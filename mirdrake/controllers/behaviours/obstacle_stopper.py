@@ -1,0 +1,84 @@
+"""Drive with constant steering, and stop before what is ahead.
+
+As published, in the CAT Vehicle's node `obstaclestopper` (jmscslgroup/obstaclestopper, also in the Bolt's
+mir_vehicle_fasil; generated from Simulink, model 1.8) fed by its `distanceEstimator`::
+
+    v_out = v_in sign(clip(dist - 5 m, 0, 1)),   steering unchanged
+
+`dist` is the nearest return within 0.1 rad of straight ahead. It is a switch without a braking profile: speed 0 is
+commanded at 5 m, whatever the speed. A car that then brakes with a after a delay t stops ``5 m - v t - v^2/(2 a)`` from
+the obstacle and hits it when that is negative; with a = 5 m/s^2 and no delay above 7.1 m/s. (Model 1.86 puts a state
+machine for a three-second distance before the same switch; it is not reproduced here.)
+"""
+
+import numpy as np
+
+from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
+from mirdrake.controllers.behaviours.fan import Array
+from mirdrake.controllers.behaviours.laws import brake_speed, free_distance
+from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
+from mirdrake.controllers.checks import check_number
+
+PUBLISHED_DISTANCE = 5.0
+"""Where the published stopper commands speed 0 [m]."""
+PUBLISHED_ANGLE = 0.1
+"""How far to each side the published distance estimator looks [rad]."""
+
+
+class ObstacleStopper(Behaviour):
+    """Constant steering, and a stop before an obstacle. Ports as in :class:`Behaviour`.
+
+    Args:
+        vehicle: what is driven.
+        speed: wanted speed [m/s].
+        steering: bicycle angle [rad].
+        distance: as published: distance at which speed 0 is commanded; else the gap that is left [m].
+        as_published: the published switch; else a braking profile over what the car's width sweeps.
+        deceleration: of the profile [m/s^2].
+        reaction: delay of the brakes that the profile allows for [s].
+        period: time between decisions [s].
+
+    Raises:
+        ConfigError: a number out of range.
+    """
+
+    def __init__(
+        self,
+        vehicle: ShapedVehicle,
+        *,
+        speed: float,
+        steering: float = 0.0,
+        distance: float = PUBLISHED_DISTANCE,
+        as_published: bool = False,
+        deceleration: float = 3.0,
+        reaction: float = 0.3,
+        period: float = 0.05,
+    ):
+        super().__init__(vehicle, period=period)
+        owner = type(self).__name__
+        self.speed = check_number(owner, "speed", speed, unit="m/s", at_least=0.0)
+        self.steering = self.law.clip(check_number(owner, "steering", steering, unit="rad"))
+        self.distance = check_number(owner, "distance", distance, unit="m", at_least=0.0)
+        self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
+        self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
+        self.as_published = as_published
+        self._ahead = np.abs(self.fan.angles) < PUBLISHED_ANGLE
+
+    def decide(self, view: View, memory: Array) -> Decision:  # noqa: ARG002
+        """The published switch, or the profile over the free way along the circle."""
+        if self.as_published:
+            dist = float(view.ranges[self._ahead].min())
+            return Decision(published_speed(self.speed, dist, distance=self.distance), self.steering)
+        gap = free_way(view.points, self.law.curvature(self.steering), self.outline) - self.distance
+        profile = brake_speed(gap, deceleration=self.deceleration, reaction=self.reaction)
+        return Decision(min(self.speed, profile), self.steering)
+
+
+def published_speed(speed: float, dist: float, *, distance: float = PUBLISHED_DISTANCE) -> float:
+    """The published law: v sign(clip(dist - distance, 0, 1)) [m/s]."""
+    return speed if dist > distance else 0.0
+
+
+def free_way(points: Array, curvature: float, outline: Outline) -> float:
+    """Free distance [m] along one circle; inf if there is nothing, 0 in contact."""
+    return float(free_distance(points, [curvature], outline)[0])

@@ -1,0 +1,143 @@
+"""Drive straight on, steer around what is in the way, come back to the line, stop when there is no way through.
+
+At every decision the car looks along circles, how far they are free for a box as wide as the car and the clearance to
+both sides (:func:`~.laws.free_distance`). The circle that leads back to the line is taken when it is free as far as the
+car looks. Otherwise that one counts on which the bumper makes most way along the line, with the whole clearance and
+with half of it alike, with a little preference for the present steering and for the way back, so that the car does not
+dither. The speed is such that the car can stop before the chosen circle ends for half the clearance.
+
+The scan does not see beside the car: what passes out of it is remembered until the car has gone by.
+"""
+
+import math
+
+import numpy as np
+
+from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
+from mirdrake.controllers.behaviours.fan import Array
+from mirdrake.controllers.behaviours.laws import (
+    brake_speed,
+    free_distance,
+    headway,
+    line_curvature,
+    stopping_distance,
+)
+from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
+from mirdrake.controllers.checks import check_number
+
+_CIRCLES = 31
+_PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at
+_BESIDE = 5.0  # what is farther to the side is not remembered [m]
+_GRAIN = 0.1  # points closer together are remembered as one [m]
+_MOST = 256  # points remembered
+
+
+class StraightAndAvoid(Behaviour):
+    """Straight on from where it starts, around obstacles. Ports as in :class:`Behaviour`.
+
+    Memory: x, y, yaw of the line in the world [m, rad]; last curvature [1/m]; x and y of points in the world [m].
+
+    Args:
+        vehicle: what is driven.
+        speed: wanted speed [m/s].
+        clearance: wanted distance to the side of obstacles [m]; it brakes for what is nearer than half of it.
+        distance: gap in front of the car when it stops [m].
+        lookahead: how far it looks at least [m]; never less than it takes to stop.
+        deceleration: of the braking profile [m/s^2].
+        reaction: delay of the brakes that the profile allows for [s].
+        lateral_acceleration: largest one in curves [m/s^2].
+        convergence_distance: distance over which the line is come back to [m].
+        period: time between decisions [s].
+
+    Raises:
+        ConfigError: a number out of range.
+    """
+
+    def __init__(
+        self,
+        vehicle: ShapedVehicle,
+        *,
+        speed: float,
+        clearance: float = 0.5,
+        distance: float = 1.0,
+        lookahead: float = 12.0,
+        deceleration: float = 3.0,
+        reaction: float = 0.3,
+        lateral_acceleration: float = 3.0,
+        convergence_distance: float = 3.0,
+        period: float = 0.05,
+    ):
+        super().__init__(vehicle, period=period, memory=4 + 2 * _MOST)
+        owner = type(self).__name__
+        self.speed = check_number(owner, "speed", speed, unit="m/s", at_least=0.0)
+        self.clearance = check_number(owner, "clearance", clearance, unit="m", at_least=0.0)
+        self.distance = check_number(owner, "distance", distance, unit="m", at_least=0.0)
+        self.lookahead = check_number(owner, "lookahead", lookahead, unit="m", above=0.0)
+        self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
+        self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
+        self.lateral = check_number(owner, "lateral_acceleration", lateral_acceleration, unit="m/s^2", above=0.0)
+        self.convergence = check_number(owner, "convergence_distance", convergence_distance, unit="m", above=0.0)
+        share = np.linspace(-1.0, 1.0, _CIRCLES)
+        self._shares = share * np.abs(share)  # closer together near straight ahead
+
+    def decide(self, view: View, memory: Array) -> Decision:
+        """The best circle, and how fast it may be driven."""
+        if math.isnan(memory[0]):
+            memory[:4] = view.x, view.y, view.yaw, 0.0
+        x0, y0, yaw0, previous = memory[:4].tolist()
+        heading = math.remainder(view.yaw - yaw0, 2.0 * math.pi)
+        lateral = math.cos(yaw0) * (view.y - y0) - math.sin(yaw0) * (view.x - x0)
+        points = self._remember(view, memory)
+        speed = max(view.speed, 0.0)
+
+        look = self.distance + stopping_distance(speed, deceleration=self.deceleration, reaction=self.reaction)
+        look = max(self.lookahead, 1.2 * look)
+        most = min(self.law.curvature(self.law.limit), self.lateral / max(speed, 1.0) ** 2)
+        distance = max(self.convergence, 0.8 * speed)
+        wanted = min(max(line_curvature(lateral, heading, distance=distance), -most), most)
+        points = points[np.hypot(points[:, 0], points[:, 1]) < look + self.outline.front + self.outline.half_width]
+        curvature, way = wanted, math.inf
+        if way_with(self.clearance, points, np.array([wanted]), self.outline, reach=look)[0] < look:
+            kappa = np.append(self._shares * most, wanted)
+            wide = way_with(self.clearance, points, kappa, self.outline, reach=look)
+            narrow = way_with(0.5 * self.clearance, points, kappa, self.outline, reach=look)
+            made = sum(headway(way, kappa, heading, lever=self.outline.front) for way in (wide, narrow)) / (2.0 * look)
+            cost = (np.abs(kappa - wanted) + np.abs(kappa - previous)) / (2.0 * most)
+            chosen = int(np.argmax(made - _PREFERENCE * cost))
+            curvature, way = float(kappa[chosen]), float(narrow[chosen])
+        memory[3] = curvature
+        profile = math.inf
+        if way < look:
+            profile = brake_speed(way - self.distance, deceleration=self.deceleration, reaction=self.reaction)
+        limit = math.sqrt(self.lateral / max(abs(curvature), 1e-6))
+        return Decision(min(self.speed, profile, limit), self.law.steering(curvature))
+
+    def _remember(self, view: View, memory: Array) -> Array:
+        """Points in B (m, 2) [m]: those of the scan, and those that have passed out of it but not yet the car."""
+        known = memory[4:].reshape(-1, 2)
+        known = known[~np.isnan(known[:, 0])] - (view.x, view.y)
+        R = np.array([[math.cos(view.yaw), -math.sin(view.yaw)], [math.sin(view.yaw), math.cos(view.yaw)]])
+        passed = known @ R  # rows of R are the axes of W in B
+        beside = (passed[:, 0] <= self.outline.front) & (passed[:, 0] > self.outline.rear - self.clearance)
+        near = np.hypot(view.points[:, 0] - self.outline.front, view.points[:, 1]) < 2.0 * _BESIDE
+        keep = np.vstack((passed[beside & (np.abs(passed[:, 1]) < _BESIDE)], view.points[near]))
+        in_world = keep @ R.T + (view.x, view.y)
+        _, first = np.unique(np.round(in_world / _GRAIN), axis=0, return_index=True)
+        nearest = np.sort(first)[np.argsort(np.hypot(*keep[np.sort(first)].T), kind="stable")][:_MOST]
+        memory[4:] = math.nan
+        memory[4 : 4 + 2 * len(nearest)] = in_world[nearest].ravel()
+        return np.vstack((passed[beside], view.points))
+
+
+def way_with(clearance: float, points: Array, curvatures: Array, outline: Outline, *, reach: float) -> Array:
+    """Free distances (k) [m] on circles with a clearance [m] to both sides.
+
+    What is nearer than that beside the car already, so that no steering could keep the clearance, is only not to be
+    touched.
+    """
+    rear, front, half, _ = outline
+    box = outline._replace(half_width=half + clearance)
+    x, side = points[:, 0], np.abs(points[:, 1])
+    close = (x > rear) & (x < front) & (side < half + clearance) & (side > half)
+    free = free_distance(points[~close], curvatures, box, reach=reach)
+    return np.minimum(free, free_distance(points[close], curvatures, outline, reach=reach))

@@ -1,0 +1,238 @@
+"""A suite as one HTML page: the worst cases first, with the place from above and every margin.
+
+The page needs no network and no other file; only links to recordings and run folders lead out of it.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from mirdrake.logs import write_file
+from mirdrake.report.suite_pictures import draw_bar, draw_curve, draw_plan
+from mirdrake.report.words import lasting, tell
+from mirdrake.suites import Case, Result, Suite
+from mirdrake.suites.worker import SKETCHES
+from mirdrake.yaml_io import shown
+
+_TEMPLATE = "suite.html.jinja"
+_MOST_ROWS = 1000  # of the table
+_MOST_DETAILS = 60  # cases with pictures
+_MOST_COLUMNS = 60  # of a matrix
+
+
+@dataclass(frozen=True)
+class Line:
+    """A requirement of a case, as a line with a bar and a curve."""
+
+    text: str
+    passed: bool
+    margin: str
+    at: str
+    bar: Markup
+    curve: Markup
+
+
+@dataclass(frozen=True)
+class Row:
+    """A case as a row of the table."""
+
+    name: str
+    anchor: str
+    verdict: str
+    reason: str
+    values: list[tuple[str, str]]
+    margin: str
+    bar: Markup | None
+    asked: str
+    detailed: bool
+
+
+@dataclass(frozen=True)
+class Detail:
+    """A case with its pictures."""
+
+    row: Row
+    plan: Markup | None
+    lines: list[Line]
+    command: str
+    folder: str
+    recording: str
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """All variations of a test as squares: a row for each combination of all parameters but one."""
+
+    test: str
+    across: str
+    columns: list[str]
+    rows: list[tuple[str, list[tuple[str, str, str]]]]
+    """label, and for each column verdict, anchor and what a tooltip says"""
+
+
+def write_suite_report(suite: Suite) -> Path:
+    """Write report.html into the folder of a suite.
+
+    Args:
+        suite: complete or not, with a folder.
+
+    Returns:
+        the path of the file. The same suite gives the same bytes.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    assert suite.folder is not None
+    path = suite.folder / "report.html"
+    write_file(path, render_suite(suite))
+    return path
+
+
+def render_suite(suite: Suite) -> str:
+    """The text of the page; see :func:`write_suite_report`."""
+    ranked = suite.ranked()
+    largest = _largest(suite.results)
+    rows = [_row(case, result, largest, detailed=index < _MOST_DETAILS) for index, (case, result) in enumerate(ranked)]
+    detailed = zip(rows, ranked[:_MOST_DETAILS], strict=False)
+    details = [_detail(suite, case, result, row, largest) for row, (case, result) in detailed]
+    worlds = list(dict.fromkeys(shown(Path(case.world)) for case in suite.cases))
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    simulated = sum(result.simulated for result in suite.results)
+    return environment.get_template(_TEMPLATE).render(
+        title=", ".join(Path(world).stem for world in worlds) or "suite",
+        worlds=worlds,
+        headline=_headline(suite),
+        counts=suite.counts,
+        total=len(suite.cases),
+        missing=len(suite.cases) - len(suite.results),
+        simulated=lasting(simulated),
+        matrices=_matrices(suite),
+        rows=rows[:_MOST_ROWS],
+        more_rows=max(0, len(rows) - _MOST_ROWS),
+        details=details,
+        more_details=max(0, len(rows) - len(details)),
+    )
+
+
+def _headline(suite: Suite) -> str:
+    counts, total = suite.counts, len(suite.results)
+    if not total:
+        return "No case was run"
+    if counts["pass"] == total:
+        return "The case passed" if total == 1 else f"All {total} cases passed"
+    words = {"fail": "failed", "error": "could not be judged", "invalid": "have an invalid world"}
+    parts = [f"{counts[key]} {text}" for key, text in words.items() if counts[key]]
+    return f"{counts['pass']} of {total} cases passed; " + ", ".join(parts)
+
+
+def _largest(results: Sequence[Result]) -> dict[str, float]:
+    """Largest size of a finite margin per requirement, which its bars are drawn against."""
+    found: dict[str, float] = {}
+    for finding in (finding for result in results for finding in result.findings):
+        if finding["margin"] is not None:
+            found[finding["text"]] = max(found.get(finding["text"], 0.0), abs(finding["margin"]))
+    return found
+
+
+def _row(case: Case, result: Result, largest: dict[str, float], *, detailed: bool) -> Row:
+    worst = result.worst
+    bar = None
+    if worst is not None:
+        bar = draw_bar(worst["margin"], largest.get(worst["text"], 0.0), passed=worst["passed"])
+    return Row(
+        name=result.name,
+        anchor=f"case-{case.slug}",
+        verdict=result.verdict,
+        reason=result.reason,
+        values=[(key, _value(value)) for key, value in case.values.items()],
+        margin=_margin(worst) if worst is not None else "",
+        bar=bar,
+        asked=worst["text"] if worst is not None else result.reason,
+        detailed=detailed,
+    )
+
+
+def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[str, float]) -> Detail:
+    sketch = _sketch(suite.folder, case)
+    lines = []
+    for index, finding in enumerate(result.findings):
+        curve = Markup("")
+        if sketch is not None and index < len(sketch["findings"]):
+            curve = draw_curve(
+                sketch["findings"][index], unit=finding["unit"], margin=finding["margin"], passed=finding["passed"]
+            )
+        bar = draw_bar(finding["margin"], largest.get(finding["text"], 0.0), passed=finding["passed"])
+        at = f"at {finding['worst_time']:.2f} s" if finding["margin"] is not None else ""
+        lines.append(Line(finding["text"], finding["passed"], _margin(finding), at, bar, curve))
+    worst = result.findings.index(result.worst) if result.worst is not None else None
+    folder = suite.folder / result.folder if suite.folder is not None and result.folder else None
+    recording = folder is not None and (folder / "recording.html").is_file()
+    return Detail(
+        row=row,
+        plan=draw_plan(sketch, worst, failed=result.verdict == "fail") if sketch is not None else None,
+        lines=lines,
+        command=case.command,
+        folder=result.folder or "",
+        recording=f"{result.folder}/recording.html" if recording else "",
+    )
+
+
+def _sketch(folder: Path | None, case: Case) -> dict[str, Any] | None:
+    """The sketch of a case; None if it has none."""
+    path = folder / SKETCHES / f"{case.slug}.json" if folder is not None else None
+    if path is None or not path.is_file():
+        return None
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def _matrices(suite: Suite) -> list[Matrix]:
+    """A matrix for every test that varies."""
+    results = {result.name: result for result in suite.results}
+    tests: dict[tuple[str, str], list[Case]] = {}
+    for case in suite.cases:
+        tests.setdefault((case.world, case.test), []).append(case)
+    matrices = []
+    for (_, test), cases in tests.items():
+        axes = {key: list(dict.fromkeys(_value(case.values[key]) for case in cases)) for key in cases[0].values}
+        if len(cases) < 2 or not axes:
+            continue
+        across = max(axes, key=lambda key: len(axes[key]))
+        columns = axes[across]
+        if len(columns) > _MOST_COLUMNS:
+            continue
+        rows: dict[str, dict[str, tuple[str, str, str]]] = {}
+        for case in cases:
+            label = ", ".join(f"{key} {_value(value)}" for key, value in case.values.items() if key != across)
+            result = results.get(case.name)
+            verdict = result.verdict if result is not None else "none"
+            told = f"{case.name}: {verdict}" + (f", {_margin(result.worst)}" if result and result.worst else "")
+            rows.setdefault(label, {})[_value(case.values[across])] = (verdict, f"case-{case.slug}", told)
+        blank = ("none", "", "")
+        cells = [(label, [found.get(column, blank) for column in columns]) for label, found in rows.items()]
+        matrices.append(Matrix(test, across, columns, cells))
+    return matrices
+
+
+def _margin(finding: dict[str, Any] | None) -> str:
+    if finding is None:
+        return ""
+    return "unbounded" if finding["margin"] is None else tell(finding["margin"], finding["unit"])
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float) and math.isfinite(value):
+        return f"{value:g}"
+    return str(value)

@@ -1,0 +1,63 @@
+"""Recordings of the cases of a suite that did not pass, made from their run folders."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mirdrake.errors import MirdrakeError
+from mirdrake.logs import Run, load_run
+from mirdrake.suites import Suite
+from mirdrake.viewer import write_recording
+
+MOST = 20
+"""Recordings of a suite; each takes some four megabytes."""
+
+RECORDING = "recording.html"
+
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def write_recordings(
+    suite: Suite, *, most: int = MOST, progress: Callable[[int, int], None] | None = None
+) -> list[tuple[str, str]]:
+    """Write recording.html into the run folders of a suite, the worst cases first.
+
+    Args:
+        suite: with a folder.
+        most: number of recordings.
+        progress: called with the number of recordings done and of all of them.
+
+    Returns:
+        what could not be recorded: name of the case, and why on one line.
+    """
+    assert suite.folder is not None
+    chosen = [result for _, result in suite.ranked() if result.folder is not None][:most]
+    faults = []
+    for done, result in enumerate(chosen, start=1):
+        place = suite.folder / str(result.folder)
+        if not (place / RECORDING).is_file():
+            try:
+                _record(place)
+            except (MirdrakeError, RuntimeError, ValueError, KeyError, OSError) as error:
+                faults.append((result.name, (str(error).splitlines() or [type(error).__name__])[0]))
+        if progress is not None:
+            progress(done, len(chosen))
+    return faults
+
+
+def _record(place: Path) -> None:
+    """Record a run as far as all its vehicles are somewhere; a run that ended before it began has nothing to show."""
+    run = load_run(place)
+    known = until_lost(run)
+    if len(known.signals) > 1:
+        write_recording(known, frames_per_second=float(run.spec["record"]["frames"]))
+
+
+def until_lost(run: Run) -> Run:
+    """The samples of a run before the first in which the pose of a vehicle is no number."""
+    table = run.signals
+    names = [f"{vehicle}.{key}" for vehicle in run.spec["vehicles"] for key in _POSE]
+    lost = ~np.isfinite(table[[name for name in names if name in table]].to_numpy()).all(axis=1)
+    return replace(run, table=table.iloc[: int(np.argmax(lost))] if lost.any() else table)

@@ -1,0 +1,135 @@
+"""A requirement that was understood, and what it has to say of a run."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.errors import RunError
+from mirdrake.requirements.observation import Array, Observation
+from mirdrake.requirements.terms import Atom, Comparison, Expression, Happening
+
+Kind = Literal["always", "never", "eventually", "until", "at end"]
+
+
+class Finding(NamedTuple):
+    """What a requirement has to say of a run."""
+
+    text: str
+    """the requirement"""
+    passed: bool
+    margin: float
+    """positive when it holds, in `unit`; infinite when nothing could ever decide it"""
+    unit: str
+    worst_time: float
+    """when the margin was decided [s]"""
+    times: Array
+    """samples that count [s] (n)"""
+    margins: Array
+    """of what is asked for, sample by sample (n)"""
+    decided_by: str = ""
+    """the comparison or event that decided"""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A requirement that was understood; see :func:`parse_requirement`.
+
+    Attributes:
+        text: as it was written.
+        kind: the operator.
+        expression: what it is about; of ``A until B`` it is A.
+        aim: B of ``A until B``.
+        after: nothing counts before [s].
+        within: nothing counts later than so much after `after` [s].
+        atoms: the comparisons and events in it.
+        where: ``file:line: path`` for messages.
+    """
+
+    text: str
+    kind: Kind
+    expression: Expression
+    aim: Expression | None
+    after: float
+    within: float
+    atoms: tuple[Atom, ...]
+    where: str = ""
+
+    @property
+    def goals(self) -> tuple[str, ...]:
+        """Names of the goals that it speaks of; "goal" is the goal of the test."""
+        events = [atom.event for atom in self.atoms if isinstance(atom, Happening)]
+        return tuple(dict.fromkeys(event.removeprefix("at ") for event in events if event.startswith("at ")))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals that it speaks of."""
+        return tuple(dict.fromkeys(atom.signal for atom in self.atoms if isinstance(atom, Comparison)))
+
+    def judge(self, seen: Observation) -> Finding:
+        """Whether it holds in a run, and by how much.
+
+        Raises:
+            ConfigError: the run has no such signal or goal, or the unit is another.
+            RunError: a signal is no number, or the run ended before it counts.
+        """
+        place = f"{self.where}: '{self.text}': " if self.where else f"'{self.text}': "
+        for one in self.atoms:
+            one.check(seen, place)
+        counts = (seen.times >= self.after - 1e-9) & (seen.times <= self.after + self.within + 1e-9)
+        if not counts.any():
+            end = seen.times[-1] if seen.times.size else 0.0
+            raise RunError(f"{place}the run ended at {end:g} s, before this counts; make the test longer")
+        rows = np.flatnonzero(counts)
+        main = _Cut(self.expression, seen, rows)
+        truth, margin, atoms = main.truth, main.margin, main.atom
+        if self.kind == "never":
+            truth, margin = ~truth, -margin
+        if self.kind == "until":
+            assert self.aim is not None
+            passed, margin, worst, atom = _until(main, _Cut(self.aim, seen, rows))
+            value = float(margin.max())
+        else:
+            if self.kind == "at end":
+                worst, passed = len(rows) - 1, bool(truth[-1])
+            elif self.kind == "eventually":
+                worst, passed = int(margin.argmax()), bool(truth.any())
+            else:
+                worst, passed = int(margin.argmin()), bool(truth.all())
+            value, atom = float(margin[worst]), int(atoms[worst])
+        decided = self.atoms[atom]
+        return Finding(
+            text=self.text,
+            passed=passed,
+            margin=value,
+            unit=decided.unit_in(seen),
+            worst_time=float(seen.times[rows][worst]),
+            times=seen.times[rows],
+            margins=margin,
+            decided_by=decided.text,
+        )
+
+    def __str__(self) -> str:
+        return self.text
+
+
+class _Cut:
+    """An expression at the samples that count."""
+
+    def __init__(self, expression: Expression, seen: Observation, rows: NDArray[np.intp]) -> None:
+        truth, margin, atom = expression.evaluate(seen)
+        self.truth, self.margin, self.atom = truth[rows], margin[rows], atom[rows]
+
+
+def _until(hold: _Cut, aim: _Cut) -> tuple[bool, Array, int, int]:
+    """Truth of ``hold until aim``; the margin if the aim were met at each sample, the deciding sample and its atom."""
+    before = np.concatenate(([math.inf], np.minimum.accumulate(hold.margin)[:-1]))
+    held = np.concatenate(([True], np.logical_and.accumulate(hold.truth)[:-1]))
+    margin = np.minimum(aim.margin, before)
+    best = int(margin.argmax())
+    if aim.margin[best] <= before[best]:
+        return bool((aim.truth & held).any()), margin, best, int(aim.atom[best])
+    lowest = int(hold.margin[:best].argmin())
+    return bool((aim.truth & held).any()), margin, lowest, int(hold.atom[lowest])

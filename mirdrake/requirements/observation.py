@@ -1,0 +1,359 @@
+"""What happened to one vehicle in one run, as requirements see it: signals and events with margins.
+
+:func:`observe` works it all out from a run's samples. Signals are those of the run, without the vehicle's name in
+front, and :data:`DERIVED` ones. An event has, for every sample, a truth and a margin: how far it is from changing,
+positive where the event holds.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydrake.geometry import Role
+
+from mirdrake.controllers.vectors import STATE, WHEELS
+from mirdrake.errors import RunError
+from mirdrake.logs import Run
+from mirdrake.vehicles import Vehicle
+from mirdrake.vehicles.geometry import VehicleGeometry
+from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.worlds import World
+
+Array = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+STANDING = 0.05
+"""Speed below which a vehicle counts as stopped [m/s]."""
+
+TIPPED = math.radians(45.0)
+"""Tilt of the vehicle against the road from which it counts as rolled over [rad]."""
+
+TOUCH = 1e-3
+"""Least penetration that a contact counts for [m]: what touches has no clearance, whatever the outline says."""
+
+NEAR = 0.3
+"""A contact further than this [m] from every prop is none with a prop: the body is on the road, say."""
+
+_SLOWEST = 1.0  # [m/s] speed below which slip is taken relative to this one, as 0/0 says nothing
+
+DERIVED = {
+    "speed": ("m/s", "of the rear axle's centre over the ground"),
+    "accel": ("m/s^2", "forward, without gravity"),
+    "lateral_accel": ("m/s^2", "to the left, without gravity"),
+    "yaw_rate": ("rad/s", "positive to the left"),
+    "slip": ("", "largest of a wheel: its rim's speed less its speed over the ground, over the latter"),
+    "clearance": (
+        "m",
+        "from the outline to the nearest prop where it was placed, from above; negative: their overlap",
+    ),
+    "laps": ("", "along the track since the start"),
+    "lap_time": ("s", "since the current lap began"),
+    "time": ("s", "since the start"),
+}
+"""Signals made here: unit and meaning. The outline is a rectangle around all collision shapes, not tilted."""
+
+RECORDED = {signal.name: signal.unit for signal in STATE} | {
+    "wheels_on_road": "", "progress": "m", "lateral_error": "m", "heading_error": "rad", "curvature": "1/m", "lap": "",
+    "speed_command": "m/s", "steering_command": "rad", "speed_setpoint": "m/s", "steering_setpoint": "rad",
+    "speed_trim": "m/s", "other_contacts": "",
+}  # fmt: skip
+"""Signals of every run, with their units; others have a dot in their name."""
+
+TRACK_SIGNALS = ("progress", "lateral_error", "heading_error", "curvature", "lap", "laps", "lap_time")
+"""Signals that only a world with a track has."""
+
+EVENTS = {
+    "collision": "the vehicle touches a prop; margin: the clearance, taken negative",
+    "stopped": f"slower than {STANDING} m/s; margin in m/s",
+    "on road": "all four wheels; margin: from the outermost wheel to the edge of the road",
+    "rollover": f"tilted by more than {round(math.degrees(TIPPED))} deg; margin: the tilt beyond that",
+}
+"""Events by name; besides, there is ``at NAME`` for every goal of the world."""
+
+
+class Event(NamedTuple):
+    """Whether something is so, sample by sample."""
+
+    truth: Truth
+    margin: Array
+    """how far from changing: positive where it is so"""
+    unit: str
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What happened to one vehicle in one run.
+
+    Attributes:
+        times: since the start of the run [s] (n), rising.
+        signals: by name (n each).
+        units: of the signals.
+        events: by name; ``at NAME`` for goals.
+        goal: name of the goal that ``at goal`` means.
+        corners: of the vehicle's outline in W [m] (n, 4, 2), front left first, to the left.
+    """
+
+    times: Array
+    signals: Mapping[str, Array]
+    units: Mapping[str, str] = field(default_factory=dict)
+    events: Mapping[str, Event] = field(default_factory=dict)
+    goal: str | None = None
+    corners: Array = field(default_factory=lambda: np.empty((0, 4, 2)))
+
+
+class Outline(NamedTuple):
+    """The box around all collision shapes of a vehicle, in its frame B [m]."""
+
+    rear: float
+    front: float
+    right: float
+    left: float
+    bottom: float
+    top: float
+
+
+def observe(run: Run, world: World, vehicle_name: str, vehicle: Vehicle, *, goal: str | None = None) -> Observation:
+    """All signals and events of one vehicle in a run.
+
+    Args:
+        run: a run with samples.
+        world: where it took place.
+        vehicle_name: its name in the run.
+        vehicle: the vehicle.
+        goal: name of the goal that ``at goal`` means; the world's goal of the name "goal" if left out.
+
+    Raises:
+        RunError: the run has no samples.
+    """
+    table = run.signals
+    table = table[~table.index.duplicated()]
+    if table.empty:
+        raise RunError("the run has no samples to judge")
+    times = table.index.to_numpy(dtype=float) - float(table.index[0])
+    signals: dict[str, Array] = {str(name): table[name].to_numpy(dtype=float) for name in table}
+    units = {name: run.units.get(name, "") for name in signals}
+    prefix = f"{vehicle_name}."
+    for name in [name for name in signals if name.startswith(prefix)]:
+        signals[name.removeprefix(prefix)], units[name.removeprefix(prefix)] = signals[name], units[name]
+
+    # What follows from the motion of the vehicle alone.
+    signals |= _motion(times, signals) | {"slip": _slip(signals, vehicle.geometry), "time": times}
+    if "lap" in signals:
+        signals |= {"laps": signals["lap"], "lap_time": _lap_time(times, signals["lap"])}
+
+    # What follows from the things around it.
+    box = outline(vehicle)
+    corners = _corners(signals, box)
+    signals["clearance"] = clearance(corners, world.props, height=box.top)
+    units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
+    events = {
+        "collision": _collision(signals),
+        "stopped": _event(STANDING - signals["speed"], "m/s"),
+        "on road": _on_road(world, signals, vehicle.geometry),
+        "rollover": _event(_tilt(signals) - TIPPED, "rad"),
+    }
+    for name, aim in world.goals.items():
+        found = _at_goal(world, aim, signals, run.spec, vehicle_name)
+        if found is not None:
+            events[f"at {name}"] = found
+    if goal is None and "at goal" in events:
+        goal = "goal"
+    return Observation(times, signals, units, events, goal, corners)
+
+
+def outline(vehicle: Vehicle) -> Outline:
+    """The box around all collision shapes of a vehicle that stands at its design position."""
+    return _outline(vehicle.urdf, tuple(vehicle.packages.items()), vehicle.spec.base_link)
+
+
+@lru_cache(maxsize=16)
+def _outline(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -> Outline:
+    plant, scene_graph, _ = parse_urdf(urdf, packages=dict(packages), where_line=str)
+    inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
+    base = plant.GetFrameByName(base_link)
+    points = []
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+        X_BG = plant.CalcRelativeTransform(context, base, body.body_frame()) @ inspector.GetPoseInFrame(geometry)
+        box = inspector.GetObbInGeometryFrame(geometry)
+        if box is not None:
+            signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).reshape(3, -1)
+            points.append((X_BG @ box.pose()).multiply(box.half_width()[:, None] * signs))
+    cloud = np.hstack(points) if points else np.zeros((3, 1))
+    (rear, right, bottom), (front, left, top) = cloud.min(axis=1).tolist(), cloud.max(axis=1).tolist()
+    return Outline(rear, front, right, left, bottom, top)
+
+
+# --- signals -----------------------------------------------------------------------------------------------------
+
+
+def _motion(times: Array, signals: Mapping[str, Array]) -> dict[str, Array]:
+    """Speed and accelerations of the vehicle's origin, along its own axes."""
+    vx, vy, wz = signals["vx"], signals["vy"], signals["wz"]
+    rate_x, rate_y = (np.gradient(v, times) if times.size > 1 else np.zeros(1) for v in (vx, vy))
+    return {"speed": np.hypot(vx, vy), "accel": rate_x - wz * vy, "lateral_accel": rate_y + wz * vx, "yaw_rate": wz}
+
+
+def _slip(signals: Mapping[str, Array], geometry: VehicleGeometry) -> Array:
+    """Largest slip of the four wheels, of their unloaded radius."""
+    slips = []
+    for i, wheel in enumerate(WHEELS):
+        front, side = i < 2, (1.0, -1.0)[i % 2]
+        x = geometry.wheelbase if front else 0.0
+        y = side * (geometry.front_track if front else geometry.rear_track) / 2.0
+        angle = signals[f"steering_angle.{('left', 'right')[i % 2]}"] if front else 0.0
+        ahead, aside = signals["vx"] - signals["wz"] * y, signals["vy"] + signals["wz"] * x
+        over_ground = ahead * np.cos(angle) + aside * np.sin(angle)
+        rim = signals[f"wheel_speed.{wheel}"] * geometry.wheel_radii[i]
+        slips.append(np.abs(rim - over_ground) / np.maximum(np.abs(over_ground), _SLOWEST))
+    return np.asarray(np.max(slips, axis=0))
+
+
+def _lap_time(times: Array, lap: Array) -> Array:
+    begun = np.maximum.accumulate(np.floor(np.maximum(lap, 0.0) + 1e-9))
+    first = np.concatenate(([True], np.diff(begun) > 0.0))
+    return times - times[np.maximum.accumulate(np.where(first, np.arange(times.size), 0))]
+
+
+def _tilt(signals: Mapping[str, Array]) -> Array:
+    """Angle between the vehicle's z axis and that of W [rad]."""
+    return np.asarray(np.arccos(np.clip(np.cos(signals["roll"]) * np.cos(signals["pitch"]), -1.0, 1.0)))
+
+
+# --- things around the vehicle -----------------------------------------------------------------------------------
+
+
+def _corners(signals: Mapping[str, Array], box: Outline) -> Array:
+    """Corners of the outline in W [m] (n, 4, 2)."""
+    ahead = np.array([box.front, box.rear, box.rear, box.front])
+    aside = np.array([box.left, box.left, box.right, box.right])
+    x, y, yaw = (signals[name][:, None] for name in ("x", "y", "yaw"))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([x + ahead * cos - aside * sin, y + ahead * sin + aside * cos], axis=2)
+
+
+def clearance(corners: Array, props: Sequence[Any], *, height: float = math.inf) -> Array:
+    """Distance of an outline to the nearest prop seen from above [m] (n); negative: how deep they overlap.
+
+    Props that may be driven over do not count, nor those that hang above `height` [m]; without any it is infinite.
+    An overlap is measured with the convex hull of the prop: how far the outline must be pushed to be free.
+
+    Args:
+        corners: of the outline in W [m] (n, 4, 2).
+        props: with `footprint`, `bottom` and `prop.driven_over`, see :class:`mirdrake.worlds.World`.
+        height: of the vehicle [m].
+    """
+    result = np.full(len(corners), math.inf)
+    prints = [prop.footprint for prop in props if not prop.prop.driven_over and prop.bottom < height]
+    good = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
+    if not prints or not good.size:
+        return result
+    tree, shapes = shapely.STRtree(prints), shapely.polygons(corners[good])
+    (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
+    result[good[row]] = distance
+    for row, prop in _pairs(tree, shapes, distance <= 0.0):
+        result[good[row]] = np.minimum(result[good[row]], -_depth(corners[good[row]], prints[prop]))
+    return result
+
+
+def _pairs(tree: shapely.STRtree, shapes: Any, overlaps: Truth) -> list[tuple[NDArray[np.intp], int]]:
+    """For every prop that overlaps a shape: the rows of the shapes."""
+    rows = np.flatnonzero(overlaps)
+    shape, prop = tree.query(shapes[rows], predicate="intersects")
+    return [(rows[shape[prop == one]], int(one)) for one in np.unique(prop)]
+
+
+def _depth(corners: Array, footprint: Any) -> Array:
+    """How far convex quadrilaterals (n, 4, 2) must move to leave a footprint [m] (n): separating axes."""
+    hull = shapely.get_coordinates(shapely.convex_hull(footprint))
+    depth = np.full(len(corners), math.inf)
+    edges = np.diff(hull, axis=0)
+    edges = edges[np.hypot(*edges.T) > 1e-12]
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(*edges.T)[:, None]
+    for axis in normals:
+        mine, other = corners @ axis, hull @ axis
+        depth = np.minimum(depth, np.minimum(other.max() - mine.min(axis=1), mine.max(axis=1) - other.min()))
+    for first, second in ((0, 1), (1, 2)):  # the two directions of a rectangle
+        edge = corners[:, second] - corners[:, first]
+        axes = edge / np.hypot(edge[:, 0], edge[:, 1])[:, None]
+        mine, theirs = np.einsum("nij,nj->ni", corners, axes), axes @ hull.T
+        depth = np.minimum(
+            depth,
+            np.minimum(theirs.max(axis=1) - mine.min(axis=1), mine.max(axis=1) - theirs.min(axis=1)),
+        )
+    return np.asarray(np.maximum(depth, 0.0))
+
+
+# --- events ------------------------------------------------------------------------------------------------------
+
+
+def _event(margin: Array, unit: str) -> Event:
+    return Event(margin >= 0.0, margin, unit)
+
+
+def _collision(signals: Mapping[str, Array]) -> Event:
+    """The outline overlaps a prop, or the physics reports a contact near one."""
+    free = signals["clearance"].copy()
+    touching = (signals.get("other_contacts", np.zeros(free.size)) > 0.0) & (free < NEAR)
+    free[touching] = np.minimum(free[touching], -TOUCH)
+    return Event(free <= 0.0, -free, "m")
+
+
+def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeometry) -> Event:
+    """Signed distance of the outermost wheel's middle to the edge of the road."""
+    x, y, yaw = signals["x"], signals["y"], signals["yaw"]
+    roads = [track.area for track in world.roads().values()]
+    if not roads:
+        return Event(np.ones(x.size, dtype=bool), np.full(x.size, math.inf), "m")
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead = (geometry.wheelbase, geometry.wheelbase, 0.0, 0.0)
+    aside = np.array([1.0, -1.0, 1.0, -1.0]) / 2.0 * np.repeat([geometry.front_track, geometry.rear_track], 2)
+    area = shapely.union_all(roads)
+    inside = [_inside_by(area, x + a * cos - b * sin, y + a * sin + b * cos) for a, b in zip(ahead, aside, strict=True)]
+    return _event(np.min(inside, axis=0), "m")
+
+
+def _inside_by(area: Any, x: Array, y: Array) -> Array:
+    """Distance to the edge of an area [m] (n), negative outside."""
+    result = np.full(x.size, math.nan)
+    good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    lines = [shapely.get_coordinates(part) for part in shapely.get_parts(shapely.boundary(area))]
+    ends = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    segments = np.asarray(shapely.linestrings(ends))
+    points = shapely.points(x[good], y[good])
+    (row, _), distance = shapely.STRtree(segments).query_nearest(points, return_distance=True, all_matches=False)
+    shapely.prepare(area)
+    within = shapely.contains_xy(area, x[good], y[good])
+    result[good[row]] = np.where(within[row], distance, -distance)
+    return result
+
+
+def _at_goal(world: World, goal: Any, signals: Mapping[str, Array], spec: Mapping[str, Any], name: str) -> Event | None:
+    """Being in an area, beyond a gate, or through with the laps; None where the run cannot tell."""
+    x, y = signals["x"], signals["y"]
+    if goal.area is not None:
+        return _event(_inside_by(goal.area, x, y), "m")
+    if goal.laps is not None:
+        return _event(signals["lap"] - goal.laps, "") if "lap" in signals else None
+    track_name, gate = goal.gate
+    track = world.tracks[track_name]
+    followed = (spec.get("control") or {}).get(name) or {}
+    measured = followed.get("track") or next(iter(world.tracks))
+    good = np.isfinite(x) & np.isfinite(y)
+    if measured == track_name and "progress" in signals:
+        s = signals["progress"]
+    elif good.all():
+        s = track.project(x, y)[0]
+    else:
+        return None
+    way, ahead = s - s[0], gate - s[0]
+    if track.closed:
+        way = way - track.length * np.cumsum(np.round(np.diff(s, prepend=s[0]) / track.length))
+        ahead = ahead % track.length
+        ahead = track.length if min(ahead, track.length - ahead) < 1e-6 else ahead  # a gate at the start: a whole lap
+    return _event(way - ahead, "m")

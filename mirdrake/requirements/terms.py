@@ -1,0 +1,146 @@
+"""The terms of a requirement: comparisons, events and what joins them, evaluated sample by sample."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.requirements.observation import Array, Observation, Truth
+
+COUNTS = ("wheels_on_road", "other_contacts")
+"""Signals that are whole numbers; only these are compared with == and !=."""
+
+
+class Verdict(NamedTuple):
+    """Truth, margin and deciding atom of an expression, sample by sample."""
+
+    truth: Truth
+    margin: Array
+    atom: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A signal compared with a number."""
+
+    index: int
+    signal: str
+    sign: str
+    value: float
+    unit: str | None
+    """SI unit that was written; None: none"""
+    absolute: bool
+    text: str
+
+    def evaluate(self, seen: Observation) -> Verdict:
+        """Sample by sample."""
+        values = seen.signals[self.signal]
+        values = np.abs(values) if self.absolute else values
+        below, strict = self.sign in {"<", "<="}, self.sign in {"<", ">"}
+        if self.sign in {"==", "!="}:
+            margin = (0.5 - np.abs(values - self.value)) * (1.0 if self.sign == "==" else -1.0)
+            truth = np.asarray(values == self.value if self.sign == "==" else values != self.value)
+        else:
+            bound = self.value
+            if self.signal in COUNTS:  # halfway between the last good and the first bad count
+                bound = math.ceil(bound) - 0.5 if below == strict else math.floor(bound) + 0.5
+            margin = bound - values if below else values - bound
+            truth = np.asarray(margin > 0.0 if strict else margin >= 0.0)
+        return Verdict(truth, margin, np.full(len(values), self.index))
+
+    def unit_in(self, seen: Observation) -> str:
+        """Unit of the margin."""
+        return seen.units.get(self.signal, "")
+
+    def check(self, seen: Observation, place: str) -> None:
+        """Refuse what this run does not have.
+
+        Raises:
+            ConfigError: no such signal, or its unit is another.
+            RunError: it is no number somewhere.
+        """
+        if self.signal not in seen.signals:
+            raise ConfigError(
+                f"{place}the run has no signal '{self.signal}'; {did_you_mean(self.signal, seen.signals)}"
+            )
+        have = seen.units.get(self.signal, "")
+        if self.unit is not None and self.unit != have:
+            raise ConfigError(f"{place}'{self.signal}' is in {have or 'pure numbers'}, not in {self.unit}")
+        bad = np.isnan(seen.signals[self.signal])
+        if bad.any():
+            raise RunError(f"{place}'{self.signal}' is no number at t = {seen.times[int(np.argmax(bad))]:g} s")
+
+
+@dataclass(frozen=True)
+class Happening:
+    """An event."""
+
+    index: int
+    event: str
+    text: str
+
+    def _name(self, seen: Observation) -> str:
+        return f"at {seen.goal}" if self.event == "at goal" and seen.goal else self.event
+
+    def evaluate(self, seen: Observation) -> Verdict:
+        """Sample by sample."""
+        event = seen.events[self._name(seen)]
+        return Verdict(event.truth, event.margin, np.full(len(event.truth), self.index))
+
+    def unit_in(self, seen: Observation) -> str:
+        """Unit of the margin."""
+        return seen.events[self._name(seen)].unit
+
+    def check(self, seen: Observation, place: str) -> None:
+        """Refuse a goal that is not there, and margins that are no numbers."""
+        name = self._name(seen)
+        if name not in seen.events:
+            if name == "at goal":
+                raise ConfigError(f"{place}the test has no goal; add goal: NAME to it")
+            known = [event.removeprefix("at ") for event in seen.events if event.startswith("at ")]
+            given = name.removeprefix("at ")
+            hint = did_you_mean(given, known) if known else "it has none; add it under goals"
+            raise ConfigError(f"{place}the world has no goal '{given}' that this run can tell; {hint}")
+        bad = np.isnan(seen.events[name].margin)
+        if bad.any():
+            raise RunError(f"{place}'{name}' cannot be judged at t = {seen.times[int(np.argmax(bad))]:g} s")
+
+
+@dataclass(frozen=True)
+class Negation:
+    """What is not so."""
+
+    part: "Expression"
+
+    def evaluate(self, seen: Observation) -> Verdict:
+        """Sample by sample."""
+        truth, margin, atom = self.part.evaluate(seen)
+        return Verdict(~truth, -margin, atom)
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Several that must all hold, or of which one must."""
+
+    parts: tuple["Expression", ...]
+    every: bool
+
+    def evaluate(self, seen: Observation) -> Verdict:
+        """Sample by sample."""
+        parts = [part.evaluate(seen) for part in self.parts]
+        margins = np.array([part.margin for part in parts])
+        row = (margins.argmin(axis=0) if self.every else margins.argmax(axis=0))[None]
+        truths = np.array([part.truth for part in parts])
+        atoms = np.array([part.atom for part in parts])
+        return Verdict(
+            np.asarray(truths.all(axis=0) if self.every else truths.any(axis=0)),
+            np.take_along_axis(margins, row, axis=0)[0],
+            np.take_along_axis(atoms, row, axis=0)[0],
+        )
+
+
+Atom = Comparison | Happening
+Expression = Comparison | Happening | Negation | Junction

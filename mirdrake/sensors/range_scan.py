@@ -1,0 +1,376 @@
+"""A scan of distances to the props of a world: ground truth, as no sensor gives it.
+
+The origin is the middle of the front bumper; the beams lie in the ground plane and see the footprints of props, seen
+from above. A prop counts when its top is above `height` and its underside below the roof of the vehicle.
+
+:func:`scan` is exact. A segment is seen under the angle between its ends, so only the beams within that angle are cut
+with it; in a crowd of props that is a few thousand cuts instead of some hundred thousand.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from shapely.geometry.polygon import orient
+
+from mirdrake.controllers.behaviours.fan import BEAMS, END_ANGLE, REACH, START_ANGLE, beam_angles, range_signals
+from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.vectors import STATE
+from mirdrake.errors import ConfigError
+from mirdrake.signals import Signal, declare_vector_input, declare_vector_output
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Chains = tuple[Array, Array, Bools]
+
+HEIGHT = 0.3
+"""Props that are not higher are not seen [m]."""
+_GRAZING = 1e-12  # beams this close to the end of a segment hit it [rad]
+
+
+class SeenProp(Protocol):
+    """What the scan needs to know of a placed prop."""
+
+    @property
+    def name(self) -> str:
+        """Unique in the world."""
+
+    @property
+    def footprint(self) -> Any:
+        """Seen from above, in the world: a shapely geometry [m]."""
+
+    @property
+    def bottom(self) -> float:
+        """Height of its underside [m]."""
+
+    @property
+    def top(self) -> float:
+        """Height of its top [m]."""
+
+    @property
+    def static(self) -> bool:
+        """Whether it cannot be moved."""
+
+    @property
+    def X_WP(self) -> RigidTransform:  # noqa: N802
+        """Its pose when placed."""
+
+
+class SeenWorld(Protocol):
+    """What the scan needs to know of a world."""
+
+    @property
+    def props(self) -> Sequence[Any]:
+        """Its props, each a :class:`SeenProp`."""
+
+
+def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike, reach: float = REACH) -> Array:
+    """Distances along beams to the nearest of some line segments.
+
+    Args:
+        segments: ends x0, y0, x1, y1 in the world (m, 4) [m].
+        x: origin [m].
+        y: origin [m].
+        yaw: direction of the beam of angle 0 [rad].
+        angles: of the beams, positive to the left (n) [rad].
+        reach: nothing farther away is seen [m].
+
+    Returns:
+        Distances (n) [m], inf beyond `reach`. A segment seen end-on is hit at its nearer end.
+    """
+    beams = np.asarray(angles, dtype=float)
+    wrapped = np.remainder(beams + math.pi, 2.0 * math.pi) - math.pi
+    order = np.argsort(wrapped, kind="stable")
+    corners = np.asarray(segments, dtype=float).reshape(-1, 2) - (x, y)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    px, py = cos * corners[:, 0] + sin * corners[:, 1], cos * corners[:, 1] - sin * corners[:, 0]
+    edge = np.arange(len(corners)) % 2 == 0
+    result = np.full(beams.size, math.inf)
+    result[order] = _cut(px, py, edge[:-1], wrapped[order], reach)
+    return result.reshape(beams.shape)
+
+
+def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: float = 0.0) -> Array:
+    """Distances along beams to chains of segments.
+
+    Args:
+        x: corners in the frame of the scan (m) [m].
+        y: corners (m) [m].
+        edge: whether there is a segment from each corner to the next (m - 1).
+        angles: of the beams, rising, within -pi to pi (n) [rad].
+        reach: nothing farther away is seen [m].
+        step: between the angles, if it is always the same [rad]; it saves the search for the beams.
+    """
+    bearing = np.arctan2(y, x)
+    number = np.flatnonzero(edge)
+    first, second = bearing[number], bearing[number + 1]
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    behind = high - low > math.pi  # these are seen across the backward direction
+    if behind.any():
+        number = np.concatenate((number, number[behind]))
+        low, high = (
+            np.concatenate((np.where(behind, high, low), np.full(behind.sum(), -math.pi))),
+            np.concatenate((np.where(behind, math.pi, high), low[behind])),
+        )
+    if step:
+        start = np.maximum(np.ceil((low - angles[0] - _GRAZING) / step), 0.0).astype(int)
+        stop = np.minimum(np.floor((high - angles[0] + _GRAZING) / step), angles.size - 1.0).astype(int) + 1
+    else:
+        start = np.searchsorted(angles, low - _GRAZING, side="left")
+        stop = np.searchsorted(angles, high + _GRAZING, side="right")
+    seen = np.flatnonzero(stop > start)
+    result = np.full(angles.size, math.inf)
+    if seen.size == 0:
+        return result
+
+    number, start = number[seen], start[seen]
+    count = stop[seen] - start
+    beam = np.arange(count.sum()) + np.repeat(start - np.cumsum(count) + count, count)
+    number = np.repeat(number, count)
+    cos, sin = np.cos(angles)[beam], np.sin(angles)[beam]
+    px, py = x[number], y[number]
+    dx, dy = x[number + 1] - px, y[number + 1] - py
+    across = cos * dy - sin * dx
+    with np.errstate(invalid="ignore", divide="ignore"):
+        distance = (px * dy - py * dx) / across
+    end_on = np.abs(across) <= 1e-12 * (np.abs(dx) + np.abs(dy))
+    if end_on.any():
+        nearer = np.minimum(np.hypot(px, py), np.hypot(px + dx, py + dy))
+        distance = np.where(end_on, nearer, distance)
+    np.minimum.at(result, beam, np.maximum(distance, 0.0))
+    result[result > reach] = math.inf
+    return result
+
+
+class _Shapes:
+    """Rings of many polygons as chains of corners, with the circles around the polygons.
+
+    The polygons stand in the world, or each in a frame of its own.
+    """
+
+    def __init__(self, polygons: Sequence[Any]):
+        self.polygons = np.array(polygons, dtype=object)
+        shapely.prepare(self.polygons)
+        rings = [_rings(polygon) for polygon in polygons]
+        self.count = np.array([sum(map(len, part)) for part in rings], dtype=int)
+        flat = [ring for part in rings for ring in part]
+        self.x, self.y = np.vstack(flat).T.copy() if flat else np.empty((2, 0))
+        self.edge = np.ones(self.x.size, dtype=bool)  # from each corner to the next
+        self.edge[np.cumsum([len(ring) for ring in flat], dtype=int) - 1] = False
+        bounds = shapely.bounds(self.polygons).reshape(-1, 4)
+        self.centre = 0.5 * (bounds[:, :2] + bounds[:, 2:])
+        self.radius = 0.5 * np.hypot(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
+
+
+def _rings(polygon: Any) -> list[Array]:
+    """Corners of the rings of a polygon, each (m, 2) [m], first and last alike; the polygon is on their left."""
+    polygon = orient(polygon)
+    return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
+
+
+def _polygons(geometry: Any) -> list[Any]:
+    """The polygons of a footprint."""
+    parts = shapely.get_parts(geometry, return_index=False)
+    return [part for part in parts if shapely.get_dimensions(part) == 2 and not part.is_empty]
+
+
+class RangeScan(LeafSystem):
+    """Distances from the front bumper to the props around.
+
+    Input ports:
+        state (12) [m, rad, m/s, rad/s]: of the vehicle, :data:`~mirdrake.controllers.vectors.STATE`.
+        prop_poses (3 k) [m, m, rad]: x, y, yaw of each of :attr:`movable`, in this order; only when there are any. Left
+            open, they stand where they were placed. :class:`PropPoses` gives them from the plant.
+
+    Output ports:
+        ranges (n) [m]: distance along each beam to the nearest footprint, inf beyond the reach; all 0 when the origin
+            lies within a footprint. Computed when it is read and never else: a driver reads it once an update.
+
+    A movable prop counts with the footprint and the height it was placed with, turned by its yaw: one that lies on its
+    side is seen as if it stood.
+
+    Args:
+        world: where the props are.
+        vehicle: what the scan is mounted on.
+        beams: number of beams.
+        start_angle: angle of the first [rad].
+        end_angle: angle of the last [rad].
+        reach: nothing farther away is seen [m].
+        height: props that are not higher are not seen [m].
+        front: how far the origin is ahead of the vehicle frame B [m]; default: the front of its collision shapes.
+
+    Attributes:
+        movable: names of the movable props that are seen.
+        angles: of the beams (n) [rad].
+
+    Raises:
+        ConfigError: a number out of range.
+    """
+
+    def __init__(
+        self,
+        world: SeenWorld,
+        vehicle: ShapedVehicle,
+        *,
+        beams: int = BEAMS,
+        start_angle: float = START_ANGLE,
+        end_angle: float = END_ANGLE,
+        reach: float = REACH,
+        height: float = HEIGHT,
+        front: float | None = None,
+    ):
+        super().__init__()
+        outline, owner = outline_of(vehicle), "RangeScan"
+        check_number(owner, "beams", beams, at_least=1)
+        check_number(owner, "start_angle", start_angle, unit="rad", at_least=-math.pi)
+        check_number(owner, "end_angle", end_angle, unit="rad", at_least=start_angle, at_most=math.pi)
+        if start_angle == end_angle and beams > 1:
+            raise ConfigError(
+                f"{owner}: {beams} beams need an end_angle above start_angle, got {end_angle:g} rad twice"
+            )
+        self.reach = check_number(owner, "reach", reach, unit="m", above=0.0)
+        check_number(owner, "height", height, unit="m")
+        self.front = check_number(owner, "front", outline.front if front is None else front, unit="m")
+        self.angles = beam_angles(beams, start_angle, end_angle)
+        self._step = float(self.angles[1] - self.angles[0]) if beams > 1 else 0.0
+        self._ahead_only = start_angle >= -0.5 * math.pi and end_angle <= 0.5 * math.pi
+
+        seen = [prop for prop in world.props if prop.top > height and prop.bottom < outline.height]
+        fixed = [polygon for prop in seen if prop.static for polygon in _polygons(prop.footprint)]
+        self._fixed = _Shapes(_polygons(shapely.union_all(fixed)) if fixed else [])
+        moving = [prop for prop in seen if not prop.static]
+        self.movable = tuple(prop.name for prop in moving)
+        parts = [(index, part) for index, prop in enumerate(moving) for part in _polygons(_at_origin(prop))]
+        self._moving, self._owner = _Shapes([part for _, part in parts]), np.array([index for index, _ in parts], int)
+        self._placed = np.array([_planar_pose(prop.X_WP) for prop in moving]).reshape(-1, 3)
+
+        self.state = declare_vector_input(self, "state", STATE)
+        needs = [self.state.ticket()]
+        self.prop_poses = None
+        if moving:
+            contents = [Signal(f"{name}.{key}", unit) for name in self.movable for key, unit in _PLANAR]
+            self.prop_poses = declare_vector_input(self, "prop_poses", contents)
+            needs.append(self.prop_poses.ticket())
+        contents = list(range_signals(beams))
+        self.ranges = declare_vector_output(self, "ranges", contents, self._calc, prerequisites=needs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        x, y, _, _, _, yaw, *_ = self.state.Eval(context).tolist()
+        poses = self._placed
+        if self.prop_poses is not None and self.prop_poses.HasValue(context):
+            poses = self.prop_poses.Eval(context).reshape(-1, 3)
+        output.SetFromVector(self.look(x + self.front * math.cos(yaw), y + self.front * math.sin(yaw), yaw, poses))
+
+    def look(self, x: float, y: float, yaw: float, poses: Array | None = None) -> Array:
+        """The scan from a place.
+
+        Args:
+            x: origin of the scan in the world [m].
+            y: origin [m].
+            yaw: direction of the beam of angle 0 [rad].
+            poses: x, y, yaw of the movable props (k, 3) [m, rad]; default: where they were placed.
+
+        Returns:
+            Distances (n) [m].
+        """
+        (px, py, edge), inside = self._near_fixed(x, y, yaw)
+        if self._owner.size and not inside:
+            more, inside = self._near_moving(x, y, yaw, self._placed if poses is None else poses)
+            px, py, edge = (np.concatenate(both) for both in zip((px, py, edge), more, strict=True))
+        if inside:
+            return np.zeros(self.angles.size)
+        edge = edge[:-1] & (px[:-1] * py[1:] < py[:-1] * px[1:])  # the others are far sides
+        return _cut(px, py, edge, self.angles, self.reach, step=self._step)
+
+    def _in_view(self, x: Array, y: Array, radius: Array) -> tuple[Any, Any]:
+        """Which circles, in the frame of the scan, it may see, and which hold its origin (m), both bool."""
+        square = x * x + y * y
+        seen = square <= (self.reach + radius) ** 2
+        if self._ahead_only:
+            seen &= x >= -radius
+        return seen, square <= radius * radius
+
+    def _near_fixed(self, x: float, y: float, yaw: float) -> tuple[Chains, bool]:
+        """Static footprints in the frame of the scan, and whether one holds its origin."""
+        shapes, cos, sin = self._fixed, math.cos(yaw), math.sin(yaw)
+        dx, dy = shapes.centre[:, 0] - x, shapes.centre[:, 1] - y
+        seen, around = self._in_view(cos * dx + sin * dy, cos * dy - sin * dx, shapes.radius)
+        inside = bool(around.any() and shapely.intersects_xy(shapes.polygons[around], x, y).any())
+        which = np.flatnonzero(np.repeat(seen, shapes.count))
+        dx, dy = shapes.x[which] - x, shapes.y[which] - y
+        return (cos * dx + sin * dy, cos * dy - sin * dx, shapes.edge[which]), inside
+
+    def _near_moving(self, x: float, y: float, yaw: float, poses: Array) -> tuple[Chains, bool]:
+        """The same of movable footprints, whose corners are kept in the frames of their props."""
+        shapes = self._moving
+        dx, dy = poses[:, 0] - x, poses[:, 1] - y
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        turn = poses[:, 2] - yaw
+        # Poses of the props in the frame of the scan, one for each polygon.
+        px, py, c, s = np.array((cos * dx + sin * dy, cos * dy - sin * dx, np.cos(turn), np.sin(turn)))[:, self._owner]
+        cx, cy = shapes.centre.T
+        seen, around = self._in_view(px + c * cx - s * cy, py + s * cx + c * cy, shapes.radius)
+        inside = False
+        if around.any():
+            ax, ay, ac, asin = px[around], py[around], c[around], s[around]
+            own = -ac * ax - asin * ay, asin * ax - ac * ay  # the scan's origin in the frames of these props
+            inside = bool(shapely.intersects_xy(shapes.polygons[around], *own).any())
+        which = np.flatnonzero(np.repeat(seen, shapes.count))
+        px, py, c, s = np.repeat(np.array((px, py, c, s))[:, seen], shapes.count[seen], axis=1)
+        lx, ly = shapes.x[which], shapes.y[which]
+        return (px + c * lx - s * ly, py + s * lx + c * ly, shapes.edge[which]), inside
+
+
+_PLANAR = (("x", "m"), ("y", "m"), ("yaw", "rad"))
+
+
+def _planar_pose(X_WP: RigidTransform) -> tuple[float, float, float]:
+    """x, y [m] and yaw [rad] of a pose."""
+    x, y, _ = X_WP.translation().tolist()
+    return x, y, float(RollPitchYaw(X_WP.rotation()).yaw_angle())
+
+
+def _at_origin(prop: SeenProp) -> Any:
+    """The footprint of a prop in its own frame P."""
+    x, y, yaw = _planar_pose(prop.X_WP)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+
+    def move(points: Array) -> Array:
+        dx, dy = points[:, 0] - x, points[:, 1] - y
+        return np.column_stack((cos * dx + sin * dy, cos * dy - sin * dx))
+
+    return shapely.transform(prop.footprint, move)
+
+
+class PropPoses(LeafSystem):
+    """Poses of movable props in the plane, from the plant.
+
+    Input ports:
+        body_poses: the plant's output of that name.
+    Output ports:
+        prop_poses (3 k) [m, m, rad]: x, y, yaw of each, for :class:`RangeScan`.
+
+    Args:
+        bodies: index of each prop's body, in the order of :attr:`RangeScan.movable`; its frame is P of the prop.
+        names: of the props.
+    """
+
+    def __init__(self, bodies: Sequence[Any], names: Sequence[str]):
+        super().__init__()
+        self._bodies = [int(body) for body in bodies]
+        self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        contents = [Signal(f"{name}.{key}", unit) for name in names for key, unit in _PLANAR]
+        self.prop_poses = declare_vector_output(
+            self, "prop_poses", contents, self._calc, prerequisites=[self.body_poses.ticket()]
+        )
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        poses = self.body_poses.Eval(context)
+        output.SetFromVector([value for body in self._bodies for value in _planar_pose(poses[body])])

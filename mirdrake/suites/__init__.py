@@ -1,0 +1,21 @@
+"""Suites: the tests of world files, each with all its variations, run in worker processes.
+
+::
+
+    world.yaml ── collect ──► [Case] ── run_suite ──► Suite of [Result], one verdict each
+                                │
+                                └── search ──► the values of parameters for which it goes worst
+
+Verdicts: ``pass``, ``fail`` (a requirement does not hold), ``error`` (it could not be judged: it hung, crashed, raised
+or diverged), ``invalid`` (the world cannot be laid out, or breaks its own rules).
+"""
+
+from mirdrake.suites.cases import Case, Result, Verdict, collect, collect_searches, vary
+from mirdrake.suites.pool import Pool
+from mirdrake.suites.run import Suite, load_suite, run_suite
+from mirdrake.suites.search import SearchResult, Trial, search
+
+__all__ = [
+    "Case", "Pool", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect", "collect_searches", "load_suite",
+    "run_suite", "search", "vary",
+]  # fmt: skip

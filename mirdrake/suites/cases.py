@@ -1,0 +1,356 @@
+"""Cases: one variation of one test of a world file, as plain data; and what became of one."""
+
+import hashlib
+import json
+import math
+import shlex
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+from mirdrake.diagram_spec import make_spec
+from mirdrake.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
+from mirdrake.logs import spec_hash
+from mirdrake.paths import find
+from mirdrake.requirements import Requirement, parse_requirement
+from mirdrake.requirements.observation import TRACK_SIGNALS
+from mirdrake.vehicles.vehicle import find_vehicle
+from mirdrake.worlds import World, load_world
+from mirdrake.worlds.props_spec import CaseSpec, SearchSpec
+from mirdrake.yaml_io import read_tree, shown, where
+
+Verdict = Literal["pass", "fail", "error", "invalid"]
+Values = Mapping[str, Any]
+
+_MARKS = ("$", "..", "+-", "|")  # of values that are computed or drawn by chance, see mirdrake.worlds.values
+
+VEHICLE = "ego"
+"""Name of the vehicle under test in its diagram."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One variation of a test; plain data, so that it can be sent to another process and written down.
+
+    Attributes:
+        name: ``test#number``, unique in a suite.
+        test: name of the test.
+        world: path of the world file.
+        values: of the seed and the parameters that vary.
+        diagram: data of the diagram to simulate.
+        expect: requirements, each with its place in the file.
+        goal: what ``at goal`` means.
+        content: SHA-256 of the world file, of those it uses, and of the module of the behaviour beside it.
+        pinned: those of the values that do not stand in the world file.
+    """
+
+    name: str
+    test: str
+    world: str
+    values: dict[str, Any]
+    diagram: dict[str, Any]
+    expect: tuple[tuple[str, str], ...]
+    goal: str | None = None
+    content: str = ""
+    pinned: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Simulated time [s]."""
+        return float(self.diagram["duration"])
+
+    @property
+    def slug(self) -> str:
+        """The name as a file name."""
+        return self.name.replace("#", "-")
+
+    @property
+    def command(self) -> str:
+        """The command that runs it again, in this working directory."""
+        number = self.name.rpartition("#")[2]
+        name = self.test if self.pinned.keys() >= self.values.keys() and self.pinned else f"{self.test}#{number}"
+        pins = "".join(f" -p {key}={shlex.quote(str(value))}" for key, value in self.pinned.items())
+        return f"mirdrake world test {shlex.quote(shown(Path(self.world)))} --case {name}{pins}"
+
+    def digest(self) -> str:
+        """Equal cases have equal digests."""
+        return spec_hash(self.data())
+
+    def data(self) -> dict[str, Any]:
+        """As JSON knows it."""
+        return asdict(self) | {"expect": [list(pair) for pair in self.expect]}
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a case.
+
+    Attributes:
+        name: of the case.
+        verdict: pass, fail, error or invalid.
+        reason: one line; empty for a pass.
+        findings: per requirement: text, passed, margin, unit, worst_time, decided_by. A margin of None is infinite.
+        simulated: simulated time [s].
+        wall: computing time [s].
+        folder: run folder of a failure, below that of the suite.
+        digest: of the case.
+    """
+
+    name: str
+    verdict: Verdict
+    reason: str = ""
+    findings: list[dict[str, Any]] = field(default_factory=list)
+    simulated: float = 0.0
+    wall: float = 0.0
+    folder: str | None = None
+    digest: str = ""
+
+    @property
+    def worst(self) -> dict[str, Any] | None:
+        """The finding with the smallest margin; one that failed comes before one that holds."""
+        return min(self.findings, key=_rank, default=None)
+
+    @property
+    def margin(self) -> float:
+        """The smallest margin; infinite if there is none."""
+        worst = self.worst
+        return math.inf if worst is None or worst["margin"] is None else float(worst["margin"])
+
+    @property
+    def place(self) -> tuple[float, ...]:
+        """Sorts the worst case first: errors, invalid worlds, failures and passes, each by their smallest margin."""
+        return ({"error": 0, "invalid": 1, "fail": 2, "pass": 3}[self.verdict], self.margin)
+
+    def data(self) -> dict[str, Any]:
+        """As JSON knows it."""
+        return asdict(self)
+
+
+def _rank(finding: Mapping[str, Any]) -> tuple[bool, float]:
+    return bool(finding["passed"]), math.inf if finding["margin"] is None else float(finding["margin"])
+
+
+def collect(files: Iterable[str | Path], *, only: Collection[str] = (), values: Values | None = None) -> list[Case]:
+    """All variations of all tests of some worlds, in the order of the files.
+
+    Args:
+        files: names or paths of world files.
+        only: names of cases (``test#2``) or of tests; all of them if empty.
+        values: of parameters or of the seed, in place of their variations.
+
+    Raises:
+        ConfigError: a file, a test or a requirement has faults, one per line; or a name of `only` is not there.
+    """
+    faults: list[str] = []
+    found: list[tuple[str, Case]] = []
+    for name in files:
+        try:
+            path = find("worlds", str(name))
+            world = load_world(str(path))
+        except MirdrakeError as error:
+            faults.append(str(error))
+            continue
+        if not world.spec.tests:
+            faults.append(f"{where(world.spec, 'tests')}: there is nothing to test; add tests to the file")
+        told = [fault for test in world.spec.tests for fault in _faults(world, test, values or {}, path)]
+        faults += told
+        if not told:
+            found += [
+                (world.name, case) for test in world.spec.tests for case in _cases(world, test, path, values or {})
+            ]
+    if faults:
+        raise ConfigError("\n".join(dict.fromkeys(faults)))
+    cases = _distinct(found)
+    known = {name for case in cases for name in (case.name, case.name.split("#")[0])}
+    for name in only:
+        if name not in known:
+            raise ConfigError(f"there is no case '{name}'; {did_you_mean(name, known)}")
+    return [case for case in cases if not only or {case.name, case.name.split("#")[0]} & set(only)]
+
+
+def collect_searches(
+    file: str | Path, *, only: Collection[str] = (), values: Values | None = None
+) -> list[tuple[Case, SearchSpec]]:
+    """The tests of a world that say what to search, each with the first of its variations.
+
+    Args:
+        file: name or path of a world file.
+        only: names of tests or cases; all tests with `search` if empty.
+        values: of parameters or of the seed, in place of their variations.
+
+    Raises:
+        ConfigError: see :func:`collect`; or there is nothing to search.
+    """
+    cases = collect([file], only=only, values=values)
+    spec = load_world(cases[0].world).spec
+    searched = {test.name: test.search for test in spec.tests if test.search is not None}
+    firsts = {case.test: case for case in reversed(cases)}
+    for name in dict.fromkeys(case.test for case in cases if only and case.test not in searched):
+        hint = f"these do: {', '.join(searched)}" if searched else "add search: {over: {NAME: [LOW, HIGH]}}"
+        raise ConfigError(f"{where(spec, 'tests')}: '{name}' does not say what to search; {hint}")
+    if not searched:
+        raise ConfigError(
+            f"{where(spec, 'tests')}: no test says what to search; add search: {{over: {{NAME: [LOW, HIGH]}}}} to one"
+        )
+    return [(firsts[name], searched[name]) for name in dict.fromkeys(case.test for case in cases) if name in searched]
+
+
+def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
+    """The same case with other values of parameters or of the seed."""
+    merged, path = {**case.values, **values}, Path(case.world)
+    seed = int(merged.get("seed", case.diagram["seed"]))
+    test = _varied(case.test, path, merged) if _varies(case.test, path) else None
+    diagram = case.diagram | {"world": _world_entry(case.world, merged), "seed": seed}
+    if test is not None:
+        diagram = _diagram(test, path, merged, seed)
+    return replace(case, name=name or case.name, values=merged, diagram=diagram, pinned=merged)
+
+
+def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator[Case]:
+    """The variations of one test, all with all, the last key changing fastest."""
+    axes = {key: _axis(key, given, world.spec.seed) for key, given in test.variations.items()}
+    axes |= {key: [value] for key, value in values.items()}
+    expect = tuple((text, where(test, "expect", index)) for index, text in enumerate(test.expect))
+    varies, content = _varies(test.name, path), _content(world, test, path)
+    for number, chosen in enumerate(product(*axes.values()), start=1):
+        picked = dict(zip(axes, chosen, strict=True))
+        own = _varied(test.name, path, picked) if varies and picked else None
+        diagram = _diagram(own or test, path, picked, int(picked.get("seed", world.spec.seed)))
+        yield Case(
+            f"{test.name}#{number}", test.name, str(path), picked, diagram, expect, test.goal, content, dict(values)
+        )
+
+
+def _content(world: World, test: CaseSpec, path: Path) -> str:
+    """Changes when a file does that the test is made of."""
+    behaviour = test.behaviour if isinstance(test.behaviour, str) else str(test.behaviour.get("kind", ""))
+    beside = [*world.spec.use, *([f"{behaviour.split(':')[0].replace('.', '/')}.py"] if ":" in behaviour else [])]
+    files = [path, *(path.parent / name for name in beside)]
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
+
+
+def _varies(name: str, path: Path) -> bool:
+    """Whether the behaviour of a test depends on parameters or chance."""
+    tree, _ = read_tree(path)
+    raw = [test for test in tree.get("tests", ()) if test.get("name") == name]
+    return any(mark in f"{test.get('behaviour')} {test.get('duration')}" for test in raw for mark in _MARKS)
+
+
+def _varied(name: str, path: Path, values: Values) -> CaseSpec | None:
+    """A test as it reads with other values; None if the world cannot be laid out, which its run will tell."""
+    try:
+        world = load_world(str(path), overrides=overrides(values))
+    except WorldError:
+        return None
+    return next(other for other in world.spec.tests if other.name == name)
+
+
+def overrides(values: Values) -> list[str]:
+    """Values as overrides of the world file, see :func:`mirdrake.worlds.load_world`."""
+    return [f"{key if key == 'seed' else f'params.{key}'}={json.dumps(value)}" for key, value in values.items()]
+
+
+def _axis(key: str, given: int | Sequence[Any], seed: int) -> list[Any]:
+    """The values of a variation; a number of seeds counts up from the seed of the world."""
+    if isinstance(given, int):
+        return [seed + index for index in range(given)] if key == "seed" else [given]
+    return list(given)
+
+
+def _diagram(test: CaseSpec, path: Path, values: Values, seed: int) -> dict[str, Any]:
+    behaviour = {"kind": test.behaviour} if isinstance(test.behaviour, str) else dict(test.behaviour)
+    return {
+        "name": test.name,
+        "world": _world_entry(str(path), values),
+        "vehicles": {VEHICLE: {"model": test.vehicle} | ({"start": test.start} if test.start else {})},
+        "control": {VEHICLE: behaviour},
+        "plant": {"contact": test.contact},
+        "record": {"meshcat": False, "report": False},
+        "duration": test.duration,
+        "seed": max(0, seed),
+        "folder": str(path.parent),
+    }
+
+
+def _world_entry(path: str, values: Values) -> str | dict[str, Any]:
+    if not values:
+        return path
+    parameters = {key: value for key, value in values.items() if key != "seed"}
+    return {"name": path, "params": parameters} | ({"seed": int(values["seed"])} if "seed" in values else {})
+
+
+def _distinct(found: Sequence[tuple[str, Case]]) -> list[Case]:
+    """Cases with names of their own: with the world in front where two files have a test of the same name."""
+    worlds: dict[str, set[str]] = {}
+    for _, case in found:
+        worlds.setdefault(case.test, set()).add(case.world)
+    shared = {test for test, files in worlds.items() if len(files) > 1}
+    cases = [replace(case, name=f"{world}.{case.name}") if case.test in shared else case for world, case in found]
+    taken: set[str] = set()
+    for case in cases:
+        if case.name in taken:
+            raise ConfigError(f"two cases are called '{case.name}'; give the tests or the worlds other names")
+        taken.add(case.name)
+    return cases
+
+
+# --- what can be found before anything runs -----------------------------------------------------------------------
+
+
+def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterator[str]:
+    """Everything that is wrong with a test, one line each."""
+    spec = world.spec
+    if test.start is not None and test.start not in world.starts:
+        yield f"{where(test, 'start')}: unknown start '{test.start}'; {did_you_mean(test.start, world.starts)}"
+    if test.goal is not None and test.goal not in world.goals:
+        yield f"{where(test, 'goal')}: unknown goal '{test.goal}'; {did_you_mean(test.goal, world.goals)}"
+    named = [(key, where(test, "variations", key)) for key in test.variations]
+    named += [(key, where(spec, "params")) for key in values]
+    if test.search is not None:
+        named += [(key, where(test.search, "over", key)) for key in test.search.over]
+    for key, place in named:
+        if key != "seed" and key not in spec.params:
+            yield f"{place}: unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}"
+    try:
+        find_vehicle(test.vehicle, where=where(test, "vehicle"))
+    except MirdrakeError as error:
+        yield str(error)
+    try:
+        load_world(str(path), overrides=overrides(values)) if values else None
+    except WorldError:
+        pass  # its runs will tell
+    except ConfigError as error:
+        yield str(error)
+    try:
+        make_spec(_diagram(test, path, {}, spec.seed))
+    except ConfigError as error:
+        for line in str(error).splitlines():
+            yield f"{where(test, 'behaviour')}: {line}"
+    for index, text in enumerate(test.expect):
+        try:
+            requirement = parse_requirement(text, where=where(test, "expect", index))
+        except ConfigError as error:
+            yield str(error)
+        else:
+            yield from _unfit(requirement, world, test)
+
+
+def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[str]:
+    """What a requirement asks for that the world or the test does not have."""
+    place = f"{requirement.where}: '{requirement}'"
+    for goal in requirement.goals:
+        if goal == "goal" and test.goal is None and "goal" not in world.goals:
+            yield f"{place}: the test has no goal; add goal: NAME to it, or write the name after 'at'"
+        elif goal != "goal" and goal not in world.goals:
+            hint = did_you_mean(goal, world.goals) if world.goals else "the world has none; add them under goals"
+            yield f"{place}: unknown goal '{goal}'; {hint}"
+    for signal in requirement.signals:
+        if signal in TRACK_SIGNALS and not world.tracks:
+            yield f"{place}: '{signal}' needs a track, and the world has none"
+    if requirement.after >= test.duration:
+        yield f"{place}: nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
+    elif math.isfinite(requirement.within) and requirement.after + requirement.within > test.duration + 1e-9:
+        late = requirement.after + requirement.within
+        yield f"{place}: it may take until {late:g} s, but the test lasts {test.duration:g} s; make its duration longer"

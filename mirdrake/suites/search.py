@@ -1,0 +1,194 @@
+"""Search for the values of parameters with which a case goes worst.
+
+Half of the budget goes to a Halton sequence (J. H. Halton 1960) over the ranges, shifted by a random vector; the other
+half to the simplex search of J. A. Nelder and R. Mead (1965) from the worst point found, and when that gets no further,
+from the next one. What is minimised is the smallest margin of the requirements, whatever its unit. The same seed tries
+the same points, on any number of workers.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from mirdrake.errors import ConfigError
+from mirdrake.suites.cases import Case, Result, vary
+from mirdrake.suites.pool import Pool
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+SIMPLEX = 0.12
+"""Edges of the first simplex, as a share of the ranges."""
+
+DIGITS = 6
+"""Significant digits of the values tried: what is written down is what was run."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One point of a search."""
+
+    values: dict[str, Any]
+    result: Result
+
+    @property
+    def margin(self) -> float:
+        """Smallest margin of its requirements; infinite where there is none, or it could not be judged."""
+        return self.result.margin
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search found.
+
+    Attributes:
+        case: what was varied.
+        tried: the trials in their order.
+        interrupted: by Ctrl-C.
+    """
+
+    case: Case
+    tried: tuple[Trial, ...]
+    interrupted: bool = False
+
+    @property
+    def worst(self) -> Trial | None:
+        """The judged trial with the smallest margin."""
+        judged = [trial for trial in self.tried if trial.result.findings]
+        return min(judged, key=lambda trial: trial.margin, default=None)
+
+    @property
+    def failures(self) -> list[Trial]:
+        """The trials in which a requirement failed."""
+        return [trial for trial in self.tried if trial.result.verdict == "fail"]
+
+    def ranked(self) -> list[Trial]:
+        """The worst first: failures, what could not be judged, passes, invalid worlds; each by the smallest margin."""
+        order = ("fail", "error", "pass", "invalid")
+        return sorted(self.tried, key=lambda trial: (order.index(trial.result.verdict), trial.margin))
+
+    def replay(self, trial: Trial) -> Case:
+        """The case that a trial was."""
+        return vary(self.case, trial.values)
+
+
+class _Spent(Exception):  # noqa: N818 - not an error
+    """The budget is used up."""
+
+
+def search(
+    case: Case,
+    over: Mapping[str, Range],
+    budget: int,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    timeout: float | None = None,
+    progress: Callable[[int, int, Trial], None] | None = None,
+) -> SearchResult:
+    """Look for the values with the smallest margin.
+
+    Args:
+        case: its other values stay as they are.
+        over: range of each parameter; `seed` may be one, its values are whole numbers.
+        budget: number of runs.
+        seed: of the points tried.
+        workers: number of processes for the first half; one goes on.
+        timeout: wall time a run may take [s]; see :func:`mirdrake.suites.pool.time_limit`.
+        progress: called with the number of runs done, the budget and the latest trial.
+
+    Raises:
+        ConfigError: a range is empty, or there is nothing to search.
+    """
+    for name, (low, high) in over.items():
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise ConfigError(f"search.over.{name}: [{low:g}, {high:g}] is no range; give [low, high]")
+    if not over or budget < 1:
+        raise ConfigError("search: name at least one parameter under over, and a budget of at least one run")
+    seeker = _Seeker(case, dict(over), budget, progress)
+    first = min(budget, max(budget // 2, 2 * len(over)))
+    with Pool(workers, timeout=timeout) as pool:
+        try:
+            points = _halton(len(over), first, seed)
+            seeker.evaluate(pool, points)
+
+            def margin(point: Array) -> float:
+                seeker.evaluate(pool, np.clip(point, 0.0, 1.0)[None])
+                return seeker.objective(np.clip(point, 0.0, 1.0))
+
+            for corner in sorted(points, key=seeker.objective):
+                edges = [corner + SIMPLEX * _inward(corner, axis) for axis in range(len(over))]
+                options = {"initial_simplex": [corner, *edges], "maxfev": 50 * budget, "xatol": 1e-3, "fatol": 1e-6}
+                minimize(margin, corner, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(over), options=options)
+        except _Spent:
+            pass
+        except KeyboardInterrupt:  # what was found until now counts
+            return SearchResult(case, tuple(seeker.tried.values()), interrupted=True)
+    return SearchResult(case, tuple(seeker.tried.values()))
+
+
+def _halton(dimensions: int, count: int, seed: int) -> Array:
+    """Points in the unit cube (count, dimensions): a Halton sequence, shifted as a whole."""
+    points = qmc.Halton(dimensions, scramble=False).random(count)
+    return np.asarray((points + np.random.default_rng(seed).random(dimensions)) % 1.0)
+
+
+def _inward(point: Array, axis: int) -> Array:
+    """A unit vector along an axis, towards the farther end of the range."""
+    step = np.zeros(len(point))
+    step[axis] = 1.0 if point[axis] < 0.5 else -1.0
+    return step
+
+
+class _Seeker:
+    """Runs points of the unit cube, each of them once, until the budget is spent."""
+
+    def __init__(
+        self, case: Case, over: dict[str, Range], budget: int, progress: Callable[[int, int, Trial], None] | None
+    ) -> None:
+        self._case, self._over, self._budget, self._progress = case, over, budget, progress
+        self.tried: dict[tuple[float, ...], Trial] = {}
+
+    def values(self, point: Array) -> dict[str, Any]:
+        """The values of the parameters at a point."""
+        found: dict[str, Any] = {}
+        for share, (name, (low, high)) in zip(point, self._over.items(), strict=True):
+            value = low + float(share) * (high - low)
+            found[name] = round(value) if name == "seed" else float(f"{value:.{DIGITS}g}")
+        return found
+
+    def objective(self, point: Array) -> float:
+        """The smallest margin at a point that was run; a large number where there is none."""
+        margin = self.tried[tuple(self.values(point).values())].margin
+        return margin if math.isfinite(margin) else 1e9
+
+    def evaluate(self, pool: Pool, points: Array) -> None:
+        """Run the points that were not run yet.
+
+        Raises:
+            _Spent: the budget is used up.
+        """
+        new = {tuple(found.values()): found for found in map(self.values, points)}
+        new = {key: found for key, found in new.items() if key not in self.tried}
+        if len(self.tried) + len(new) > self._budget:
+            raise _Spent
+        number = len(self.tried)
+        cases = [
+            vary(self._case, found, name=f"{self._case.test}@{number + at}")
+            for at, found in enumerate(new.values(), start=1)
+        ]
+        trials: dict[int, Trial] = {}
+        try:
+            for index, result in pool.run(cases):
+                trials[index] = Trial(list(new.values())[index], result)
+                if self._progress is not None:
+                    self._progress(number + len(trials), self._budget, trials[index])
+        finally:
+            for index in sorted(trials):  # in the order of the points, whoever was done first
+                self.tried[list(new)[index]] = trials[index]

@@ -1,0 +1,170 @@
+"""The worker process of a suite: runs one case after the other, and knows nothing of the others."""
+
+import faulthandler
+import math
+import os
+import random
+import shutil
+import signal
+import sys
+import threading
+import time
+from dataclasses import replace
+from multiprocessing import connection, parent_process
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import make_spec
+from mirdrake.errors import MirdrakeError, RunError, WorldError
+from mirdrake.requirements import Finding, Observation, observe, parse_requirement
+from mirdrake.simulation import Simulation
+from mirdrake.suites.cases import VEHICLE, Case, Result, Verdict
+from mirdrake.suites.sketch import make_sketch
+from mirdrake.worlds import World
+
+CASES, SKETCHES = "cases", "sketches"
+"""Folders of a suite: run folders of what did not pass, and what the report draws."""
+
+
+def serve(pipe: connection.Connection, log: str, folder: Path | None, keep_all: bool) -> None:
+    """Run the cases that come through a pipe until it closes; the body of a worker process.
+
+    Args:
+        pipe: cases in, results out.
+        log: file that takes everything that is printed, so that the last words of a crash can be read.
+        folder: of the suite; None writes nothing.
+        keep_all: keep the run folders of cases that passed, too.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the suite, which ends its workers
+    stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for number in (1, 2):
+        os.dup2(stream, number)
+    os.close(stream)
+    faulthandler.enable(all_threads=False)
+    faulthandler.register(signal.SIGUSR1, all_threads=False)  # asked for when it hangs
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    pipe.send("ready")
+    while True:
+        try:
+            case = pipe.recv()
+        except (EOFError, OSError):
+            return
+        if case is None:
+            return
+        before = set(sys.modules)
+        result = run_case(case, folder=folder, keep_all=keep_all)
+        for stream_ in (sys.stdout, sys.stderr):
+            stream_.flush()
+        _forget(before, Path(case.diagram.get("folder") or "."))
+        pipe.send(result)
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def _forget(before: set[str], folder: Path) -> None:
+    """Import a user's modules anew for the next case, so that it does not depend on the cases before it."""
+    for name in set(sys.modules) - before:
+        file = getattr(sys.modules[name], "__file__", None)
+        own = file is not None and Path(file).is_relative_to(folder) and "site-packages" not in file
+        if own and name.split(".")[0] != "mirdrake":
+            del sys.modules[name]
+
+
+def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) -> Result:
+    """Simulate and judge one case; whatever happens is its result.
+
+    The run is written while it goes on, so that there is something to look at even if it takes the process down.
+
+    Args:
+        case: what to run.
+        folder: of the suite; the run goes below it, and stays unless the case passed. None writes nothing.
+        keep_all: keep the run of a case that passed, too.
+    """
+    began = time.perf_counter()
+    random.seed(0)
+    np.random.seed(0)
+    place = folder / CASES / case.slug if folder is not None else None
+    try:
+        if place is not None:
+            shutil.rmtree(place, ignore_errors=True)  # of a suite that was killed
+        result = _judge(case, folder, place)
+    except WorldError as error:
+        result = Result(case.name, "invalid", _line(error))
+    except MirdrakeError as error:
+        result = Result(case.name, "error", _line(error))
+    except BaseException as error:  # also SystemExit, and KeyboardInterrupt raised by a behaviour
+        result = Result(case.name, "error", f"{type(error).__name__}: {_line(error)}".removesuffix(": "))
+    if place is not None and result.verdict == "pass" and not keep_all:
+        shutil.rmtree(place, ignore_errors=True)
+    wall = round(time.perf_counter() - began, 3)
+    return replace(result, wall=wall, digest=case.digest(), folder=run_folder(case, folder))
+
+
+def run_folder(case: Case, folder: Path | None) -> str | None:
+    """The run folder of a case, below the folder of its suite; None if it has none."""
+    if folder is None or not (folder / CASES / case.slug).is_dir():
+        return None
+    return f"{CASES}/{case.slug}"
+
+
+def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
+    requirements = [parse_requirement(text, where=place) for text, place in case.expect]
+    sketch = folder / SKETCHES / f"{case.slug}.json" if folder is not None else None
+    assembly = assemble(make_spec(case.diagram))
+    world, vehicle = assembly.parts.world, assembly.parts.vehicles[VEHICLE].vehicle
+    faults = _broken(world)
+    if faults:
+        if sketch is not None:
+            make_sketch(sketch, world)
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        return Result(case.name, "invalid", f"{faults[0]}{more}")
+    run = Simulation(assembly).run(duration=case.duration, folder=place)
+    simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
+    reason = str(run.summary["stop_reason"])
+    findings: list[Finding] = []
+    seen: Observation | None = None
+    fault = f"the run {reason}" if reason.startswith("diverged") else ""
+    try:
+        seen = observe(run, world, VEHICLE, vehicle, goal=case.goal)
+        findings = [] if fault else [requirement.judge(seen) for requirement in requirements]
+    except RunError as error:
+        fault = fault or _line(error)
+    broken = [finding for finding in findings if not finding.passed]
+    text = fault or "; ".join(_told(finding) for finding in broken)
+    verdict: Verdict = "error" if fault else "fail" if broken else "pass"
+    if sketch is not None and seen is not None:
+        make_sketch(sketch, world, seen, findings)
+    return Result(case.name, verdict, text, [_finding(finding) for finding in findings], simulated)
+
+
+def _broken(world: World) -> list[str]:
+    """Why a world is invalid: what found no place in it, and rules that it breaks."""
+    return [*world.homeless, *(world.rules.broken(world.props) if world.rules is not None else ())]
+
+
+def _told(finding: Finding) -> str:
+    return f"{finding.text}: margin {finding.margin:.3g} {finding.unit}".rstrip() + f" at {finding.worst_time:.2f} s"
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "text": finding.text,
+        "passed": finding.passed,
+        "margin": finding.margin if math.isfinite(finding.margin) else None,
+        "unit": finding.unit,
+        "worst_time": round(finding.worst_time, 6),
+        "decided_by": finding.decided_by,
+    }
+
+
+def _line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "") if lines else ""

@@ -1,0 +1,277 @@
+"""Worlds of Gazebo into world files of mirdrake.
+
+::
+
+    .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, elements.py, frames.py, finding.py
+    SourceWorld ── make_ground ──► GroundText     ground.py: planes, floors, roads
+    SourceWorld ── Converter ──► Entry, ...       convert.py: known.py, prop_folder.py, surfaces.py
+    Entry, ... ── world_text ──► <name>.yaml      entry.py, text.py
+    all of it: import_world ──► WorldImport       here
+
+Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
+<name>.md beside the world.
+"""
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from mirdrake.errors import ConfigError, ModelError, WorldError
+from mirdrake.vehicles.importing.model import Change
+from mirdrake.vehicles.importing.places import Places
+from mirdrake.vehicles.scaffold import check_name
+from mirdrake.world_importing.convert import Converter
+from mirdrake.world_importing.entry import Entry, into_grids
+from mirdrake.world_importing.finding import Models
+from mirdrake.world_importing.ground import GroundText, make_ground
+from mirdrake.world_importing.model import Array, SourceWorld
+from mirdrake.world_importing.placed import find_overlaps, place, reach
+from mirdrake.world_importing.read_world import read_world
+from mirdrake.world_importing.text import report_text, world_text
+from mirdrake.worlds.loading import load_world
+from mirdrake.worlds.props import PlacedProp
+from mirdrake.yaml_io import shown
+
+__all__ = ["Change", "WorldImport", "import_world"]
+
+_ORIGIN = shapely.Point(0.0, 0.0)
+_REACH = 200.0  # [m] of the ground of a world without tracks and size
+_MARGIN = 20.0  # [m] ground beyond the props
+_MOST_PAIRS = 60  # overlaps that are named one by one
+_MOST_ENTRIES = 5000  # of a world
+
+
+@dataclass(frozen=True)
+class WorldImport:
+    """What an import made.
+
+    Attributes:
+        path: of the world file.
+        world_text: what is in it.
+        changes: everything that differs from the source.
+        checks: sentences on what a person should look at.
+        entries: how many there are in it.
+    """
+
+    path: Path
+    world_text: str
+    changes: tuple[Change, ...]
+    checks: tuple[str, ...] = ()
+    entries: int = 0
+
+
+def import_world(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    folder: Path | str | None = None,
+    packages: Mapping[str, Path] | None = None,
+    strict: bool = False,
+    force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> WorldImport:
+    """Make a world file from a world of Gazebo: ``<name>.yaml``, ``<name>.md`` and the props below ``<name>/props/``.
+
+    Args:
+        path: the .world or .sdf file.
+        name: of the world; that of the source if left out.
+        folder: where it goes; ``worlds`` in the working directory if left out.
+        packages: model or package name -> folder, beside those found around the file and on Gazebo's search paths.
+        strict: refuse a world of which something that could be touched would be left out, in one line.
+        force: replace a world of that name.
+        progress: called with what is being done.
+
+    Raises:
+        ConfigError: name or place are not allowed.
+        ModelError: the file cannot be read or holds no world, or, if strict, the first thing that is missing; nothing
+            is written then.
+        MissingDependencyError: a mesh format needs a package that is not installed.
+    """
+    say = progress or _say_nothing
+    source = Path(path)
+    if name is not None:
+        check_name(name)
+    say("reading")
+    world = read_world(source, models=Models(source, packages))
+    name = name or _plain(world.name)
+    target = Path(folder or "worlds")
+    replaced = _check_place(target, name, force=force)
+    places = Places(source)
+    missing = [parent for parent in (target, *target.parents) if not parent.exists()]
+    building = target / f".{name}.{os.getpid()}"
+    try:
+        building.mkdir(parents=True)
+        result = _build(world, name, building, places, strict=strict, say=say)
+        _move(building, target, name, replaced)
+    except BaseException:
+        shutil.rmtree(building, ignore_errors=True)
+        for parent in missing:  # the inner ones first
+            if parent.is_dir() and not any(parent.iterdir()):
+                parent.rmdir()
+        raise
+    return WorldImport(target / f"{name}.yaml", *result)
+
+
+def _build(
+    world: SourceWorld, name: str, building: Path, places: Places, *, strict: bool, say: Callable[[str], None]
+) -> tuple[str, tuple[Change, ...], tuple[str, ...], int]:
+    """Everything into the folder `building`; text, changes, checks and number of entries of the world."""
+    add = world.changes.append
+    ground = make_ground(world, add)
+    converter = Converter(name, building, ground.height, add, say)
+    entries = converter.entries(world)
+    if strict and converter.lost:
+        faults = list(dict.fromkeys(places.text(fault) for fault in converter.lost))
+        more = f"; {len(faults) - 1} more like it" if len(faults) > 1 else ""
+        raise ModelError(f"{faults[0]}{more}; leave out strict to import without")
+    if len(entries) > _MOST_ENTRIES:
+        raise ModelError(f"{world.files[0]}:1: {len(entries)} things; a world has at most {_MOST_ENTRIES} entries")
+    where = f"{world.files[0]}:1"
+    suns = [sun for sun in world.suns if _shines(sun.direction)]
+    for sun in world.suns:
+        if sun is not (suns[0] if suns else None):
+            why = "there is one sun" if sun in suns else "the sun does not shine from below"
+            add(Change(sun.where, f"directional light '{sun.name}'", "…", "left out", why))
+    say("placing")
+    props = place(entries, building)
+    overlaps = _overlap_rules(props, where, add)
+    grids = into_grids(entries) if not overlaps else entries
+    _widen(ground, props, where, add)
+    checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps)))
+    changes = tuple(dict.fromkeys(places.change(change) for change in world.changes))
+    text = world_text(
+        name,
+        source=places.file(world.files[0]),
+        ground=ground,
+        suns=suns,
+        starts=converter.starts,
+        entries=grids,
+        overlaps=overlaps,
+    )
+    report = report_text(name, files=world.files, entries=grids, changes=changes, places=places, checks=checks)
+    (building / f"{name}.yaml").write_text(text, encoding="utf-8")
+    (building / f"{name}.md").write_text(report, encoding="utf-8")
+    say("loading")
+    try:
+        load_world(str(building / f"{name}.yaml"))
+    except (ConfigError, WorldError) as error:
+        fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
+        raise ModelError(f"{shown(world.files[0])}:1: what was made of it is no world: {fault}") from error
+    return text, changes, checks, len(grids)
+
+
+def _shines(direction: Array) -> bool:
+    length = float(np.linalg.norm(direction))
+    return length > 1e-9 and float(direction[2]) < -1e-3 * length
+
+
+def _overlap_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> list[tuple[str, str]]:
+    """Which props of the source overlap, as rules; all of them if they are many."""
+    pairs = find_overlaps(props)
+    if not pairs:
+        return []
+    shown_pairs = ", ".join(f"{a} and {b}" for a, b in pairs[:5]) + (" …" if len(pairs) > 5 else "")
+    was = f"{len(pairs)} pair{'s' if len(pairs) != 1 else ''}: {shown_pairs}"
+    add(Change(where, "things that overlap", was, "allowed by rules", "things of a world may not overlap otherwise"))
+    return pairs if len(pairs) <= _MOST_PAIRS else [("*", "*")]
+
+
+def _widen(ground: GroundText, props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> None:
+    """Ground below everything."""
+    far = reach(props)
+    half = min(ground.size) / 2.0 if ground.size is not None else _REACH
+    if far <= half:
+        return
+    side = 2.0 * float(np.ceil((far + _MARGIN) / 10.0) * 10.0)
+    was = "as far as its plane is seen" if ground.size is not None else "400 m x 400 m"
+    ground.size = (max(side, ground.size[0]), max(side, ground.size[1])) if ground.size else (side, side)
+    add(Change(where, "ground", was, f"{ground.size[0]:g} m x {ground.size[1]:g} m", "something stands further out"))
+
+
+def _checks(
+    world: SourceWorld,
+    converter: Converter,
+    props: list[PlacedProp],
+    entries: Sequence[Entry],
+    overlaps: Sequence[tuple[str, str]],
+) -> Sequence[str]:
+    """What a person should look at."""
+    checks = []
+    if converter.lost:
+        count = len(converter.lost)
+        checks.append(f"{count} fault{'s' if count > 1 else ''} left something out that could be touched: see below.")
+    if any("not measured" in change.why for change in world.changes):
+        checks.append("Size and heading of props that stand for models: not all were measured.")
+    if not converter.starts:
+        near = [prop.name for prop in props if prop.footprint.distance(_ORIGIN) < 3.0]
+        if near:
+            checks.append(f"The start at the origin is near {', '.join(near[:3])}: give the world a `start`.")
+    buried = [prop.name for prop in props if prop.bottom < -0.05]
+    if buried:
+        checks.append(f"Below the ground: {', '.join(buried[:8])}{' …' if len(buried) > 8 else ''}.")
+    if overlaps:
+        checks.append("Things overlap, as they do in the source: the rules allow it.")
+    if not entries and not world.planes:
+        checks.append("The world is empty.")
+    return checks
+
+
+def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
+    """What a new world of that name would replace.
+
+    Raises:
+        ConfigError: something is there that may not be replaced.
+    """
+    there = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
+    if target.exists() and not target.is_dir():
+        raise ConfigError(f"{shown(target)} is no folder; take another one")
+    if there and not force:
+        raise ConfigError(f"{shown(there[0])} is there already; take another name, or force to replace it")
+    for path in there:
+        wanted = path.is_dir() == (path.name == name)
+        if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - {"props"}):
+            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; take another name")
+    return there
+
+
+def _exists(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
+
+
+def _move(building: Path, target: Path, name: str, replaced: list[Path]) -> None:
+    """Put finished files in their places, the world file last; what they replace goes only when all of them stand."""
+    old = target / f".{name}.{os.getpid()}.old"
+    moved: list[tuple[Path, Path]] = []
+    try:
+        if replaced:
+            old.mkdir()
+        for path in replaced:
+            path.rename(old / path.name)
+            moved.append((old / path.name, path))
+        for part in (name, f"{name}.md", f"{name}.yaml"):
+            if (building / part).exists():
+                (building / part).rename(target / part)
+                moved.append((target / part, building / part))
+    except OSError:
+        for place_now, place_before in reversed(moved):
+            place_now.rename(place_before)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+    shutil.rmtree(building, ignore_errors=True)
+
+
+def _say_nothing(_text: str) -> None:
+    """Nobody listens."""
+
+
+def _plain(name: str) -> str:
+    """A file's name from a world's."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
+    return plain if re.match(r"[a-z]", plain) else f"world_{plain}"[:64].rstrip("_")

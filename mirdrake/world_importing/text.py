@@ -1,0 +1,158 @@
+"""The new world as YAML text, and its import report."""
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.vehicles.importing.model import Change
+from mirdrake.vehicles.importing.places import Places
+from mirdrake.world_importing.entry import Entry, degrees, number
+from mirdrake.world_importing.ground import GroundText
+from mirdrake.world_importing.model import Sun
+
+_PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
+
+
+def world_text(
+    name: str,
+    *,
+    source: str,
+    ground: GroundText,
+    suns: Sequence[Sun],
+    starts: dict[str, RigidTransform],
+    entries: Sequence[Entry],
+    overlaps: Sequence[tuple[str, str]],
+) -> str:
+    """The YAML text of a world.
+
+    Args:
+        name: of the world.
+        source: what the first line says it comes from.
+        ground: base plane and patches.
+        suns: the first one shines.
+        starts: name -> pose in W.
+        entries: what stands in it.
+        overlaps: pairs of props that overlap in the source.
+    """
+    lines = [
+        f"# Imported from {_plain(source)}; {name}.md says what was changed or left out.",
+        "mirdrake: world/1",
+        f"name: {name}",
+        "",
+    ]
+    parts = [f"surface: {ground.surface}"]
+    if ground.mu is not None:
+        parts.append(f"mu: {ground.mu:.4g}")
+    if ground.size is not None:
+        parts.append(f"size: [{number(ground.size[0])}, {number(ground.size[1])}]")
+    if ground.patches:
+        lines += ["ground:", *(f"  {part}" for part in parts), "  patches:", *ground.patches]
+    else:
+        lines.append(f"ground: {{{', '.join(parts)}}}")
+    if suns:
+        d = suns[0].direction / np.linalg.norm(suns[0].direction)
+        azimuth, elevation = math.atan2(-d[1], -d[0]), math.asin(float(np.clip(-d[2], -1.0, 1.0)))
+        lines += ["", f"lights: {{sun: {{azimuth: {degrees(azimuth)}, elevation: {degrees(elevation)}}}}}"]
+    if starts:
+        lines += ["", "start:"]
+        for start, X in starts.items():
+            x, y, _ = X.translation()
+            yaw = RollPitchYaw(X.rotation()).yaw_angle()
+            lines.append(f"  {start}: {{at: [{number(x)}, {number(y)}], yaw: {degrees(yaw)}}}")
+    if entries:
+        lines += ["", "props:", *(entry.text() for entry in entries)]
+    if overlaps:
+        lines += ["", "rules:  # what overlaps in the source may overlap here"]
+        lines += [f"  - {{allow_overlap: [{_pattern(a)}, {_pattern(b)}]}}" for a, b in overlaps]
+    return "\n".join(lines) + "\n"
+
+
+def _pattern(name: str) -> str:
+    return f'"{name}"' if "*" in name else name
+
+
+def report_text(
+    name: str,
+    *,
+    files: Iterable[Path],
+    entries: Sequence[Entry],
+    changes: Sequence[Change],
+    places: Places,
+    checks: Sequence[str],
+) -> str:
+    """The import report.
+
+    Args:
+        name: of the world.
+        files: of the source.
+        entries: what stands in the new world.
+        changes: with short places.
+        places: how files are named.
+        checks: sentences on what a person should look at.
+    """
+    lines = [f"# Import of {name}", "", "Read were " + ", ".join(f"`{places.file(path)}`" for path in files) + ".", ""]
+    if checks:
+        lines += ["## Please check", "", *(f"- {_cell(check)}" for check in checks), ""]
+    if entries:
+        lines += [
+            "## What stands in the world",
+            "",
+            "| in the source | line | here | as |",
+            "| --- | --- | --- | --- |",
+        ]
+        for entry in entries:
+            key, value = entry.what
+            what = (
+                f"{key} {value}" if isinstance(value, str) else f"{key} {' x '.join(number(side) for side in value)} m"
+            )
+            names = [entry.thing.name, *entry.others]
+            source = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]} ({len(names)})"
+            here = entry.name + ("[]" if entry.layout else "")
+            row = (source, places.short(entry.thing.where), here, what)
+            lines.append("| " + " | ".join(map(_cell, row)) + " |")
+        lines.append("")
+    lines += ["## What was changed or left out", ""]
+    if not changes:
+        lines += ["Nothing.", ""]
+    for file, group in groupby(_sorted(changes), key=lambda row: row[0]):
+        lines += [
+            f"### {_cell(file) or 'the whole'}",
+            "",
+            "| line | what | was | became | why |",
+            "| --- | --- | --- | --- | --- |",
+        ]
+        for _, line, change, count in group:
+            times = f" ({count} times)" if count > 1 else ""
+            cells = (str(line or ""), change.what + times, change.was, change.became, change.why)
+            lines.append("| " + " | ".join(map(_cell, cells)) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _sorted(changes: Sequence[Change]) -> list[tuple[str, int, Change, int]]:
+    """Changes by file and line, with how many there are; those that differ in what there was alone stand once."""
+    rows: dict[tuple[str, ...], tuple[str, int, Change, int]] = {}
+    for change in changes:
+        match = _PLACE.match(change.where)
+        file, line = (match.group(1), int(match.group(2).split("-")[0])) if match else (change.where, 0)
+        key = (file, change.what, change.became, change.why)
+        if key in rows:
+            first = rows[key]
+            rows[key] = (*first[:3], first[3] + 1)
+        else:
+            rows[key] = (file, line, change, 1)
+    return sorted(rows.values(), key=lambda row: row[:2])
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[\x00-\x1f]", " ", text)
+
+
+def _cell(text: str) -> str:
+    """A text that stays in its cell of a table."""
+    return " ".join(str(text).split()).replace("|", "\\|").replace("<", "&lt;")

@@ -1,0 +1,624 @@
+"""Centre lines through points: from a list of points, or a file of them, to pieces of linear curvature.
+
+A chain of clothoids through points, with heading and curvature continuous at the joints, is to a plane curve what a
+cubic spline is to a function: between joints the curvature is linear along the arc (do Carmo, "Differential Geometry of
+Curves and Surfaces", section 1-5). Unknown are heading and curvature at every joint and the length of every piece; each
+piece must end at the next joint with its heading, three equations. A cubic spline is the first guess, Newton's method
+does the rest; as every piece only knows its neighbours, the matrix is sparse.
+
+Noisy points are smoothed first by a cubic smoothing spline (C. H. Reinsch, "Smoothing by spline functions", Numerische
+Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression and Generalized Linear Models", section
+2.3), with the bending energy as small as the allowed deviation permits.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
+from mirdrake.yaml_io import shown
+
+_TURN = 0.35  # [rad] by which the first choice of joints may turn from one to the next
+_FAR = 40.0  # [m] between joints of the first choice
+_SAMPLES = 16  # per piece of the first guess
+_LARGEST = 20_000_000  # bytes of a file of points
+_FARTHEST = 1e8  # [m] from the origin
+_JUMP = (100.0, 20.0)  # [m], [median spacing] that no point is from the one before
+_GAP = (1e-6, 1e-8)  # [m], [rad] by which a closed curve may miss its start
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(20)
+_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0  # on [0, 1]
+
+
+def pieces_through(
+    points: ArrayLike, *, closed: bool, smooth: float = 0.0, tolerance: float = 1e-3
+) -> tuple[list[Piece], Placement]:
+    """A curve through points, with curvature that is linear along every piece and continuous at the joints.
+
+    Joints are put where they are needed: at few points where the curve is smooth, at every point if it must be. A
+    closed curve meets its start within 1e-6 m and 1e-8 rad, with the same curvature.
+
+    Args:
+        points: N x 2 [m], four or more in driving order; the first of a closed curve may be repeated at its end.
+        closed: the curve goes on from the last point to the first.
+        smooth: root mean square [m] of the distances by which noisy points may be moved; 0 keeps them.
+        tolerance: largest distance [m] of a point, after smoothing, from the curve.
+
+    Returns:
+        the pieces, and the pose (x [m], y [m], yaw [rad]) where they start: at the first point, after smoothing.
+
+    Raises:
+        WorldError: the points are too few, repeated or not finite; `smooth` or `tolerance` makes no sense.
+    """
+    places = _check_points(points, closed)
+    if not (0.0 <= smooth < math.inf and 0.0 < tolerance < math.inf):
+        raise WorldError(f"smooth {smooth:g} m, tolerance {tolerance:g} m: make smooth 0 or more and tolerance above 0")
+    middle = places.mean(axis=0)
+    places = places - middle
+    if smooth:
+        places = _smooth(places, closed, smooth)
+
+    for finer in (1, 2, 4, 8, 16):
+        ring = _refine(places, closed, finer)
+        found = _fit(ring, closed, tolerance)
+        if found is not None:
+            break
+    else:
+        raise WorldError("no smooth curve through the points was found; are they in driving order? add more of them")
+    yaw, k, length = found
+    following = np.append(k[1:], k[0]) if closed else k[1:]
+    pieces = [Piece(*row) for row in np.column_stack((length, k[: len(length)], following)).tolist()]
+    start = (float(ring[0, 0] + middle[0]), float(ring[0, 1] + middle[1]), math.remainder(float(yaw[0]), 2.0 * math.pi))
+    if closed:
+        end = start
+        for piece in pieces:
+            end = advance(end, piece)
+        gap = math.hypot(end[0] - start[0], end[1] - start[1]), abs(math.remainder(end[2] - start[2], 2.0 * math.pi))
+        if gap[0] > _GAP[0] or gap[1] > _GAP[1]:
+            raise WorldError(f"the curve through the points misses its start by {gap[0]:.3g} m, {gap[1]:.3g} rad")
+    return pieces, start
+
+
+def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: ArrayLike) -> tuple[Array, Array, Array]:
+    """The `edges` of a :class:`Track` from widths that were measured at points along it.
+
+    The edges stay where they were measured: where the centre line passes a point at a distance, for it was smoothed,
+    one side becomes wider and the other narrower.
+
+    Args:
+        track: the centre line; its width is not used.
+        points: N x 2 [m] in driving order, where the widths were measured.
+        left: distance [m] of the left edge from each point, N.
+        right: distance [m] of the right edge from each point, N.
+
+    Returns:
+        s [m] from 0 to the length, and the widths to the left and to the right [m].
+
+    Raises:
+        WorldError: a point is so far off the centre line that this lies outside the road there.
+    """
+    places = _check_points(points, track.closed)
+    count = len(places)
+    sides = [np.asarray(values, dtype=float)[:count] for values in (left, right)]
+    if any(len(values) != count for values in sides):
+        raise WorldError(f"{count} points, but {len(sides[0])} widths to the left and {len(sides[1])} to the right")
+    chords = _chords(places, track.closed)
+    near = np.concatenate(([0.0], np.cumsum(chords)))[:count] * (track.length / chords.sum())
+    s, offset = track.project(places[:, 0], places[:, 1], near=near)
+    if track.closed:  # the first point may lie just before the start
+        s = near + np.mod(s - near + track.length / 2.0, track.length) - track.length / 2.0
+    widths = np.column_stack((sides[0] + offset, sides[1] - offset))
+    if not (widths > 0.0).all():
+        at = int(np.argmin(widths.min(axis=1)))
+        raise WorldError(
+            f"point {at + 1} is {abs(offset[at]):.3g} m off the centre line, more than the road is wide there; "
+            "make smooth smaller"
+        )
+    forward = np.concatenate(([True], s[1:] > np.maximum.accumulate(s)[:-1] + 1e-6))
+    s, widths = s[forward], widths[forward]
+    inner = (s > 1e-6) & (s < track.length - 1e-6)
+    stations = np.concatenate(([0.0], s[inner], [track.length]))
+    period = track.length if track.closed else None
+    both = [np.interp(stations, s, values, period=period) for values in widths.T]
+    return stations, both[0], both[1]
+
+
+# --- points from a file ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CsvTrack:
+    """What a file of points says of a track."""
+
+    points: Array
+    """N x 2 [m], in driving order; a repeated last point is left out"""
+    left: Array | None
+    """distance [m] of the left edge from each point, N; None if the file has none"""
+    right: Array | None
+    """distance [m] of the right edge from each point, N; None if the file has none"""
+    lines: list[int]
+    """line of the file of each point, N"""
+    closed_guess: bool
+    """the last point is as near to the first as to its neighbour, or is the first again"""
+
+
+def read_csv_track(
+    path: str | Path,
+    *,
+    x: str | int = "x_m",
+    y: str | int = "y_m",
+    right: str | int | None = "w_tr_right_m",
+    left: str | int | None = "w_tr_left_m",
+    scale: float = 1.0,
+) -> CsvTrack:
+    """A centre line and its widths from a file of points, one per line.
+
+    Values are separated by commas, semicolons (decimal commas are then understood), tabs or blanks. The names of the
+    columns stand in the last line before the numbers, with or without a `#` before them; other lines that start with
+    `#` are comments. Without names the columns are x, y, right and left, or x and y only. So are the files of the TUM
+    racetrack database: ``# x_m,y_m,w_tr_right_m,w_tr_left_m``.
+
+    Args:
+        path: the file.
+        x: name of the column of x, or its number counted from 1.
+        y: likewise.
+        right: of the distance of the right edge; None if there is none.
+        left: of the distance of the left edge; None if there is none.
+        scale: metres per unit of the file; multiplies places and widths.
+
+    Raises:
+        ConfigError: the file cannot be understood, or its points are no track.
+    """
+    path = Path(path)
+    name = shown(path)
+    if not 0.0 < scale < math.inf:
+        raise ConfigError(f"{name}: scale {scale:g} makes no sense; give the metres per unit of the file, above 0")
+    header, lines, rows = _read_rows(path, name)
+    asked: dict[str, str | int | None] = {"x": x, "y": y, "right": right, "left": left}
+    if header is None and len(rows[0]) == 2 and (right, left) == ("w_tr_right_m", "w_tr_left_m"):
+        asked |= {"right": None, "left": None}
+    columns = {
+        key: _find_column(column, list(asked).index(key), header, len(rows[0]), where=f"{name}:{lines[0]}")
+        for key, column in asked.items()
+        if column is not None
+    }
+
+    # Numbers, then what makes them a track.
+    values: dict[str, Array] = {}
+    for key, column in columns.items():
+        numbers = [_number(row[column], f"{name}:{line}: {key}") for line, row in zip(lines, rows, strict=True)]
+        values[key] = scale * np.array(numbers)
+        if not np.abs(values[key]).max() <= _FARTHEST:
+            at = int(np.argmax(np.abs(values[key])))
+            raise ConfigError(f"{name}:{lines[at]}: {key} is {values[key][at]:g} m; correct it, or set scale")
+        if key in {"right", "left"} and values[key].min() <= 0.0:
+            at = int(np.argmin(values[key]))
+            raise ConfigError(
+                f"{name}:{lines[at]}: {key} is {values[key][at]:g} m; widths are counted from the centre line to both "
+                "sides and must be above 0"
+            )
+    points = np.column_stack((values["x"], values["y"]))
+    if len(points) > 1 and math.dist(points[0], points[-1]) < 1e-6:
+        points, repeated = points[:-1], True
+    else:
+        repeated = False
+    if len(points) < 4:
+        raise ConfigError(f"{name}: {len(points)} points; a track needs at least 4, one per line")
+    chords = np.hypot(*np.diff(points, axis=0).T)
+    median = float(np.median(chords))
+    for at, chord in enumerate(chords.tolist()):
+        where = f"{name}:{lines[at + 1]}"
+        if chord < 1e-6:
+            raise ConfigError(f"{where}: the point of line {lines[at]} is repeated; delete one of them")
+        if chord > _JUMP[0] or chord > _JUMP[1] * median:
+            raise ConfigError(
+                f"{where}: jumps {chord:.4g} m from the point before; usual here are {median:.3g} m; sort the points "
+                "in driving order, add the missing ones, or set scale"
+            )
+    closed = repeated or math.dist(points[0], points[-1]) <= 2.5 * max(median, chords[0], chords[-1])
+    widths = {key: values[key][: len(points)] if key in values else None for key in ("left", "right")}
+    return CsvTrack(points, widths["left"], widths["right"], lines[: len(points)], closed)
+
+
+def _read_rows(path: Path, name: str) -> tuple[list[str] | None, list[int], list[list[str]]]:
+    """Names of the columns if there are any, and of every row of values its line and its texts.
+
+    Raises:
+        ConfigError: the file cannot be read, holds no numbers, or its rows differ in length.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB; no track needs that; thin it out")
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"{name}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{name}: no text in UTF-8; save it as a CSV file") from None
+    kept = [(at, line.strip()) for at, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    first = next((i for i, (_, line) in enumerate(kept) if _is_data(line)), None)
+    if first is None:
+        raise ConfigError(f"{name}: no line of numbers; give x, y and the widths of a point per line")
+    split = _separator(kept[first][1])
+    data = [(at, _split(line, split)) for at, line in kept[first:] if not line.startswith("#")]
+    count = len(data[0][1])
+    for at, row in data:
+        if len(row) != count:
+            raise ConfigError(
+                f"{name}:{at}: {len(row)} values, but line {data[0][0]} has {count}; give every point all its columns"
+            )
+    header = _split(kept[first - 1][1].lstrip("# "), split) if first else None
+    if header is not None and len(header) != count:
+        header = None
+    return header, [at for at, _ in data], [row for _, row in data]
+
+
+def _is_data(line: str) -> bool:
+    """Whether a line is one of values: no comment, and at least one of its texts is a number."""
+    return not line.startswith("#") and any(map(_is_number, _split(line, _separator(line))))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _separator(line: str) -> str:
+    """What separates the values of a line: the first of ; , tab that is in it, else blanks."""
+    return next((mark for mark in (";", ",", "\t") if mark in line), " ")
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    texts = [text.strip().strip('"') for text in line.split(separator)]
+    texts = texts[:-1] if len(texts) > 2 and not texts[-1] else texts  # a separator at the end of the line
+    return [text.replace(",", ".") if _is_number(text) else text for text in texts]
+
+
+def _find_column(column: str | int, default: int, header: Sequence[str] | None, count: int, *, where: str) -> int:
+    """Index of a column by its name or its number from 1; without names by its usual place.
+
+    Raises:
+        ConfigError: there is no such column.
+    """
+    key = ("x", "y", "right", "left")[default]
+    if header is not None and column in header:
+        return header.index(str(column))
+    if isinstance(column, int) or re.fullmatch(r"-?[0-9]+", column):
+        if not 1 <= int(column) <= count:
+            raise ConfigError(f"{where}: {key} is column {column} of {count}; columns are counted from 1")
+        return int(column) - 1
+    without = "" if key in {"x", "y"} else f", or set {key}: null if there is none"
+    if header is not None:
+        raise ConfigError(f"{where}: no column '{column}'; {did_you_mean(column, header)}; say which is {key}{without}")
+    if column != ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")[default]:
+        raise ConfigError(f"{where}: no column '{column}', for the columns have no names; give {key} a number from 1")
+    if default >= count:
+        raise ConfigError(f"{where}: {count} columns without names; x, y, right and left are expected{without}")
+    return default
+
+
+def _number(text: str, where: str) -> float:
+    """A finite number.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f"{where} '{text[:40]}' is no finite number; correct it or delete the line")
+    return value
+
+
+# --- the inner parts ---------------------------------------------------------------------------------------------
+
+
+def _check_points(points: ArrayLike, closed: bool) -> Array:
+    """The points as an array, without a repeated last one.
+
+    Raises:
+        WorldError: no curve goes through them.
+    """
+    places = np.asarray(points, dtype=float)
+    if places.ndim != 2 or places.shape[1] != 2:
+        raise WorldError(f"points of shape {places.shape}; give N x 2, x and y of each point [m]")
+    if not np.isfinite(places).all():
+        raise WorldError(
+            f"point {int(np.argmin(np.isfinite(places).all(axis=1))) + 1} is not finite; give numbers in m"
+        )
+    if closed and len(places) > 1 and math.dist(places[0], places[-1]) < 1e-6:
+        places = places[:-1]
+    if len(places) < 4:
+        raise WorldError(f"{len(places)} points; a curve needs at least 4")
+    chords = _chords(places, closed)
+    if chords.min() < 1e-6:
+        at = int(np.argmin(chords))
+        raise WorldError(
+            f"point {at + 1} at ({places[at, 0]:g}, {places[at, 1]:g}) m is repeated; leave one of them out"
+        )
+    return places
+
+
+def _chords(places: Array, closed: bool) -> Array:
+    """Distances [m] from each point to the next; of a closed curve also from the last to the first."""
+    ahead = np.roll(places, -1, axis=0) if closed else places[1:]
+    return np.asarray(np.hypot(*(ahead - places[: len(ahead)]).T))
+
+
+def _spline(places: Array, closed: bool) -> tuple[CubicSpline, Array]:
+    """A cubic spline through the points, and its parameter at each: the length of the chords up to there [m]."""
+    t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
+    if closed:
+        places = np.vstack((places, places[:1]))
+    return CubicSpline(t, places, bc_type="periodic" if closed else "not-a-knot"), t
+
+
+def _refine(places: Array, closed: bool, parts: int) -> Array:
+    """The points, and between neighbours as many of a cubic spline through them as it takes to have `parts` parts."""
+    if parts == 1:
+        return places
+    spline, t = _spline(places, closed)
+    fine = np.interp(np.arange((len(t) - 1) * parts + (not closed)) / parts, np.arange(len(t)), t)
+    return np.asarray(spline(fine))
+
+
+def _smooth(places: Array, closed: bool, rms: float) -> Array:
+    """Points moved by that root mean square [m], so that the cubic spline through them bends as little as possible.
+
+    With second derivatives g of the spline, Q their second differences and R their products, the smoothed points are
+    y - a Q g with (R + a Q' Q) g = Q' y. The deviation rises with a, which is found by bisection.
+    """
+    count = len(places)
+    extent = math.sqrt(float((places**2).sum(axis=1).mean()))
+    if rms > 0.1 * extent:
+        raise WorldError(f"smooth {rms:g} m is too much for points within {extent:.3g} m; make it less than a tenth")
+    h = _chords(places, closed)
+    node = np.arange(count) if closed else np.arange(1, count - 1)
+    before, after, row = h[node - 1], h[node], np.arange(len(node))
+    q = coo_array(
+        (
+            np.concatenate((1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after)),
+            (np.concatenate(((node - 1) % count, node, (node + 1) % count)), np.tile(row, 3)),
+        ),
+        shape=(count, len(node)),
+    ).tocsc()
+    here, there = (row, (row + 1) % len(row)) if closed else (row[:-1], row[1:])
+    side = after[here] / 6.0
+    r = coo_array(
+        (
+            np.concatenate(((before + after) / 3.0, side, side)),
+            (np.concatenate((row, here, there)), np.concatenate((row, there, here))),
+        )
+    ).tocsc()
+    squared, target = csc_array(q.T @ q), q.T @ places
+
+    def moved(a: float) -> Array:
+        return np.asarray(a * (q @ splu(csc_array(r + a * squared)).solve(target)))
+
+    low, high, best = -6.0, 15.0, np.zeros_like(places)
+    scale = float(np.median(h)) ** 3
+    for _ in range(40):
+        exponent = (low + high) / 2.0
+        shift = moved(10.0**exponent * scale)
+        deviation = math.sqrt(float((shift**2).sum(axis=1).mean()))
+        if deviation > rms:
+            high = exponent
+        else:
+            low, best = exponent, shift
+        if 0.98 * rms <= deviation <= rms:
+            break
+    return places - best
+
+
+def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, Array] | None:
+    """Headings, curvatures and lengths of clothoids within the tolerance of all points; None if none are found.
+
+    The first choice of joints turns little from one to the next; where a point between them is too far from the curve,
+    the middle one becomes a joint too.
+    """
+    count = len(places)
+    t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
+    joints = _first_joints(places, t, closed)
+    while True:
+        found = _solve(places[joints], t[np.append(joints, count)] if closed else t[joints], closed)
+        if found is None:
+            if len(joints) == count:
+                return None
+            joints = np.arange(count)
+            continue
+        off = _distances(places, t, joints, found)
+        ends = np.append(joints, count) if closed else joints
+        owner = np.searchsorted(joints, np.arange(count), side="right") - 1
+        worst = np.zeros(len(joints))
+        np.maximum.at(worst, owner, off)
+        split = np.flatnonzero(worst > tolerance)
+        if not split.size:
+            return found
+        joints = np.union1d(joints, (ends[split] + ends[split + 1]) // 2)
+        if split.size > 0.5 * len(found[2]) and len(joints) > 0.25 * count:  # the points are the joints
+            joints = np.arange(count)
+
+
+def _first_joints(places: Array, t: Array, closed: bool) -> NDArray[np.intp]:
+    """Indices of points between which the chords turn at most 0.35 rad and that are at most 40 m apart."""
+    ahead = np.roll(places, -1, axis=0)[: len(t) - 1] - places[: len(t) - 1]
+    heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])).tolist()
+    at, joints, base = t.tolist(), [0], heading[0]
+    for i in range(1, len(heading)):
+        if abs(heading[i] - base) > _TURN or at[i + 1] - at[joints[-1]] > _FAR:
+            joints.append(i)
+            base = heading[i]
+    if not closed:
+        joints.append(len(places) - 1)
+    if len(joints) < 4:
+        spread = np.linspace(0, len(places), 4, endpoint=False) if closed else np.linspace(0, len(places) - 1, 4)
+        joints += spread.astype(int).tolist()
+    return np.unique(joints)
+
+
+@dataclass(frozen=True)
+class _Arcs:
+    """What the quadrature says of pieces from heading and curvature at their ends and their lengths, N each."""
+
+    chord: Array
+    """displacement [m], N x 2"""
+    by_yaw: Array
+    by_first: Array
+    by_last: Array
+    by_length: Array
+
+
+def _integrate(yaw: Array, first: Array, last: Array, length: Array) -> _Arcs:
+    """Displacement of clothoids, and its derivatives by heading, both curvatures and length, N x 2 each."""
+    u = _NODES
+    bend = first[:, None] * u + (last - first)[:, None] * u * u / 2.0  # times the length it is the heading change
+    angle = yaw[:, None] + length[:, None] * bend
+    c, s = np.cos(angle) * _WEIGHTS, np.sin(angle) * _WEIGHTS
+    size = length[:, None]
+
+    def along(factor: Array) -> Array:
+        return np.column_stack((-(s * factor).sum(axis=1), (c * factor).sum(axis=1)))
+
+    straight = np.column_stack((c.sum(axis=1), s.sum(axis=1)))
+    ones = np.ones_like(angle)
+    return _Arcs(
+        straight * size,
+        along(ones) * size,
+        along((u - u * u / 2.0) * ones) * size**2,
+        along(u * u / 2.0 * ones) * size**2,
+        straight + along(bend) * size,
+    )
+
+
+def _solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] | None:
+    """Headings [rad] and curvatures [1/m] at the joints, N, and lengths [m] of clothoids through them all.
+
+    An open curve has two unknowns more than equations: its first two pieces, and its last two, are made one clothoid.
+    """
+    nodes, parts = len(places), len(t) - 1
+    yaw, k, length = _guess(places, t, closed)
+    turn = yaw[-1] - yaw[0] if closed else 0.0
+    yaw, k = yaw[:nodes], k[:nodes]
+    ahead = (np.arange(parts) + 1) % nodes
+    chord = places[ahead] - places[:parts]
+    lap = np.where((np.arange(parts) == parts - 1) & closed, turn, 0.0)
+    size = float(length.mean())  # curvatures times it are of the order of headings
+
+    def residual(yaw: Array, k: Array, length: Array) -> tuple[Array, _Arcs]:
+        arcs = _integrate(yaw[:parts], k[:parts], k[ahead], length)
+        turned = yaw[ahead] + lap - yaw[:parts] - length * (k[:parts] + k[ahead]) / 2.0
+        rest = np.concatenate((((arcs.chord - chord) / size).T.ravel(), turned))
+        if not closed:
+            ends = [(k[b] - k[a]) * length[j] - (k[c] - k[b]) * length[i] for a, b, c, i, j in _ends(nodes)]
+            rest = np.append(rest, ends)
+        return rest, arcs
+
+    rest, arcs = residual(yaw, k, length)
+    chain = length.sum()
+    for _ in range(40):
+        step = splu(_jacobian(k, length, arcs, size, closed)).solve(-rest)
+        if not np.isfinite(step).all():
+            return None
+        by_yaw, by_k, by_length = step[:nodes], step[nodes : 2 * nodes] / size, step[2 * nodes :] * size
+        share = min(1.0, 0.7 / max(1e-12, float((-by_length / length).max())))  # a length stays positive
+        for _ in range(8):
+            trial = yaw + share * by_yaw, k + share * by_k, length + share * by_length
+            after, arcs_after = residual(*trial)
+            if np.abs(after).max() < max(np.abs(rest).max(), 1e-12):
+                break
+            share /= 2.0
+        else:
+            return None
+        done = np.abs(rest).max() < 1e-10 and np.abs(after).max() < 1e-12
+        (yaw, k, length), rest, arcs = trial, after, arcs_after
+        if done or np.abs(rest).max() < 1e-15:
+            return (yaw, k, length) if length.sum() < 1.5 * chain else None
+    return None
+
+
+def _ends(nodes: int) -> tuple[tuple[int, int, int, int, int], ...]:
+    """Three joints at either end of an open curve, and the two pieces between them."""
+    return (0, 1, 2, 0, 1), (nodes - 3, nodes - 2, nodes - 1, nodes - 3, nodes - 2)
+
+
+def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -> csc_array:
+    """Derivatives of the residual in :func:`_solve` by headings, curvatures times `size` and lengths over `size`."""
+    nodes, parts = len(k), len(length)
+    i = np.arange(parts)
+    ahead = (i + 1) % nodes
+    rows: list[Array] = []
+    columns: list[Array] = []
+    values: list[Array] = []
+
+    def put(row: ArrayLike, column: ArrayLike, value: ArrayLike) -> None:
+        for store, part in ((rows, row), (columns, column), (values, value)):
+            store.append(np.atleast_1d(np.asarray(part)))
+
+    for axis in (0, 1):
+        row = axis * parts + i
+        put(row, i, arcs.by_yaw[:, axis] / size)
+        put(row, nodes + i, arcs.by_first[:, axis] / size**2)
+        put(row, nodes + ahead, arcs.by_last[:, axis] / size**2)
+        put(row, 2 * nodes + i, arcs.by_length[:, axis])
+    row = 2 * parts + i
+    put(row, i, -np.ones(parts))
+    put(row, ahead, np.ones(parts))
+    put(row, nodes + i, -length / 2.0 / size)
+    put(row, nodes + ahead, -length / 2.0 / size)
+    put(row, 2 * nodes + i, -(k[:parts] + k[ahead]) / 2.0 * size)
+    if not closed:
+        for at, (a, b, c, one, two) in enumerate(_ends(nodes), start=3 * parts):
+            put(
+                [at] * 3,
+                [nodes + a, nodes + b, nodes + c],
+                np.array([-length[two], length[one] + length[two], -length[one]]) / size,
+            )
+            put([at] * 2, [2 * nodes + two, 2 * nodes + one], np.array([k[b] - k[a], k[b] - k[c]]) * size)
+    shape = (2 * nodes + parts,) * 2
+    return coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape).tocsc()
+
+
+def _guess(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array]:
+    """Headings and curvatures at the joints, of a closed curve also at the end of the lap, and lengths: of a spline."""
+    ring = np.vstack((places, places[:1])) if closed else places
+    spline = CubicSpline(t, ring, bc_type="periodic" if closed else "not-a-knot")
+    fine = np.interp(np.arange((len(t) - 1) * _SAMPLES + 1) / _SAMPLES, np.arange(len(t)), t)
+    velocity = spline(fine, 1)
+    speed = np.hypot(*velocity.T)
+    yaw = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))[::_SAMPLES]
+    if closed:
+        yaw[-1] = yaw[0] + 2.0 * math.pi * round((yaw[-1] - yaw[0]) / (2.0 * math.pi))
+    second = spline(t, 2)
+    cross = velocity[::_SAMPLES, 0] * second[:, 1] - velocity[::_SAMPLES, 1] * second[:, 0]
+    length = np.add.reduceat((speed[:-1] + speed[1:]) / 2.0 * np.diff(fine), np.arange(0, len(fine) - 1, _SAMPLES))
+    return yaw, cross / np.maximum(speed[::_SAMPLES], 1e-9) ** 3, length
+
+
+def _distances(places: Array, t: Array, joints: NDArray[np.intp], found: tuple[Array, Array, Array]) -> Array:
+    """Distance [m] of every point from the piece between its neighbouring joints; no less than that from the curve."""
+    yaw, k, length = found
+    i = np.minimum(np.searchsorted(joints, np.arange(len(places)), side="right") - 1, len(length) - 1)
+    last = k[(i + 1) % len(k)]
+    ends = np.append(t[joints], t[-1])
+    u = (t[: len(places)] - t[joints[i]]) / (ends[i + 1] - ends[i]) * length[i]
+    for _ in range(3):
+        end = k[i] + (last - k[i]) * u / length[i]
+        rest = places - places[joints[i]] - _integrate(yaw[i], k[i], end, u).chord
+        heading = yaw[i] + u * (k[i] + end) / 2.0
+        u = np.clip(u + rest[:, 0] * np.cos(heading) + rest[:, 1] * np.sin(heading), 0.0, length[i])
+    end = k[i] + (last - k[i]) * u / length[i]
+    return np.asarray(np.hypot(*(places - places[joints[i]] - _integrate(yaw[i], k[i], end, u).chord).T))

@@ -1,0 +1,292 @@
+"""The lock of a world: all that chance, parameters and layouts have settled, as a YAML text with a hash.
+
+The same file, seed and parameters give the same bytes, in every process, in every folder and with every Python. Numbers
+are rounded to 1e-9, areas start at their lowest corner, files are named relative to the world file or to models/, and
+every prop has a line of its own, so that a difference of two locks shows what has moved.
+
+Rules and tests are not in it: they do not change the world.
+"""
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import shapely
+from pydrake.geometry import Box, Convex, Cylinder, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+from shapely.geometry.base import BaseGeometry
+
+from mirdrake.errors import WorldError
+from mirdrake.worlds.props import PlacedProp, Prop, prop_names
+from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.world import World, track_mu
+
+LANGUAGE = "lock/1"
+"""Format of a lock."""
+
+_DECIMALS = 9  # [m, rad]
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
+_HEX = re.compile(r"[0-9a-f]{16,}")
+_WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
+_LINES = ("patches", "props")  # lists with a line for each item
+_BLOCKS = ("tracks", "starts", "goals", "files")  # mappings with a line for each item
+
+Content = dict[str, Any]
+
+
+def lock_text(world: World) -> str:
+    """The lock file of a world.
+
+    Raises:
+        WorldError: a file of a prop cannot be read.
+    """
+    content = lock_content(world)
+    lines = [f"mirdrake: {LANGUAGE}", f"hash: {_flow(content_hash(content))}"]
+    for key, value in content.items():
+        if key in _LINES and value:
+            lines += [f"{key}:", *(f"- {_flow(item)}" for item in value)]
+        elif key in _BLOCKS and value:
+            lines.append(f"{key}:")
+            for name, item in value.items():
+                if key != "tracks":
+                    lines.append(f"  {_flow(name)}: {_flow(item)}")
+                    continue
+                lines.append(f"  {_flow(name)}:")
+                lines += [f"    {_flow(k)}: {_flow(v)}" for k, v in item.items() if k != "pieces"]
+                lines += ["    pieces:", *(f"    - {_flow(piece)}" for piece in item["pieces"])]
+        else:
+            lines.append(f"{key}: {_flow(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def lock_hash(world: World) -> str:
+    """SHA-256 of all that is settled in a world, 64 hexadecimal digits; equal worlds have equal hashes.
+
+    Raises:
+        WorldError: a file of a prop cannot be read.
+    """
+    return content_hash(lock_content(world))
+
+
+def content_hash(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the content of a lock: everything in it but `mirdrake` and `hash`, as JSON with sorted keys.
+
+    Numbers are written without an exponent and without zeros at their end, so that what is read back from a lock file
+    has the hash that stands in it.
+    """
+    rest = {key: value for key, value in content.items() if key not in {"mirdrake", "hash"}}
+    return hashlib.sha256(_canonical(rest).encode()).hexdigest()
+
+
+def lock_content(world: World) -> Content:
+    """All that is settled in a world, as plain data; lengths in m, angles in rad.
+
+    Raises:
+        WorldError: a file of a prop cannot be read.
+    """
+    spec, ground = world.spec, world.ground
+    goals: Content = {}
+    for name, goal in spec.goals.items():
+        if goal.at is not None:
+            goals[name] = {"at": _rounded(goal.at), "radius": _rounded(goal.radius or 1.0)}
+        elif goal.gate is not None:
+            goals[name] = {"gate": {"track": goal.gate.track, "s": _rounded(goal.gate.s)}}
+        else:
+            goals[name] = {"laps": goal.laps}
+    return {
+        "language": spec.mirdrake,
+        "name": world.name,
+        "seed": spec.seed,
+        "params": dict(spec.params),
+        "ground": {
+            "surface": ground.surface, "mu": ground.mu, "extent": _rounded(ground.extent),
+            "grade": _rounded(ground.grade), "heading": _rounded(ground.heading),
+        },
+        "lights": _rounded(spec.lights.model_dump()),
+        "sky": spec.sky,
+        "patches": [
+            {"name": patch.name, "surface": patch.surface, "mu": _rounded(patch.mu), "area": _rings(patch.area)}
+            for patch in world.patches
+        ],
+        "tracks": {name: _track(world, name, track) for name, track in world.tracks.items()},
+        "starts": {
+            name: {"pose": _rounded((start.x, start.y, start.yaw)), "speed": _rounded(start.speed)}
+            | ({} if start.track is None else {"track": start.track, "s": _rounded(start.s)})
+            for name, start in world.starts.items()
+        },
+        "goals": goals,
+        "files": _files(world),
+        "props": [_prop(placed) for placed in world.props],
+    }  # fmt: skip
+
+
+def mesh_files(path: Path) -> list[Path]:
+    """A mesh and the files that it names: buffers and pictures of a glTF, materials and pictures of an OBJ."""
+    found, pictures = [path], []
+    kind = path.suffix.lower()
+    if kind == ".gltf":
+        data = json.loads(_read(path))
+        uris = [item.get("uri", "data:") for key in ("buffers", "images") for item in data.get(key, ())]
+        found += [path.parent / uri for uri in uris if not uri.startswith("data:")]
+    elif kind == ".obj":
+        materials = re.findall(rb"(?m)^\s*mtllib[ \t]+(.+?)[ \t]*\r?$", _read(path))
+        found += [path.parent / name.decode(errors="replace") for name in materials]
+        for material in found[1:]:
+            names = re.findall(rb"(?m)^\s*map_\w+[ \t]+(?:.*[ \t])?(\S+)[ \t]*\r?$", _read(material))
+            pictures += [material.parent / name.decode(errors="replace") for name in names]
+    return list(dict.fromkeys(found + pictures))
+
+
+# --- the inner parts ---------------------------------------------------------------------------------------------
+
+
+def _prop(placed: PlacedProp) -> Content:
+    """The line of one prop."""
+    prop = placed.prop
+    entry: Content = {
+        "name": placed.name, "kind": prop.name, "size": _rounded(prop.size), "solids": _solids_hash(prop),
+        "pose": _pose(placed.X_WP), "static": placed.static, "color": _rounded(placed.color), "mu": prop.mu,
+    }  # fmt: skip
+    if not placed.static:
+        entry["mass"] = _rounded(prop.mass)
+    return entry
+
+
+@lru_cache(maxsize=4096)
+def _solids_hash(prop: Prop) -> str:
+    """First 16 digits of the SHA-256 of what a prop collides with."""
+    parts: list[Content] = []
+    for solid in prop.solids:
+        shape, sides = solid.shape, None
+        if isinstance(shape, Box):
+            sides = list(shape.size())
+        elif isinstance(shape, Cylinder):
+            sides = [shape.radius(), shape.length()]
+        elif isinstance(shape, Sphere):
+            sides = [shape.radius()]
+        else:
+            assert isinstance(shape, Convex)
+            sides = [hashlib.sha256(_read(Path(shape.source().path()))).hexdigest(), *shape.scale3()]
+        parts.append({"shape": type(shape).__name__, "sides": _rounded(sides), "pose": _pose(solid.X_PS)})
+    return hashlib.sha256(_canonical(parts).encode()).hexdigest()[:16]
+
+
+def _pose(X: RigidTransform) -> list[float]:
+    """x, y, z [m], yaw, pitch, roll [rad]; a yaw or roll of -180 degrees is written as 180."""
+    roll, pitch, yaw = RollPitchYaw(X.rotation()).vector()
+    values: list[float] = _rounded([*X.translation(), yaw, pitch, roll])
+    half_turn = round(float(np.pi), _DECIMALS)
+    return [half_turn if index in (3, 5) and value == -half_turn else value for index, value in enumerate(values)]
+
+
+def _track(world: World, name: str, track: Track) -> Content:
+    spec = world.spec.tracks[name]
+    entry: Content = {
+        "start": _rounded(track.pose_at(0.0)), "length": _rounded(track.length), "width": _rounded(track.width),
+        "closed": track.closed, "road": spec.road, "thickness": spec.thickness, "surface": spec.surface,
+        "mu": track_mu(spec), "edges": spec.edges,
+        "markings": [_rounded(marking.model_dump()) for marking in spec.markings],
+    }  # fmt: skip
+    if track._edges is not None:
+        entry["widths"] = [_rounded(row) for row in np.column_stack(track._edges)]
+    entry["pieces"] = [_rounded(piece) for piece in track.pieces]
+    return entry
+
+
+def _rings(area: BaseGeometry) -> list[list[list[float]]]:
+    """The outlines of an area, holes after their outside, each from its lowest corner on [m]."""
+    rings = []
+    for part in shapely.get_parts(shapely.normalize(area)):
+        if part.geom_type == "Polygon":
+            for ring in (part.exterior, *part.interiors):
+                points = [_rounded(point) for point in shapely.get_coordinates(ring)[:-1]]
+                first = points.index(min(points))
+                rings.append(points[first:] + points[:first])
+    return rings
+
+
+def _files(world: World) -> dict[str, str]:
+    """SHA-256 of the files that a world uses, beside its own text and that of its groups."""
+    folder = world.path.parent if world.path is not None else Path.cwd()
+    library = prop_names()
+    found: dict[str, Path] = {}
+    for spec in world.spec.tracks.values():
+        for value in dict(spec).values():
+            if isinstance(name := getattr(value, "file", None), str):
+                found[_named(folder / name, folder)] = folder / name
+    for prop in dict.fromkeys(placed.prop for placed in world.props):
+        meshes = [Path(s.shape.source().path()) for s in prop.solids if isinstance(s.shape, Convex)]
+        meshes += [prop.visual] if prop.visual is not None else []
+        home = library.get(prop.name)
+        if home is not None and all(mesh.resolve().is_relative_to(home.resolve()) for mesh in meshes):
+            for path in sorted(home.rglob("*")):
+                inner = path.relative_to(home)
+                if path.is_file() and not any(part.startswith((".", "__")) for part in inner.parts):
+                    found[str(PurePosixPath("props", home.name, inner))] = path
+            continue
+        paths = [path for mesh in meshes for path in mesh_files(mesh)]
+        paths += {mesh.parent / "prop.yaml" for mesh in meshes if (mesh.parent / "prop.yaml").is_file()}
+        found |= {_named(path, folder): path for path in paths}
+    return {name: hashlib.sha256(_read(found[name])).hexdigest() for name in sorted(found)}
+
+
+def _named(path: Path, folder: Path) -> str:
+    """A path relative to the folder of the world; never an absolute one."""
+    return PurePosixPath(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise WorldError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+
+
+def _rounded(value: Any) -> Any:
+    """Plain data with floats rounded, and no negative zero."""
+    if isinstance(value, Mapping):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, float | np.floating):
+        return round(float(value), _DECIMALS) + 0.0
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+        return [_rounded(item) for item in value]
+    return value
+
+
+def _number(value: float) -> str:
+    """A number without exponent and without zeros at its end."""
+    text = format(Decimal(repr(value)), "f")
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text == "-0" else text
+
+
+def _canonical(value: Any) -> str:
+    """Plain data as JSON with sorted keys, numbers as in a lock."""
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{json.dumps(key)}:{_canonical(value[key])}" for key in sorted(value)) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(map(_canonical, value)) + "]"
+    if isinstance(value, bool) or value is None or isinstance(value, str):
+        return json.dumps(value)
+    return _number(value)
+
+
+def _flow(value: Any) -> str:
+    """Plain data as YAML in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_flow(key)}: {_flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, str):
+        plain = _PLAIN.fullmatch(value) and value.lower() not in _WORDS and not _HEX.fullmatch(value)
+        return value if plain else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool) or value is None:
+        return json.dumps(value)
+    return _number(value)

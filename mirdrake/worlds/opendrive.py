@@ -1,0 +1,613 @@
+"""Roads from OpenDRIVE files (.xodr, 1.4 to 1.8): one road or a chain of them, as pieces and edges of a track.
+
+After ASAM OpenDRIVE, chapters "Geometry" and "Lanes": the reference line of a road is a row of geometries, each with
+its own pose and length. Lines, arcs and spirals are pieces of linear curvature, taken over as they are; `poly3` and
+`paramPoly3` are sampled and fitted, and so is a reference line whose geometries do not meet. Lanes lie side by side
+from the reference line, shifted by `laneOffset`, with widths or borders that are cubic in s. Heights, junctions,
+signals and objects are left out; what was there is listed.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element
+from xml.parsers import expat
+
+import numpy as np
+
+from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
+from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
+from mirdrake.yaml_io import shown
+
+_LARGEST = 100_000_000  # bytes
+_EXACT = (1e-4, 1e-4)  # [m], [rad] by which geometries may miss one another and still be laid end to end
+_APART = (0.5, 0.5)  # [m], [rad]; more is a gap or a corner, not rounding
+_TOLERANCE = 2e-4  # [m] of fitted curves
+_RAMP = 0.1  # [m] over which a step in width is spread
+_THINNEST = 0.01  # [m] least width to either side
+_SHORTEST, _LONGEST, _WIDEST = 1e-3, 1e5, 500.0  # [m]
+_LARGEST_NUMBER = 1e8
+
+
+@dataclass(frozen=True)
+class OpenDriveRoad:
+    """A road, or a chain of roads, of an OpenDRIVE file; ``Track(pieces, start=..., closed=..., edges=...)`` is it."""
+
+    name: str
+    """of the file's road, else its id; of a chain the first and the last"""
+    pieces: list[Piece]
+    """the centre line"""
+    start: Placement
+    """x [m], y [m] and yaw [rad] at s = 0"""
+    closed: bool
+    """its end meets its start"""
+    s: Array
+    """stations of the widths [m], from 0 to the length"""
+    left: Array
+    """distance [m] of the left edge of the lanes from the centre line at s"""
+    right: Array
+    """distance [m] of the right edge at s"""
+    left_out: list[str]
+    """what the file has and this has not, or not exactly; a line each"""
+
+    @property
+    def length(self) -> float:
+        """Of the centre line [m]."""
+        return math.fsum(piece.length for piece in self.pieces)
+
+    @property
+    def edges(self) -> tuple[Array, Array, Array]:
+        """What :class:`mirdrake.worlds.Track` takes as `edges`."""
+        return self.s, self.left, self.right
+
+
+def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "driving") -> OpenDriveRoad:
+    """A road of an OpenDRIVE file.
+
+    Args:
+        path: the file.
+        road: id of the road, or several in driving order with commas between them. None takes the only road outside
+            junctions, or all of these when their links make them one chain.
+        lane: type of the lanes that make the road, from the leftmost to the rightmost of them, or the id of one lane.
+            If the reference line is not within them, the centre line is moved there.
+
+    Raises:
+        ConfigError: the file cannot be understood, the road is not in it or is none.
+    """
+    path = Path(path)
+    root, places = _parse(path)
+    roads = {element.get("id", ""): element for element in root.iterfind("road")}
+    if not roads:
+        raise ConfigError(f"{places[root]}: no road in it")
+    ids = _choose(road, roads, shown(path))
+    parts = [_Part(roads[key], lane, places) for key in ids]
+    legs, (s, top, bottom), closed = _join(parts)
+    where = parts[0].where
+    if sum(leg.length for leg in legs) > _LONGEST:
+        raise ConfigError(f"{where}: longer than {_LONGEST / 1e3:g} km; choose fewer roads")
+    if max(np.abs(top).max(), np.abs(bottom).max()) > _WIDEST:
+        raise ConfigError(f"{where}: lanes reach {_WIDEST:g} m beside the reference line; correct their widths")
+
+    # The centre line lies between the edges: on the reference line, or moved by a steady offset, or in their middle.
+    left_out = _left_out(root, roads, ids, lane)
+    middle = np.zeros_like(s)
+    if top.min() < _RAMP or bottom.max() > -_RAMP:
+        steady = top.min() - bottom.max() > 2.0 * _RAMP
+        middle = np.full_like(s, (top.min() + bottom.max()) / 2.0) if steady else (top + bottom) / 2.0
+        how = f"{middle[0]:.3g} m to the left" if steady else "to the middle of the lanes"
+        left_out.append(f"reference line: not within the lanes '{lane}'; the centre line is moved {how}")
+    left, right = top - middle, middle - bottom
+    if min(left.min(), right.min()) < _THINNEST:
+        left_out.append(f"widths below {_THINNEST:g} m to one side: made {_THINNEST:g} m")
+        left, right = np.maximum(left, _THINNEST), np.maximum(right, _THINNEST)
+
+    name = " .. ".join(dict.fromkeys((parts[0].name, parts[-1].name)))
+    pieces = _exact(legs, closed, middle)
+    if pieces is not None:
+        x, y, yaw = legs[0].begin
+        start = (x - middle[0] * math.sin(yaw), y + middle[0] * math.cos(yaw), yaw)
+        ends = np.cumsum([0.0] + [leg.length for leg in legs])
+        s = np.interp(s, ends, np.cumsum([0.0] + [piece.length for piece in pieces]))
+        return OpenDriveRoad(name, pieces, start, closed, s, left, right, left_out)
+    left_out.append(f"reference line: fitted within {1e3 * _TOLERANCE:g} mm ({_why(legs, closed)})")
+    points, at = _sample(legs, closed, s, middle)
+    try:
+        pieces, start = pieces_through(points, closed=closed, tolerance=_TOLERANCE)
+        track = Track(pieces, start=start, closed=closed)
+        edges = edges_from_widths(track, points, np.interp(at, s, left), np.interp(at, s, right))
+    except WorldError as error:
+        raise ConfigError(f"{where}: road '{name}': {error}") from None
+    return OpenDriveRoad(name, pieces, start, closed, *edges, left_out)
+
+
+# --- XML ---------------------------------------------------------------------------------------------------------
+
+Places = Mapping[Element, str]
+
+
+def _parse(path: Path) -> tuple[Element, Places]:
+    """A file as a tree without name spaces, and ``file:line`` of every element.
+
+    Entities are refused: they can grow without bounds and can name other files.
+
+    Raises:
+        ConfigError: it cannot be read, is no XML or no OpenDRIVE, or declares entities.
+    """
+    name = shown(path)
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB of XML; cut out the roads that are needed")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{name}: {error.strerror or error}") from None
+    places: dict[Element, str] = {}
+    stack: list[Element] = []
+    root: list[Element] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag.rpartition(":")[2], attributes)
+        places[element] = f"{name}:{parser.CurrentLineNumber}"
+        (stack[-1].append if stack else root.append)(element)
+        stack.append(element)
+
+    def end(_: str) -> None:
+        stack.pop()
+
+    def refuse(*_: Any) -> NoReturn:
+        raise ConfigError(f"{name}:{parser.CurrentLineNumber}: entities are not read; write out what they stand for")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise ConfigError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+    except (ValueError, LookupError) as error:  # an encoding that nobody knows
+        raise ConfigError(f"{name}: not valid XML: {error}") from None
+    if root[0].tag != "OpenDRIVE":
+        raise ConfigError(f"{places[root[0]]}: <{root[0].tag}> is no OpenDRIVE; its root is <OpenDRIVE>")
+    return root[0], places
+
+
+def _number(element: Element, key: str, places: Places, default: float | None = None) -> float:
+    """An attribute as a number within ±1e8.
+
+    Raises:
+        ConfigError: it is none, or is missing and has no default.
+    """
+    text = element.get(key)
+    if text is None and default is not None:
+        return default
+    if text is None:
+        raise ConfigError(f"{places[element]}: <{element.tag}> has no '{key}'; give it a number")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= _LARGEST_NUMBER:
+        raise ConfigError(f"{places[element]}: {key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8")
+    return value
+
+
+# --- which roads -------------------------------------------------------------------------------------------------
+
+
+def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[str]:
+    """Ids of the roads in driving order.
+
+    Raises:
+        ConfigError: one is not there, or without a choice the roads are not one chain.
+    """
+    if road is not None:
+        ids = [road] if road in roads else [key.strip() for key in str(road).split(",")]
+        for key in ids:
+            if key not in roads:
+                raise ConfigError(f"{name}: no road '{key}'; {did_you_mean(key, roads)}")
+        return ids
+    free = [key for key, element in roads.items() if element.get("junction", "-1") in {"-1", ""}] or list(roads)
+    links: dict[str, dict[str, str]] = {key: dict(_links(roads[key], free)) for key in free}
+    beside = {
+        key: list(dict.fromkeys([*links[key].values(), *(other for other in free if key in links[other].values())]))
+        for key in free
+    }
+    ends = [key for key in free if len(beside[key]) < 2]
+    first = next((key for key in ends if "predecessor" not in links[key]), (ends or free)[0])
+    chain, following = [first], links[first].get("successor", next(iter(beside[first]), ""))
+    while following and following not in chain:
+        chain.append(following)
+        following = next((key for key in beside[following] if key not in chain), "")
+    if len(chain) < len(free) or any(len(found) > 2 for found in beside.values()):
+        raise ConfigError(
+            f"{name}: its {len(free)} roads are not one chain; name one, or several in driving order with commas: "
+            f"{did_you_mean('', free)}"
+        )
+    return chain
+
+
+def _links(road: Element, among: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Predecessor and successor of a road, if they are such roads and not itself."""
+    for key in ("predecessor", "successor"):
+        link = road.find(f"link/{key}")
+        other = "" if link is None or link.get("elementType") != "road" else link.get("elementId", "")
+        if other in among and other != road.get("id"):
+            yield key, other
+
+
+# --- the reference line ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """A geometry of a reference line, in driving direction."""
+
+    where: str
+    kind: str
+    length: float
+    begin: Placement
+    end: Placement
+    piece: Piece | None
+    """None for polynomials"""
+    pose: Callable[[Array], tuple[Array, Array, Array]]
+    """x, y and yaw at distances from the start"""
+
+    def reversed(self) -> "_Leg":
+        """The same, driven the other way."""
+
+        def pose(u: Array) -> tuple[Array, Array, Array]:
+            x, y, yaw = self.pose(self.length - u)
+            return x, y, yaw + math.pi
+
+        (x0, y0, yaw0), (x1, y1, yaw1) = self.begin, self.end
+        old = self.piece
+        piece = None if old is None else Piece(old.length, -old.end_curvature, -old.start_curvature)
+        begin, end = (x1, y1, yaw1 + math.pi), (x0, y0, yaw0 + math.pi)
+        return replace(self, begin=begin, end=end, piece=piece, pose=pose)
+
+
+def _read_leg(geometry: Element, places: Places) -> _Leg | None:
+    """A geometry; None if it has no length."""
+    where = places[geometry]
+    x, y, yaw, length = (_number(geometry, key, places) for key in ("x", "y", "hdg", "length"))
+    if not 0.0 <= length <= _LONGEST:
+        raise ConfigError(f"{where}: length {length:g} m of <geometry>; it must be from 0 to {_LONGEST:g} m")
+    if length < 1e-6:
+        return None
+    shape = next(iter(geometry), None)
+    kind = "" if shape is None else shape.tag
+    if shape is None or kind not in {"line", "arc", "spiral", "poly3", "paramPoly3"}:
+        raise ConfigError(f"{where}: <geometry> holds '{kind}'; line, arc, spiral, poly3 and paramPoly3 are understood")
+    if kind in {"poly3", "paramPoly3"}:
+        pose = _read_polynomial(shape, (x, y, yaw), length, places)
+        x0, y0, yaw0 = (float(v[0]) for v in pose(np.array([0.0])))
+        x1, y1, yaw1 = (float(v[0]) for v in pose(np.array([length])))
+        return _Leg(where, kind, length, (x0, y0, yaw0), (x1, y1, yaw1), None, pose)
+    first = last = 0.0
+    if kind == "arc":
+        first = last = _number(shape, "curvature", places)
+    elif kind == "spiral":
+        first, last = _number(shape, "curvStart", places), _number(shape, "curvEnd", places)
+    piece = Piece(length, first, last)
+    if max(abs(first), abs(last)) > 100.0 or length * max(abs(first), abs(last)) > 1e3:
+        raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is no road's")
+
+    def along(u: Array) -> tuple[Array, Array, Array]:
+        return Track([piece], start=(x, y, yaw)).pose(u)
+
+    return _Leg(where, kind, length, (x, y, yaw), advance((x, y, yaw), piece), piece, along)
+
+
+def _read_polynomial(
+    shape: Element, start: Placement, length: float, places: Places
+) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """Poses along a `poly3` (v over u) or a `paramPoly3` (u and v over p), by arc length.
+
+    Without `pRange` p ends at 1 or at the length, whichever makes the curve about as long as it should be.
+    """
+    if shape.tag == "poly3":
+        v = [_number(shape, key, places) for key in "abcd"]
+        u, ends = [0.0, 1.0, 0.0, 0.0], [length]
+    else:
+        u, v = ([_number(shape, f"{key}{axis}", places) for key in "abcd"] for axis in "UV")
+        ends = {"arcLength": [length], "normalized": [1.0]}.get(shape.get("pRange", ""), [1.0, length])
+    along, across = (np.polynomial.Polynomial(c) for c in (u, v))
+    tables = []
+    for end in ends:
+        p = np.linspace(0.0, end, max(65, math.ceil(4.0 * length) + 1))
+        speed = np.hypot(along.deriv()(p), across.deriv()(p))
+        middle = (p[1:] + p[:-1]) / 2.0
+        halfway = np.hypot(along.deriv()(middle), across.deriv()(middle))
+        travelled = np.append(0.0, np.cumsum((speed[:-1] + 4.0 * halfway + speed[1:]) / 6.0 * np.diff(p)))  # Simpson
+        tables.append((abs(travelled[-1] - length), p, travelled))
+    _, p, travelled = min(tables, key=lambda table: float(table[0]))
+    if shape.tag == "poly3":  # u ends where the length is reached
+        p, travelled = p[travelled < length], travelled[travelled < length]
+        rest = length - travelled[-1]
+        p = np.append(p, p[-1] + rest / math.hypot(1.0, float(across.deriv()(p[-1]))))
+        travelled = np.append(travelled, length)
+    if not np.isfinite(travelled).all() or not 0.5 < travelled[-1] / length < 2.0 or (np.diff(travelled) <= 0.0).any():
+        raise ConfigError(
+            f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> says {length:.4g} m; "
+            "correct the length, the coefficients or pRange"
+        )
+    x0, y0, yaw0 = start
+    c, s = math.cos(yaw0), math.sin(yaw0)
+
+    def pose(at: Array) -> tuple[Array, Array, Array]:
+        q = np.interp(at * (travelled[-1] / length), travelled, p)
+        a, b = along(q), across(q)
+        yaw = yaw0 + np.arctan2(across.deriv()(q), along.deriv()(q))
+        return x0 + c * a - s * b, y0 + s * a + c * b, yaw
+
+    return pose
+
+
+# --- lanes -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Lane:
+    """A lane of a section: what it answers to, and the records of its width or its outer border."""
+
+    names: set[str | None]
+    widths: Array
+    borders: Array
+
+
+class _Part:
+    """A road of the file: its legs, and the t coordinates [m, + left] of the edges of its lanes over s."""
+
+    def __init__(self, road: Element, lane: str, places: Places) -> None:
+        self.where = places[road]
+        self.name = road.get("name", "") or road.get("id", "")
+        self._lane, self._places = lane, places
+        geometries = sorted(road.iterfind("planView/geometry"), key=lambda part: _number(part, "s", places))
+        legs = [(_number(part, "s", places), _read_leg(part, places)) for part in geometries]
+        self.legs = [leg for _, leg in legs if leg is not None]
+        if not self.legs:
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
+        self.length = math.fsum(leg.length for leg in self.legs)
+        if self.length < _SHORTEST:
+            raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; leave it out")
+        declared = np.array([s for s, leg in legs if leg is not None])
+        declared = np.append(declared - declared[0], declared[-1] - declared[0] + self.legs[-1].length)
+        real = np.cumsum([0.0] + [leg.length for leg in self.legs])
+        for leg, given, travelled in zip(self.legs, declared, real, strict=False):
+            if abs(given - travelled) > 1.0 + 0.01 * travelled:
+                raise ConfigError(
+                    f"{leg.where}: <geometry> begins at s = {given:g} m after the first, but the parts before are "
+                    f"{travelled:g} m long; correct s or the lengths"
+                )
+        s, self.top, self.bottom = self._edges(road, float(declared[-1]))
+        self.s = np.interp(s, declared, real)
+
+    def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
+        """Stations, and the left and right edge there; twice the same station where they may jump."""
+        offsets = self._records(road.iterfind("lanes/laneOffset"), "s", 0.0)
+        sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: _number(part, "s", self._places))
+        if not sections:
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection>; it has no width")
+        sides: dict[str, list[tuple[float, list[_Lane]]]] = {"left": [], "right": []}
+        breaks = {0.0, length, *offsets[:, 0]}
+        for section in sections:
+            begin = _number(section, "s", self._places)
+            breaks.add(begin)
+            for side, found in sides.items():
+                if section.get("singleSide") == "true" and section.find(side) is None:
+                    continue
+                lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(_number(e, "id", self._places)))
+                rows = [
+                    _Lane(
+                        {element.get("type"), element.get("id")},
+                        self._records(element.iterfind("width"), "sOffset", begin),
+                        self._records(element.iterfind("border"), "sOffset", begin),
+                    )
+                    for element in lanes
+                ]
+                breaks.update(float(s) for row in rows for s in (*row.widths[:, 0], *row.borders[:, 0]))
+                found.append((begin, rows))
+        stations: list[Array] = []
+        tops: list[Array] = []
+        bottoms: list[Array] = []
+        knots = sorted(s for s in breaks if 0.0 <= s <= length)
+        knots = [knots[0]] + [b for a, b in itertools.pairwise(knots) if b - a > 1e-6]
+        for begin, end in itertools.pairwise(knots):
+            s = np.linspace(begin, end, max(2, math.ceil(end - begin) + 1))
+            middle = _cubic(offsets, s)
+            edges = [
+                edge
+                for sign, side in ((1.0, "left"), (-1.0, "right"))
+                for edge in self._lane_edges(sides[side], s, middle, sign)
+            ]
+            if not edges:
+                section = [e for e in sections if _number(e, "s", self._places) <= begin + 1e-6 or e is sections[0]][-1]
+                types = [e.get("type", "") for e in section.iter("lane") if e.get("id") != "0"]
+                raise ConfigError(
+                    f"{self._places[section]}: no lane '{self._lane}' here; {did_you_mean(self._lane, types)}"
+                )
+            stations.append(s)
+            tops.append(np.max(edges, axis=0))
+            bottoms.append(np.min(edges, axis=0))
+        return np.concatenate(stations), np.concatenate(tops), np.concatenate(bottoms)
+
+    def _lane_edges(
+        self, sections: Sequence[tuple[float, list[_Lane]]], s: Array, middle: Array, sign: float
+    ) -> Iterator[Array]:
+        """Inner and outer edges of the chosen lanes on one side, at stations between two breaks."""
+        lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + 1e-6), [])
+        inner = middle
+        for lane in lanes:
+            if len(lane.widths) or not len(lane.borders):  # widths count when both are there
+                outer = inner + sign * np.maximum(_cubic(lane.widths, s), 0.0)
+            else:
+                outer = middle + _cubic(lane.borders, s)
+            if self._lane in lane.names:
+                yield inner
+                yield outer
+            inner = outer
+
+    def _records(self, elements: Iterable[Element], key: str, begin: float) -> Array:
+        """Cubic polynomials: where each begins [m], then a, b, c and d, N x 5, sorted."""
+        rows = [
+            [begin + _number(e, key, self._places), *(_number(e, name, self._places) for name in "abcd")]
+            for e in elements
+        ]
+        return np.array(sorted(rows), dtype=float).reshape(-1, 5)
+
+
+def _cubic(records: Array, s: Array) -> Array:
+    """Values at stations between two breaks: the record that holds there counts; 0 where there is none."""
+    holding = np.flatnonzero(records[:, 0] <= s[0] + 1e-6)
+    if not holding.size:
+        return np.zeros_like(s)
+    begin, a, b, c, d = records[holding[-1]]
+    u = s - begin
+    return np.asarray(a + u * (b + u * (c + u * d)))
+
+
+# --- roads end to end --------------------------------------------------------------------------------------------
+
+
+def _miss(a: Placement, b: Placement) -> tuple[float, float]:
+    """Distance [m] and difference in heading [rad] between two poses."""
+    return math.hypot(a[0] - b[0], a[1] - b[1]), abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
+
+
+def _join(parts: Sequence[_Part]) -> tuple[list[_Leg], tuple[Array, Array, Array], bool]:
+    """Legs and edges of all roads, each turned to go on from the one before, and whether the end meets the start.
+
+    Raises:
+        ConfigError: two geometries or two roads do not meet.
+    """
+    legs: list[_Leg] = []
+    stations: list[Array] = []
+    tops: list[Array] = []
+    bottoms: list[Array] = []
+    for part in parts:
+        turned = [leg.reversed() for leg in reversed(part.legs)]
+        # The first road ends where the second has an end; every other begins where the one before ends.
+        follow = [parts[1].legs[0].begin, parts[1].legs[-1].end] if len(parts) > 1 else [part.legs[-1].end]
+        misses = [
+            _miss(legs[-1].end, run[0].begin)[0] if legs else min(_miss(run[-1].end, at)[0] for at in follow)
+            for run in (part.legs, turned)
+        ]
+        back = misses[0] > _APART[0] and misses[1] < misses[0]
+        travelled = sum(leg.length for leg in legs)
+        for leg in turned if back else part.legs:
+            gap = _miss(legs[-1].end, leg.begin) if legs else (0.0, 0.0)
+            if gap[0] > _APART[0] or gap[1] > _APART[1]:
+                raise ConfigError(
+                    f"{leg.where}: begins {gap[0]:.3g} m and {math.degrees(gap[1]):.3g} deg away from where the part "
+                    f"before ends, of {legs[-1].where}; correct x, y, hdg or length, or the order of the roads"
+                )
+            legs.append(leg)
+        stations.append(travelled + (part.length - part.s[::-1] if back else part.s))
+        tops.append(-part.bottom[::-1] if back else part.top)
+        bottoms.append(-part.top[::-1] if back else part.bottom)
+    gap = _miss(legs[-1].end, legs[0].begin)
+    closed = gap[0] < _APART[0] and gap[1] < _APART[1] and sum(leg.length for leg in legs) > 4.0 * _APART[0]
+    s, top, bottom = (np.concatenate(values) for values in (stations, tops, bottoms))
+    if (
+        closed and max(abs(top[-1] - top[0]), abs(bottom[-1] - bottom[0])) > 1e-6
+    ):  # the step at the seam comes before it
+        s, top, bottom = np.append(s, s[-1]), np.append(top, top[0]), np.append(bottom, bottom[0])
+    return legs, _spread_steps(s, top, bottom), closed
+
+
+def _spread_steps(s: Array, top: Array, bottom: Array) -> tuple[Array, Array, Array]:
+    """Stations that rise: of two at the same place the first goes, or where the edges step it moves back by 0.1 m."""
+    same = np.append(np.diff(s) < 1e-6, False)
+    step = np.append(np.maximum(np.abs(np.diff(top)), np.abs(np.diff(bottom))) > 1e-4, False)
+    before = np.append(s[0] - 2.0 * _RAMP, s[:-1])
+    moved = np.where(same & step, s - np.minimum(_RAMP, (s - before) / 2.0), s)
+    keep = (~same | step) & np.append(np.diff(moved) > 1e-9, True)
+    moved[0] = 0.0
+    return moved[keep], top[keep], bottom[keep]
+
+
+def _exact(legs: Sequence[_Leg], closed: bool, middle: Array) -> list[Piece] | None:
+    """The pieces of the legs, moved sideways by a steady offset; None if they cannot be laid end to end as they are."""
+    offset = float(middle[0])
+    if np.ptp(middle) > 1e-9 or any(leg.piece is None for leg in legs):
+        return None
+    pose, pieces = legs[0].begin, []
+    for leg in legs:
+        assert leg.piece is not None
+        apart = _miss(pose, leg.begin)
+        length, first, last = leg.piece
+        shrink = 1.0 - offset * first
+        if apart[0] > _EXACT[0] or apart[1] > _EXACT[1] or (offset and first != last) or shrink < 0.05:
+            return None
+        pose = advance(pose, leg.piece)
+        pieces.append(Piece(length * shrink, first / shrink, last / shrink) if offset else leg.piece)
+    apart = _miss(pose, legs[0].begin)
+    return None if closed and (apart[0] > _EXACT[0] or apart[1] > _EXACT[1]) else pieces
+
+
+def _why(legs: Sequence[_Leg], closed: bool) -> str:
+    """Why the pieces could not be taken as they are."""
+    kinds = sorted({leg.kind for leg in legs if leg.piece is None})
+    pairs = [*itertools.pairwise(legs), *([(legs[-1], legs[0])] if closed else [])]
+    gaps = [_miss(a.end, b.begin) for a, b in pairs] or [(0.0, 0.0)]
+    gap, kink = max(gap for gap, _ in gaps), math.degrees(max(kink for _, kink in gaps))
+    apart = [f"gaps of up to {gap:.2g} m and {kink:.2g} deg"] if gap > 1e-6 or kink > 1e-4 else []
+    return ", ".join(kinds + apart) or "moved spirals or widths"
+
+
+def _sample(legs: Sequence[_Leg], closed: bool, s: Array, middle: Array) -> tuple[Array, Array]:
+    """Points of the centre line, N x 2, and their s along the reference line [m]."""
+    total = sum(leg.length for leg in legs)
+    step = max(min(1.0, total / 32.0), total / 20_000.0)
+    points: list[Array] = []
+    stations: list[Array] = []
+    travelled = 0.0
+    for i, leg in enumerate(legs):
+        last = i == len(legs) - 1 and not closed
+        parts = max(1, math.ceil(leg.length / step))
+        u = leg.length * np.arange(parts + last) / parts
+        x, y, yaw = leg.pose(u)
+        t = np.interp(travelled + u, s, middle)
+        points.append(np.column_stack((x - t * np.sin(yaw), y + t * np.cos(yaw))))
+        stations.append(travelled + u)
+        travelled += leg.length
+    places, at = np.vstack(points), np.concatenate(stations)
+    far = np.concatenate(([True], np.hypot(*np.diff(places, axis=0).T) > 0.1 * step))
+    far[-1] &= not closed or math.dist(places[-1], places[0]) > 0.1 * step
+    return places[far], at[far]
+
+
+# --- what is left out --------------------------------------------------------------------------------------------
+
+_HEIGHTS = (
+    "elevationProfile/elevation",
+    "lateralProfile/superelevation",
+    "lateralProfile/crossfall",
+    "lateralProfile/shape",
+)
+
+
+def _left_out(root: Element, roads: Mapping[str, Element], ids: Sequence[str], lane: str) -> list[str]:
+    """What the file has and a track has not, a line each."""
+    chosen = [roads[key] for key in ids]
+    notes = []
+    heights = [part for road in chosen for path in _HEIGHTS for part in road.iterfind(path)]
+    if any((part.get(key) or "0").strip("-+.0eE") for part in heights for key in "abcd"):
+        notes.append("heights and slopes: the road lies in the plane")
+    if len(ids) < len(roads):
+        notes.append(f"other roads: {len(roads) - len(set(ids))}")
+    for what, path in (("signals", "signals/signal"), ("objects", "objects/object"), ("road marks", ".//roadMark")):
+        if found := sum(1 for road in chosen for _ in road.iterfind(path)):
+            notes.append(f"{what}: {found}")
+    if found := sum(1 for _ in root.iterfind("junction")):
+        notes.append(f"junctions: {found}")
+    lanes = {e.get("type", "") for road in chosen for e in road.iter("lane") if e.get("id") != "0"}
+    if others := sorted(kind for kind in lanes if kind != lane):
+        notes.append(f"lanes other than '{lane}', unless they lie between: {', '.join(others)}")
+    offset = root.find("header/offset")
+    if offset is not None and any((offset.get(key) or "0").strip("-+.0eE") for key in ("x", "y", "hdg")):
+        notes.append("offset of the header: places are as the roads say")
+    return notes

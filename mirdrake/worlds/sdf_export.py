@@ -1,0 +1,262 @@
+"""A world as an SDF file that Gazebo and Drake load.
+
+Meshes become OBJ files beside it: Drake turns a glTF mesh from y up to z up and Gazebo does not, but both take an OBJ as
+it stands. The ground is one large box: Drake's parser can crash on planes. Friction patches have no place in SDF.
+
+SDF: http://sdformat.org/spec (1.7, which Gazebo classic 11 reads too); the tags of Drake: its page "Parsing Models for
+Multibody Simulation".
+"""
+
+import json
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from pydrake.geometry import Box, Convex, Cylinder, Shape, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.tree import SpatialInertia
+
+from mirdrake.worlds.props import PlacedProp, Prop
+from mirdrake.worlds.scenery import scenery, sky_colors, sun_light
+from mirdrake.worlds.sdf_meshes import ObjFiles, plain_color
+from mirdrake.worlds.world import World, track_mu
+
+STIFFNESS = 1e6
+"""Point contact stiffness of a prop in Drake [N/m], as :data:`mirdrake.obstacles.STIFFNESS`."""
+
+DISSIPATION = 1.0
+"""Hunt-Crossley dissipation of all shapes in Drake [s/m]; its default of 50 s/m makes contact stick."""
+
+_GREY = (0.72, 0.71, 0.68)  # of a prop without mesh and colour
+_APRON = 1000.0  # [m] of ground beyond the world
+_DEPTH = 10.0  # [m] of the box that is the ground
+_HINT = 0.05  # [m] resolution of hydroelastic props
+
+
+@dataclass(frozen=True)
+class SdfExport:
+    """The files of an SDF world.
+
+    Attributes:
+        files: content by path relative to the folder of the SDF file; that one comes last.
+        models: name of the model of each prop.
+        left_out: what the file cannot say, one line each.
+    """
+
+    files: dict[str, bytes]
+    models: dict[str, str]
+    left_out: tuple[str, ...] = field(default=())
+
+
+def export_sdf(world: World, *, file: str = "world.sdf") -> SdfExport:
+    """A world as SDF with its meshes; nothing is written.
+
+    Args:
+        world: the world.
+        file: name of the SDF file.
+
+    Raises:
+        WorldError: a mesh cannot be read.
+    """
+    meshes = ObjFiles()
+    root = Element("sdf", {"version": "1.7", "xmlns:drake": "http://drake.mit.edu"})
+    tree = SubElement(root, "world", {"name": model_names([world.name])[0]})
+    _text(tree, "gravity", _numbers(world.ground.gravity))
+    _add_light(tree, world)
+    mu, left_out = _ground_mu(world)
+    for line in left_out:
+        tree.append(ElementTree.Comment(f" left out: {line.replace('--', '- -')} "))
+    _add_ground(tree, world, mu, meshes)
+    names = model_names([placed.name for placed in world.props], taken={"ground", "sun"})
+    for placed, name in zip(world.props, names, strict=True):
+        _add_prop(tree, placed, name, meshes)
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode", xml_declaration=False)
+    files = meshes.files | {file: f'<?xml version="1.0"?>\n{text}\n'.encode()}
+    models = {placed.name: name for placed, name in zip(world.props, names, strict=True)}
+    return SdfExport(files, models, tuple(left_out))
+
+
+def model_names(names: Sequence[str], *, taken: Iterable[str] = ()) -> list[str]:
+    """Names as SDF, ROS and Gazebo's topics allow them: letters, digits and single underscores, all different.
+
+    ``block[2].building[0]`` becomes ``block_2_building_0``.
+    """
+    used, found = set(taken), []
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "world"
+        plain = plain if plain[0].isalpha() else f"m_{plain}"
+        unique, number = plain, 1
+        while unique in used:
+            number += 1
+            unique = f"{plain}_no_{number}"
+        used.add(unique)
+        found.append(unique)
+    return found
+
+
+# --- the inner parts ---------------------------------------------------------------------------------------------
+
+
+def _ground_mu(world: World) -> tuple[float, list[str]]:
+    """The one friction coefficient of the ground [-], and what is lost by having one only."""
+    roads = {name: track_mu(world.spec.tracks[name]) for name in world.roads()}
+    mu = max(roads.values(), default=world.ground.mu)
+    lost = [f"friction {value:g} of track '{name}' (the ground has {mu:g})" for name, value in roads.items() if value != mu]
+    if roads and world.ground.mu != mu:
+        lost.append(f"friction {world.ground.mu:g} beside the tracks (the ground has {mu:g} everywhere)")
+    lost += [f"friction {patch.mu:g} of patch '{patch.name}'" for patch in world.patches]
+    return mu, lost
+
+
+def _add_light(tree: Element, world: World) -> None:
+    sun, (_, horizon) = sun_light(world), sky_colors(world)
+    scene = SubElement(tree, "scene")
+    _text(scene, "ambient", _color([world.spec.lights.ambient] * 3))
+    _text(scene, "background", _color(horizon))
+    light = SubElement(tree, "light", {"name": "sun", "type": "directional"})
+    _text(light, "cast_shadows", "true")
+    _text(light, "pose", _numbers([*(-100.0 * sun.direction), 0.0, 0.0, 0.0]))
+    _text(light, "diffuse", _color(np.minimum(0.9 * sun.intensity * np.array(sun.color), 1.0)))
+    _text(light, "specular", _color([0.2, 0.2, 0.2]))
+    _text(light, "direction", _numbers(sun.direction))
+
+
+def _add_ground(tree: Element, world: World, mu: float, meshes: ObjFiles) -> None:
+    model = SubElement(tree, "model", {"name": "ground"})
+    _text(model, "static", "true")
+    link = SubElement(model, "link", {"name": "body"})
+    xmin, ymin, xmax, ymax = world.ground.extent
+    box = Box(xmax - xmin + 2.0 * _APRON, ymax - ymin + 2.0 * _APRON, _DEPTH)
+    X = RigidTransform([(xmin + xmax) / 2.0, (ymin + ymax) / 2.0, -_DEPTH / 2.0])
+    _add_collision(link, "plane", box, X, mu, meshes)
+    for number, item in enumerate(scenery(world)):
+        name = model_names([item.name])[0]
+        data = json.loads(item.shape.source().in_memory().mesh_file.contents())
+        for part, (uri, color) in enumerate(meshes.add_gltf(f"scenery/{name}", plain_color(data))):
+            _add_visual(link, f"scenery_{number}_{part}", ("mesh", uri, (1.0, 1.0, 1.0)), item.X_WG, color)
+
+
+def _add_prop(tree: Element, placed: PlacedProp, name: str, meshes: ObjFiles) -> None:
+    prop = placed.prop
+    model = SubElement(tree, "model", {"name": name})
+    if name != placed.name:
+        model.append(ElementTree.Comment(f" {placed.name} "))
+    _text(model, "static", "true" if placed.static else "false")
+    _text(model, "pose", _pose(placed.X_WP))
+    link = SubElement(model, "link", {"name": "body"})
+    if not placed.static:
+        _add_inertial(link, prop)
+    for index, solid in enumerate(prop.solids):
+        _add_collision(
+            link, f"collision_{index}", solid.shape, solid.X_PS, prop.mu, meshes, driven_over=prop.driven_over,
+            label=f"{prop.name}/solid_{index}",
+        )  # fmt: skip
+    color = placed.color or _GREY
+    if prop.visual is None:
+        for index, solid in enumerate(prop.solids):
+            shape = _shape(solid.shape, meshes, f"{prop.name}/solid_{index}")
+            _add_visual(link, f"visual_{index}", shape, solid.X_PS, color)
+        return
+    for index, (uri, own) in enumerate(meshes.add_mesh(prop.name, prop.visual, prop.paint)):
+        paint = own if own is None or placed.color is None else placed.color
+        _add_visual(link, f"visual_{index}", ("mesh", uri, prop.scale), RigidTransform(), paint)
+
+
+def _add_inertial(link: Element, prop: Prop) -> None:
+    """Mass, centre and inertia: the mass spread evenly over the boxes around the solids, by their volumes."""
+    total = sum(solid.volume for solid in prop.solids)
+    sum_P = SpatialInertia.Zero()
+    for solid in prop.solids:
+        size, middle = np.ptp(solid.corners, axis=0), 0.5 * (solid.corners.min(axis=0) + solid.corners.max(axis=0))
+        sum_P += SpatialInertia.SolidBoxWithMass(prop.mass * solid.volume / total, *size).Shift(-middle)
+    centre = sum_P.get_com()
+    moments = sum_P.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
+    inertial = SubElement(link, "inertial")
+    _text(inertial, "pose", _numbers([*centre, 0.0, 0.0, 0.0]))
+    _text(inertial, "mass", _numbers([prop.mass]))
+    inertia = SubElement(inertial, "inertia")
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        _text(inertia, f"i{'xyz'[i]}{'xyz'[j]}", _numbers([moments[i, j]]))
+
+
+def _add_collision(
+    link: Element,
+    name: str,
+    shape: Shape,
+    X: RigidTransform,
+    mu: float,
+    meshes: ObjFiles,
+    *,
+    driven_over: bool = False,
+    label: str = "",
+) -> None:
+    collision = SubElement(link, "collision", {"name": name})
+    _text(collision, "pose", _pose(X))
+    _add_geometry(collision, _shape(shape, meshes, label), convex=True)
+    ode = SubElement(SubElement(SubElement(collision, "surface"), "friction"), "ode")
+    for key in ("mu", "mu2"):
+        _text(ode, key, _numbers([mu]))
+    drake = SubElement(collision, "drake:proximity_properties")
+    for key, value in (("mu_static", mu), ("mu_dynamic", mu), ("hunt_crossley_dissipation", DISSIPATION)):
+        _text(drake, f"drake:{key}", _numbers([value]))
+    if name != "plane":
+        _text(drake, "drake:point_contact_stiffness", _numbers([STIFFNESS]))
+    if driven_over:
+        SubElement(drake, "drake:rigid_hydroelastic")
+        _text(drake, "drake:mesh_resolution_hint", _numbers([_HINT]))
+
+
+def _add_visual(
+    link: Element, name: str, shape: tuple[object, ...], X: RigidTransform, color: Sequence[float] | None
+) -> None:
+    visual = SubElement(link, "visual", {"name": name})
+    _text(visual, "pose", _pose(X))
+    _add_geometry(visual, shape)
+    if color is not None:
+        material = SubElement(visual, "material")
+        for key in ("ambient", "diffuse"):
+            _text(material, key, _color(color))
+
+
+def _shape(shape: Shape, meshes: ObjFiles, label: str) -> tuple[object, ...]:
+    """A shape as the name of its tag, and what stands in it."""
+    if isinstance(shape, Box):
+        return "box", _numbers(shape.size())
+    if isinstance(shape, Cylinder):
+        return "cylinder", shape.radius(), shape.length()
+    if isinstance(shape, Sphere):
+        return "sphere", shape.radius()
+    assert isinstance(shape, Convex)
+    return "mesh", meshes.add_hull(label, shape), tuple(shape.scale3())
+
+
+def _add_geometry(parent: Element, shape: tuple[object, ...], *, convex: bool = False) -> None:
+    tag, *values = shape
+    element = SubElement(SubElement(parent, "geometry"), str(tag))
+    keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("uri", "scale")}
+    if tag == "mesh" and convex:
+        SubElement(element, "drake:declare_convex")
+    for key, value in zip(keys[str(tag)], values, strict=True):
+        _text(element, key, value if isinstance(value, str) else _numbers(np.ravel(np.asarray(value, dtype=float))))
+
+
+def _text(parent: Element, tag: str, text: str) -> None:
+    SubElement(parent, tag).text = text
+
+
+def _pose(X: RigidTransform) -> str:
+    return _numbers([*X.translation(), *RollPitchYaw(X.rotation()).vector()])
+
+
+def _color(color: Iterable[float]) -> str:
+    return _numbers([*(round(float(part), 4) for part in color), 1.0])
+
+
+def _numbers(values: Iterable[float]) -> str:
+    """Numbers to twelve digits, parted by blanks; what is nearly nothing is 0."""
+    return " ".join(f"{value:.12g}" if math.fabs(value) >= 1e-12 else "0" for value in map(float, values))

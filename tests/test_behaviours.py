@@ -1,0 +1,569 @@
+"""Behaviours: their arithmetic in closed form, and each of them driving a kinematic car of the test's own."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from shapely import affinity
+
+from mirdrake.controllers import AxleGeometry
+from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearest
+from mirdrake.controllers.behaviours.follow_path import track_through
+from mirdrake.controllers.behaviours.hold_lane import HoldLane, Lane
+from mirdrake.controllers.behaviours.laws import (
+    brake_speed,
+    free_distance,
+    gap_to,
+    headway,
+    line_curvature,
+    stopping_distance,
+)
+from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
+from mirdrake.controllers.behaviours.outline import Outline, outline_of
+from mirdrake.controllers.behaviours.spec import FollowPathSpec, HoldLaneSpec
+from mirdrake.controllers.drivers import DRIVERS, make_driver
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.sensors.range_scan import RangeScan
+from mirdrake.worlds.tracks import Piece, Track
+from mirdrake.yaml_io import parse_tree, parse_yaml
+
+STEP, BRAKES = 0.005, 5.0
+BOX = Outline(-0.8, 3.4, 0.9, 1.6)
+
+
+@dataclass
+class CarStandIn:
+    geometry: AxleGeometry = field(default_factory=lambda: AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5))
+
+
+@dataclass
+class PropStandIn:
+    name: str
+    footprint: Any
+    bottom: float = 0.0
+    top: float = 1.0
+    static: bool = True
+    X_WP: RigidTransform = field(default_factory=RigidTransform)
+
+
+@dataclass
+class WorldStandIn:
+    props: list[PropStandIn] = field(default_factory=list)
+    tracks: dict[str, Any] = field(default_factory=dict)
+
+
+CAR = CarStandIn()
+FRONT, HALF = outline_of(CAR).front, outline_of(CAR).half_width
+
+
+class KinematicCar(LeafSystem):
+    """Bicycle with limited steering rate; its speed follows the command with a lag and limited acceleration."""
+
+    def __init__(self, *, start=(0.0, 0.0, 0.0), speed=0.0, lag=0.15, brakes=BRAKES):
+        super().__init__()
+        self.lag, self.brakes = lag, brakes
+        self.command = self.DeclareVectorInputPort("command", 3)
+        self.index = self.DeclareDiscreteState([*start, speed, 0.0])
+        self.state = self.DeclareVectorOutputPort("state", BasicVector(12), self._calc, {self.all_state_ticket()})
+        self.DeclarePeriodicDiscreteUpdateEvent(STEP, 0.0, self._update)
+
+    def _calc(self, context, output):
+        x, y, yaw, speed, steering = context.get_discrete_state(self.index).value()
+        output.SetFromVector([x, y, 0, 0, 0, yaw, speed, 0, 0, 0, 0, speed * math.tan(steering) / 2.6])
+
+    def _update(self, context, values):
+        x, y, yaw, speed, steering = context.get_discrete_state(self.index).value().tolist()
+        wanted, angle, _ = self.command.Eval(context)
+        rate = (wanted - speed) / self.lag if self.lag else (wanted - speed) / STEP
+        speed += STEP * min(max(rate, -self.brakes), 3.0)
+        steering += min(max(angle - steering, -0.5 * STEP), 0.5 * STEP)
+        turn = speed * math.tan(steering) / 2.6
+        middle = yaw + 0.5 * STEP * turn
+        x, y = x + STEP * speed * math.cos(middle), y + STEP * speed * math.sin(middle)
+        values.set_value(self.index, [x, y, yaw + STEP * turn, speed, steering])
+
+
+@dataclass
+class Drive:
+    """What a drive was like, a row every 20 ms: t, x, y, yaw, speed, clearance to the footprints."""
+
+    rows: np.ndarray
+
+    t = property(lambda self: self.rows[:, 0])
+    x = property(lambda self: self.rows[:, 1])
+    y = property(lambda self: self.rows[:, 2])
+    speed = property(lambda self: self.rows[:, 4])
+    clearance = property(lambda self: self.rows[:, 5])
+
+
+def drive(behaviour, props=(), *, duration, tracks=None, **car):
+    """A kinematic car driven by a behaviour until the time is over or it touches a prop."""
+    world = WorldStandIn(list(props), tracks or {})
+    driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, CAR, world)
+    builder = DiagramBuilder()
+    plant, sensor = builder.AddSystem(KinematicCar(**car)), builder.AddSystem(RangeScan(world, CAR))
+    builder.AddSystem(driver)
+    builder.Connect(plant.state, sensor.state)
+    if driver.HasInputPort("state"):
+        builder.Connect(plant.state, driver.GetInputPort("state"))
+    if driver.HasInputPort("ranges"):
+        builder.Connect(sensor.ranges, driver.GetInputPort("ranges"))
+    builder.Connect(driver.GetOutputPort("command"), plant.command)
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyContextFromRoot(simulator.get_context())
+    simulator.Initialize()
+    solid = shapely.union_all([prop.footprint for prop in props])
+    outline, rows = outline_of(CAR), []
+    body = shapely.box(outline.rear, -outline.half_width, outline.front, outline.half_width)
+    for number in range(round(duration / 0.02) + 1):
+        simulator.AdvanceTo(number * 0.02)
+        x, y, yaw, speed, _ = context.get_discrete_state(plant.index).value().tolist()
+        placed = affinity.translate(affinity.rotate(body, yaw, origin=(0, 0), use_radians=True), x, y)
+        clearance = float(shapely.distance(placed, solid)) if props else math.inf
+        rows.append((number * 0.02, x, y, yaw, speed, clearance))
+        if clearance == 0.0:
+            break
+    return Drive(np.array(rows))
+
+
+def post(x, y, radius=0.2):
+    return PropStandIn(f"post at {x}, {y}", shapely.Point(x, y).buffer(radius))
+
+
+def block(x0, y0, x1, y1):
+    return PropStandIn(f"block at {x0}, {y0}", shapely.box(x0, y0, x1, y1))
+
+
+# --- arithmetic ----------------------------------------------------------------------------------------------------
+
+
+def test_the_braking_profile_stops_within_its_gap():
+    assert brake_speed(9.0, deceleration=2.0, reaction=0.0) == pytest.approx(6.0)
+    assert brake_speed(0.0, deceleration=2.0, reaction=0.3) == 0.0
+    assert brake_speed(-3.0, deceleration=2.0, reaction=0.3) == 0.0
+    assert brake_speed(math.inf, deceleration=2.0, reaction=0.3) == math.inf
+    for gap in (0.02, 0.5, 3.0, 40.0):
+        speed = brake_speed(gap, deceleration=3.0, reaction=0.4)
+        assert stopping_distance(speed, deceleration=3.0, reaction=0.4) == pytest.approx(gap)
+        assert speed * 0.4 + speed**2 / 6.0 == pytest.approx(gap)
+
+
+def first_contact(point, curvature, box, reach, step=0.002):
+    """The free distance by trying."""
+    way = np.arange(0.0, reach, step)
+    turn = curvature * way
+    dx = point[0] - (np.sin(turn) / curvature if curvature else way)
+    dy = point[1] - ((1.0 - np.cos(turn)) / curvature if curvature else 0.0)
+    x, y = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
+    met = (x > box.rear) & (x < box.front) & (np.abs(y) < box.half_width)
+    return way[np.argmax(met)] if met.any() else reach
+
+
+def test_the_free_distance_is_where_the_box_first_meets_a_point():
+    generator = np.random.default_rng(5)
+    places = generator.uniform((-3.0, -9.0), (14.0, 9.0), (60, 2))
+    places = places[(places[:, 0] < -0.9) | (places[:, 0] > 3.5) | (np.abs(places[:, 1]) > 1.0)]
+    places = np.vstack((places, [[0.5, 0.95], [-0.7, -1.0], [2.5, 0.93], [2.5, -0.93], [3.41, 0.0]]))
+    curvatures = np.array([0.0, 0.02, 0.1, 0.25, -0.02, -0.1, -0.25])
+    met = 0
+    for place in places:
+        free = free_distance(place[None], curvatures, BOX, reach=15.0)
+        tried = [first_contact(place, curvature, BOX, 15.0) for curvature in curvatures]
+        np.testing.assert_allclose(free, tried, atol=0.01)
+        met += int(np.sum(free < 15.0))
+    assert met > 40
+    together = free_distance(places, curvatures, BOX, reach=15.0)
+    alone = [free_distance(place[None], curvatures, BOX, reach=15.0) for place in places]
+    np.testing.assert_allclose(together, np.min(alone, axis=0))
+
+
+def test_the_free_distance_in_closed_form():
+    assert free_distance(np.array([[10.0, 0.5]]), [0.0], BOX)[0] == pytest.approx(6.6)
+    assert free_distance(np.array([[10.0, 0.95]]), [0.0], BOX)[0] == math.inf
+    assert free_distance(np.array([[2.0, 0.5]]), [0.0, 0.1], BOX).tolist() == [0.0, 0.0]
+    assert free_distance(np.empty((0, 2)), [0.0, 0.1], BOX, reach=7.0).tolist() == [7.0, 7.0]
+    # On the circle of the front end's middle, a quarter turn on.
+    radius = 5.0
+    rho, ahead = math.hypot(radius, BOX.front), math.atan2(BOX.front, radius)
+    bearing = ahead + 0.5 * math.pi
+    place = np.array([[rho * math.sin(bearing), radius - rho * math.cos(bearing)]])
+    assert free_distance(place, [0.2], BOX)[0] == pytest.approx(0.5 * math.pi * radius)
+    # Behind the axle only the tail, which swings out, meets a point at the outer side.
+    rho, bearing = radius + BOX.half_width + 0.02, -0.08
+    place = np.array([[rho * math.sin(bearing), radius - rho * math.cos(bearing)]])
+    swing = math.acos((radius + BOX.half_width) / rho) + bearing
+    assert place[0, 1] < -BOX.half_width
+    assert free_distance(place, [0.2, -0.2, 0.0], BOX, reach=9.0) == pytest.approx([swing * radius, 9.0, 9.0])
+
+
+def test_the_gap_is_that_of_the_whole_front_edge():
+    points = np.array([[5.4, 0.0], [5.4, 0.9], [6.4, -4.9], [3.4, 1.4]])
+    np.testing.assert_allclose(gap_to(points, BOX), [2.0, 2.0, 5.0, 0.5])
+
+
+def test_the_way_along_a_line():
+    assert headway(np.array([5.0]), np.array([0.0]), 0.0)[0] == pytest.approx(5.0)
+    assert headway(np.array([5.0]), np.array([0.0]), 1.0)[0] == pytest.approx(5.0 * math.cos(1.0))
+    assert headway(np.array([5.0]), np.array([0.1]), 0.2)[0] == pytest.approx((math.sin(0.7) - math.sin(0.2)) / 0.1)
+    assert headway(np.array([90.0]), np.array([-0.2]), 0.0)[0] == pytest.approx(5.0)  # to square to the line
+
+
+def test_the_return_to_the_line_decays_over_its_distance():
+    """On e'' = -(2/d) e' - e/d^2 an offset without slope goes as (1 + s/d) exp(-s/d)."""
+    s, y, yaw, step = 0.0, 0.1, 0.0, 0.001
+    while s < 9.0:
+        curvature = line_curvature(y, yaw, distance=3.0)
+        y, yaw, s = y + step * math.sin(yaw), yaw + step * curvature, s + step * math.cos(yaw)
+    assert y == pytest.approx(0.1 * 4.0 * math.exp(-3.0), rel=0.01)
+
+
+def test_the_published_stopper_is_a_switch_at_five_metres():
+    distances = [0.0, 4.999, 5.0, 5.001, 5.5, 6.0, 50.0, math.inf]
+    law = [7.0 * np.sign(np.clip(dist - 5.0, 0.0, 1.0)) for dist in distances]
+    assert [published_speed(7.0, dist) for dist in distances] == law == [0, 0, 0, 7, 7, 7, 7, 7]
+
+
+# --- driving -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("props", "past"),
+    [
+        ([post(20.0, y) for y in (-2.0, -1.0, 0.0, 1.0, 2.0)], 24.0),
+        ([post(15.0, 0.1), post(30.0, -0.1), post(45.0, 0.2)], 50.0),
+        ([post(20.0, y) for y in (-8, -7, -6, -5, -4, -3, -2, -1, 0, 1, 2)], 24.0),
+        ([block(20.0, -1.5, 24.5, 0.8), block(20.0, 5.5, 24.5, 8.0)], 28.0),
+        ([block(18.0, -12.0, 19.0, 0.5), block(34.0, -0.5, 35.0, 12.0)], 40.0),
+    ],
+    ids=["row across", "row along", "wide row", "parked cars", "chicane"],
+)
+@pytest.mark.parametrize("speed", [3.0, 6.0])
+def test_it_steers_around_obstacles_and_returns_to_its_line(props, past, speed):
+    run = drive({"kind": "straight_and_avoid", "speed": speed}, props, duration=(past + 30.0) / speed + 8.0)
+    assert run.clearance.min() > 0.25
+    assert run.x[-1] > past
+    assert abs(run.y[-1]) < 0.1
+
+
+def test_it_drives_straight_on_where_nothing_is_in_the_way():
+    run = drive(
+        {"kind": "straight_and_avoid", "speed": 5.0},
+        [block(10.0, 2.0, 30.0, 3.0), block(10.0, -3.0, 30.0, -2.0)],
+        duration=10.0,
+    )
+    assert np.abs(run.y).max() < 1e-9
+    assert run.speed.max() == pytest.approx(5.0, abs=0.01)
+    assert run.x[-1] > 40.0
+
+
+@pytest.mark.parametrize("speed", [3.0, 8.0])
+def test_it_stops_where_there_is_no_way_through(speed):
+    run = drive({"kind": "straight_and_avoid", "speed": speed}, [block(30.0, -40.0, 31.0, 40.0)], duration=20.0)
+    assert run.speed[-1] < 0.01
+    assert 0.8 < run.clearance[-1] < 1.5
+    assert run.clearance.min() > 0.8
+
+
+@pytest.mark.parametrize(
+    "props",
+    [
+        [post(20.0, 0.0, 0.5)],
+        [post(20.0, 5.0, 0.5), post(26.0, -14.0, 0.5)],
+        [block(25.0, -20.0, 26.0, 20.0)],
+        [block(15.0, -6.0, 19.0, -4.0)],
+    ],
+    ids=["ahead", "aside", "wall", "box"],
+)
+@pytest.mark.parametrize("speed", [2.0, 6.0])
+def test_it_stops_two_metres_before_the_nearest_object(props, speed):
+    run = drive({"kind": "drive_to_nearest_and_stop", "speed": speed}, props, duration=25.0)
+    assert run.speed[-1] < 1e-3
+    assert run.clearance[-1] == pytest.approx(2.0, abs=0.1)
+    assert run.clearance.min() > 1.9
+
+
+def test_it_drives_on_while_there_is_no_object():
+    run = drive({"kind": "drive_to_nearest_and_stop", "speed": 3.0}, duration=5.0)
+    assert run.speed[-1] == pytest.approx(3.0, abs=0.01)
+    assert run.y[-1] == 0.0
+
+
+@pytest.mark.parametrize("speed", [5.0, 10.0])
+def test_the_profile_stops_in_time_at_any_speed(speed):
+    wall = block(45.0, -3.0, 46.0, 3.0)
+    run = drive({"kind": "obstacle_stopper", "speed": speed, "distance": 5.0}, [wall], duration=20.0, speed=speed)
+    assert run.speed[-1] < 1e-3
+    assert run.clearance[-1] == pytest.approx(5.0, abs=0.1)
+
+
+def test_the_profile_looks_along_the_curve():
+    steering = math.atan(2.6 / 20.0)
+    spec = {"kind": "obstacle_stopper", "speed": 4.0, "steering": steering, "distance": 2.0}
+    run = drive(spec, [block(30.0, -3.0, 31.0, 3.0), post(20.0, 20.0)], duration=20.0)
+    assert run.speed[-1] < 1e-3
+    assert run.clearance[-1] == pytest.approx(2.0, abs=0.3)
+    assert run.y[-1] > 12.0
+
+
+@pytest.mark.parametrize("speed", [5.0, 6.0, 10.0])
+def test_the_published_stopper_is_in_time_only_when_slow(speed):
+    """It rests 5 m - v t - v^2/(2 a) from the wall, with t up to a period; when that is negative, it hits."""
+    wall = block(45.0, -3.0, 46.0, 3.0)
+    spec = {"kind": "obstacle_stopper", "speed": speed, "as_published": True}
+    run = drive(spec, [wall], duration=20.0, speed=speed, lag=0.0)
+    rest = 5.0 - speed**2 / (2.0 * BRAKES)
+    late = speed * (0.05 + STEP)
+    if rest - late > 0.0:
+        assert rest - late <= run.clearance[-1] <= rest + speed * STEP
+        assert run.speed[-1] == 0.0
+    else:
+        assert rest < 0.0
+        assert run.clearance[-1] == 0.0
+        after = 5.0 + FRONT - 45.0 + run.x[-1]
+        assert run.speed[-1] == pytest.approx(math.sqrt(speed**2 - 2.0 * BRAKES * after), rel=0.25)
+
+
+def test_the_published_stopper_does_not_see_beside_its_tenth_of_a_radian():
+    """A corner that the car's side hits stands out of the fan of 0.1 rad in the last 8 m."""
+    corner = block(30.0, 0.8, 31.0, 5.0)
+    assert HALF > 0.8
+    run = drive({"kind": "obstacle_stopper", "speed": 3.0, "as_published": True}, [corner], duration=20.0)
+    assert run.clearance[-1] == 0.0
+    run = drive({"kind": "obstacle_stopper", "speed": 3.0}, [corner], duration=20.0)
+    assert run.clearance[-1] == pytest.approx(5.0, abs=0.1)
+
+
+def test_the_blind_driver_hits():
+    run = drive({"kind": "blind", "speed": 5.0}, [post(20.0, 0.0)], duration=10.0)
+    assert run.clearance[-1] == 0.0
+    assert run.speed[-1] == pytest.approx(5.0, abs=0.01)
+
+
+def test_it_follows_a_path_of_points_blind_to_obstacles():
+    spec = {"kind": "follow_path", "points": [[0, 0], [25, 0], [25, 25], [60, 25]], "speed": 4.0}
+    run = drive(spec, [post(45.0, 30.0)], duration=40.0)
+    path = shapely.LineString([(0, 0), (25, 0), (25, 25), (60, 25)])
+    away = shapely.distance(shapely.points(run.x, run.y), path)
+    assert away.max() < 2.2  # the corners are rounded: (sqrt(2) - 1) times their radius
+    assert (run.x[-1], run.y[-1]) == pytest.approx((60.0, 25.0), abs=0.5)
+    assert drive(spec, [post(25.0, 12.0)], duration=40.0).clearance[-1] == 0.0
+
+
+def test_it_follows_the_first_track_of_the_world():
+    tracks = {
+        "main": track_through([(0, 0), (40, 0)], radius=9.0),
+        "other": track_through([(0, 5), (40, 5)], radius=9.0),
+    }
+    run = drive({"kind": "follow_path"}, tracks=tracks, duration=8.0, start=(0.0, 1.0, 0.0))
+    assert abs(run.y[-1]) < 0.05
+    run = drive({"kind": "follow_path", "track": "other"}, tracks=tracks, duration=8.0, start=(0.0, 4.0, 0.0))
+    assert run.y[-1] == pytest.approx(5.0, abs=0.05)
+
+
+OVAL = Track([Piece(40.0, 0.0, 0.0), Piece(12.0 * math.pi, 1 / 12, 1 / 12)] * 2, closed=True)
+
+
+@pytest.mark.parametrize("offset", [-2.0, 0.0, 2.0])
+def test_it_holds_its_lane_and_stops_before_what_stands_in_it(offset):
+    place = OVAL.point(95.0, offset)
+    beside = OVAL.point(60.0, offset + 2.6)
+    run = drive(
+        {"kind": "hold_lane", "offset": offset, "speed": 5.0},
+        [post(float(place[0]), float(place[1])), post(float(beside[0]), float(beside[1]))],
+        tracks={"main": OVAL},
+        start=(0.0, offset, 0.0),
+        duration=35.0,
+    )
+    s, lateral = OVAL.project(run.x, run.y)
+    assert np.abs(lateral - offset).max() < 0.3
+    assert run.speed[-1] < 1e-3
+    assert run.clearance[-1] == pytest.approx(2.0, abs=0.3)
+    assert s[-1] > 80.0
+
+
+def test_a_lane_is_as_long_as_its_circle():
+    lane = Lane(OVAL, 2.0)
+    assert lane.length == pytest.approx(80.0 + 2.0 * math.pi * 10.0)
+    s = np.linspace(0.0, lane.length, 50, endpoint=False)
+    x, y, _ = lane.pose(s)
+    back, lateral = lane.project(x, y)
+    np.testing.assert_allclose(np.mod(back - s + 1.0, lane.length), 1.0, atol=1e-6)
+    np.testing.assert_allclose(lateral, 0.0, atol=1e-9)
+    h = 1e-4
+    ahead = np.array(lane.pose(s + h)[:2]) - np.array(lane.pose(s)[:2])
+    np.testing.assert_allclose(np.hypot(*ahead) / h, 1.0, atol=1e-3)
+    with pytest.raises(ConfigError, match="beyond the centre of the bend"):
+        Lane(OVAL, 12.5)
+
+
+def test_an_open_lane_goes_straight_on_beyond_its_ends():
+    lane = Lane(track_through([(0, 0), (20, 0)], radius=9.0), 1.5)
+    x, y, _ = lane.pose(np.array([-2.0, 25.0]))
+    np.testing.assert_allclose([x, y], [[-2.0, 25.0], [1.5, 1.5]], atol=1e-9)
+    s, lateral = lane.project(np.array([15.0]), np.array([1.0]))
+    assert (s[0], lateral[0]) == pytest.approx((15.0, -0.5))
+
+
+# --- paths of points -----------------------------------------------------------------------------------------------
+
+
+def test_corners_are_rounded_by_arcs_that_touch_both_straights():
+    track = track_through([(0, 0), (20, 0), (20, 30)], radius=6.0)
+    assert track.length == pytest.approx(14.0 + 6.0 * math.pi / 2 + 24.0)
+    assert track.min_radius == pytest.approx(6.0)
+    x, y, yaw = track.pose_at(track.length)
+    assert (x, y, yaw) == pytest.approx((20.0, 30.0, math.pi / 2))
+    assert track_through([(0, 0), (4, 0), (8, 4), (20, 4)], radius=90.0).pose_at(1e9)[1] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([(0, 0)], "at least two"),
+        ([(0, 0), (0, 0), (1, 0)], "0 and 1 are in the same place"),
+        ([(0, 0), (10, 0), (1, 0.1)], "turns back on itself at point 1"),
+    ],
+)
+def test_impossible_paths_are_refused(points, message):
+    with pytest.raises(ConfigError, match=message):
+        track_through(points, radius=5.0)
+
+
+# --- systems and specs ---------------------------------------------------------------------------------------------
+
+
+def test_the_command_is_there_from_the_start_and_bears_its_time():
+    driver = make_driver({"kind": "obstacle_stopper", "speed": 4.0, "steering": "5 deg"}, CAR, WorldStandIn())
+    simulator = Simulator(driver)
+    context = simulator.get_mutable_context()
+    driver.GetInputPort("state").FixValue(context, np.zeros(12))
+    driver.GetInputPort("ranges").FixValue(context, np.full(181, math.inf))
+    simulator.Initialize()
+    command = driver.GetOutputPort("command")
+    assert command.Eval(context) == pytest.approx([4.0, math.radians(5.0), 0.0])
+    simulator.AdvanceTo(0.12)
+    assert command.Eval(context) == pytest.approx([4.0, math.radians(5.0), 0.1])
+
+
+def test_an_unstable_simulation_is_named():
+    driver = make_driver("straight_and_avoid", CAR, WorldStandIn())
+    simulator = Simulator(driver)
+    context = simulator.get_mutable_context()
+    driver.GetInputPort("state").FixValue(context, np.full(12, math.nan))
+    driver.GetInputPort("ranges").FixValue(context, np.full(181, math.inf))
+    with pytest.raises(RunError, match="StraightAndAvoid: the vehicle is at"):
+        simulator.Initialize()
+
+
+@pytest.mark.parametrize("kind", sorted(set(DRIVERS) - {"constant", "path_tracking", "schedule"}))
+def test_every_behaviour_runs_with_its_defaults(kind):
+    run = drive(kind, [post(30.0, 12.0)], tracks={"main": OVAL}, duration=2.0)
+    assert run.speed[-1] > 1.0
+
+
+def test_every_number_says_what_it_is():
+    for kind, spec in DRIVERS.items():
+        for name, entry in spec.model_fields.items():
+            assert entry.description, f"{kind}.{name}"
+            assert entry.description.count("[") >= 1, f"{kind}.{name}"
+
+
+def test_a_behaviour_comes_by_its_kind_with_settings_or_as_a_class():
+    assert isinstance(make_driver("drive_to_nearest_and_stop", CAR, WorldStandIn()), DriveToNearest)
+    driver = make_driver({"kind": "drive_to_nearest_and_stop", "distance": "250 cm"}, CAR, WorldStandIn())
+    assert driver.distance == 2.5
+    assert make_driver({"kind": "constant", "speed": 2.0}, CAR, WorldStandIn()).GetOutputPort("command").size() == 3
+
+
+_TREE = """
+tests:
+  - name: stops
+    behaviour:
+      kind: blind
+      speed: 3
+"""
+SOURCE = parse_tree(_TREE, "lot.yaml")[1]._replace(prefix=("tests", 0, "behaviour"))
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "message"),
+    [
+        ("straight_and_avoit", "lot.yaml:5: tests.0.behaviour.kind: unknown kind 'straight_and_avoit'; did you mean"),
+        (7, "lot.yaml:4: tests.0.behaviour: 7 is not a mapping with a 'kind'"),
+        ({"speed": 3}, "lot.yaml:4: tests.0.behaviour: needs a 'kind'"),
+        ({"kind": "blind", "speed": -1}, "lot.yaml:6: tests.0.behaviour.speed: "),
+        ({"kind": "blind", "sped": 1}, "lot.yaml:4: tests.0.behaviour.sped: "),
+        ("follow_path", "lot.yaml:4: tests.0.behaviour.track: the world has no track to follow"),
+        ("nowhere_at_all:Driver", "lot.yaml:4: tests.0.behaviour: module 'nowhere_at_all' cannot be imported"),
+    ],
+)
+def test_wrong_behaviours_are_refused_in_one_line(behaviour, message):
+    with pytest.raises(ConfigError) as caught:
+        make_driver(behaviour, CAR, WorldStandIn(), source=SOURCE)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+OWN = """
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+class Slow(LeafSystem):
+    def __init__(self, speed=1.0, *, vehicle=None):
+        super().__init__()
+        self.speed, self.vehicle = speed, vehicle
+        self.DeclareVectorOutputPort("command", BasicVector(3), self.calc)
+
+    def calc(self, context, output):
+        output.SetFromVector([self.speed, 0.0, context.get_time()])
+
+class Mute(LeafSystem):
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorOutputPort("answer", BasicVector(1), lambda context, output: None)
+
+class Broken(LeafSystem):
+    def __init__(self):
+        raise ValueError("not today")
+"""
+
+
+def test_a_class_of_the_users_own_drives(tmp_path):
+    (tmp_path / "my_drivers.py").write_text(OWN, encoding="utf-8")
+
+    def make(behaviour):
+        return make_driver(behaviour, CAR, WorldStandIn(), source=SOURCE, folder=tmp_path)
+
+    driver = make({"kind": "my_drivers:Slow", "speed": 2.0})
+    assert driver.speed == 2.0
+    assert driver.vehicle is CAR
+    assert make("my_drivers:Slow").speed == 1.0
+    for behaviour, message in [
+        ("my_drivers:Mute", "my_drivers:Mute is no driver: it needs an output port 'command' of 3 elements"),
+        ("my_drivers:Broken", "my_drivers:Broken cannot be made: ValueError: not today"),
+        ("my_drivers:Slwo", "'Slwo' is no Drake system in my_drivers; did you mean 'Slow'?"),
+        ({"kind": "my_drivers:Slow", "sped": 1}, "my_drivers:Slow has no parameter 'sped'; did you mean 'speed'?"),
+    ]:
+        with pytest.raises(ConfigError) as caught:
+            make(behaviour)
+        assert str(caught.value).startswith("lot.yaml:")
+        assert message in str(caught.value)
+
+
+def test_specs_check_what_belongs_together():
+    with pytest.raises(ConfigError, match="a path is one of them"):
+        parse_yaml("{kind: follow_path, track: a, points: [[0, 0], [1, 0]]}", FollowPathSpec)
+    spec = parse_yaml("{kind: hold_lane, track: mian}", HoldLaneSpec, name="d.yaml")
+    with pytest.raises(ConfigError, match=r"d\.yaml:1: track: unknown track 'mian'; did you mean 'main'\?"):
+        spec.make_system(CAR, WorldStandIn(tracks={"main": OVAL}))
+    spec = parse_yaml("{kind: hold_lane, offset: 9}", HoldLaneSpec, name="d.yaml")
+    with pytest.raises(ConfigError, match=r"d\.yaml:1: track: path tracking: the track turns with radius 3\.0"):
+        spec.make_system(CAR, WorldStandIn(tracks={"main": OVAL}))
+    assert isinstance(
+        parse_yaml("kind: hold_lane", HoldLaneSpec).make_system(CAR, WorldStandIn(tracks={"m": OVAL})), HoldLane
+    )

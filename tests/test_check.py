@@ -1,0 +1,197 @@
+"""`mirdrake check VEHICLE`: all faults of a folder at once, each with its place; and `mirdrake view` with layers."""
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mirdrake import cli
+from mirdrake.paths import data_root
+
+Call = Callable[..., tuple[int, str, list[str]]]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """A function (arguments) -> exit code, stdout, lines of stderr of a command beside a copy of the Bolt, car/."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(data_root() / "models" / "bolt", tmp_path / "car")
+
+    def call(*arguments: str) -> tuple[int, str, list[str]]:
+        try:
+            code = cli.main(arguments)
+        except SystemExit as stop:  # argparse
+            code = int(stop.code or 0)
+        out, err = capsys.readouterr()
+        return code, out, err.splitlines()
+
+    return call
+
+
+def spoil(name: str, old: str, new: str) -> str:
+    """Replace a text that stands once in a file of the car; "car/file:line" of it."""
+    path = Path("car", name)
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {name}"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return f"car/{name}:{text[: text.index(old)].count(chr(10)) + 1}"
+
+
+def places(lines: list[str]) -> list[str]:
+    """``file:line`` of each error."""
+    return [":".join(line.removeprefix("error: ").split(":")[:2]) for line in lines]
+
+
+# --- check -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_sound_folder_is_said_to_be_sound_by_its_name_and_by_one_of_its_files(here: Call) -> None:
+    for name in ("car/", "car/vehicle.yaml", "car@published"):
+        assert here("check", name) == (0, f"{name}: sound\n", [])
+
+
+def test_the_faults_of_all_files_are_told_at_once(here: Call) -> None:
+    wanted = [
+        spoil("control.yaml", "rate: 50 ", "rat: 50 "),
+        spoil("vehicle.yaml", "front_left: front_left_wheel_joint", "front_left: front_left_weel_joint"),
+        spoil("vehicle.yaml", "rear_left: back_left_wheel_joint", "rear_left: base_link"),
+        spoil("sensors.yaml", "frame: gps", "frame: gsp"),
+        spoil("structure.xacro", 'velocity="${wheel_speed_limit}"', 'velocity="-3"'),
+        spoil("structure.xacro", "meshes/body.gltf", "meshes/bodi.gltf"),
+        spoil("structure.xacro", "meshes/wheel.gltf", "meshes/weel.gltf"),
+    ]
+    code, out, err = here("check", "car")
+    assert (code, out) == (2, "")
+    assert sorted(places(err)) == sorted(wanted)
+    assert len(set(err)) == len(err)
+    assert any("no joint 'front_left_weel_joint'; did you mean 'front_left_wheel_joint'?" in line for line in err)
+    assert any("no link 'gsp'; did you mean 'gps'?" in line for line in err)
+
+
+def test_several_faults_of_one_yaml_file_and_the_urdf_beside_it_are_told(here: Call) -> None:
+    wanted = [spoil("vehicle.yaml", "drive: front", "drive: frnt"), spoil("vehicle.yaml", "licence:", "license:")]
+    spoil("structure.xacro", 'mass="${knuckle_mass}"', 'mass="-1"')
+    code, _, err = here("check", "car")
+    assert code == 2
+    assert set(wanted) <= set(places(err))
+    assert any("license: unknown field" in line for line in err)
+    assert any(re.search(r"structure\.xacro:\d+: link 'front_left_knuckle': mass -1 kg", line) for line in err)
+
+
+def test_every_file_that_is_no_xml_is_told(here: Call) -> None:
+    wanted = [
+        spoil("contact.xacro", "</robot>", "</robt>"),
+        spoil("sensors.xacro", "</robot>", "</robt>"),
+    ]
+    code, _, err = here("check", "car")
+    assert code == 2
+    assert places(err) == wanted
+    assert all("not valid XML: mismatched tag" in line for line in err)
+
+
+def test_missing_files_are_told_with_those_that_may_be_meant(here: Call) -> None:
+    Path("car/sensors.yaml").rename("car/sensor.yaml")
+    Path("car/vehicle.yaml").unlink()
+    code, _, err = here("check", "car")
+    assert code == 2
+    assert "error: car/vehicle.yaml: no such file" in err
+    assert "error: car/sensors.yaml: no such file; is it 'sensor.yaml'?" in err
+
+
+def test_a_name_that_is_there_twice_is_told_with_both_places(here: Call) -> None:
+    first = spoil("structure.xacro", '<link name="base_link">', '<link name="base_link"/>\n  <link name="base_link">')
+    code, _, err = here("check", "car")
+    name, line = first.rsplit(":", 1)
+    assert code == 2
+    assert f"error: {name}:{int(line) + 1}: link 'base_link' is there already, from {first}" in err
+
+
+def test_variants_are_checked_with_their_folder(here: Call) -> None:
+    wanted = spoil("variants/published.yaml", "description:", "desription:")
+    assert here("check", "car@nothing")[0] == 2
+    code, _, err = here("check", "car")
+    assert code == 2
+    assert wanted in places(err)
+    assert all(place.startswith("car/variants/published.yaml") for place in places(err))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        (
+            "properties.xacro",
+            'name="front_axle_share" value="0.56"',
+            'name="front_axle_share" value="1.2"',
+            "tips over: its centre of mass is 3.12 m ahead of the rear axle",
+        ),
+        (
+            "properties.xacro",
+            'name="ground_clearance" value="0.15"',
+            'name="ground_clearance" value="-0.1"',
+            "does not stand",
+        ),
+    ],
+)
+def test_a_vehicle_that_does_not_stand_still_fails_with_exit_code_1(
+    name: str, old: str, new: str, words: str, here: Call
+) -> None:
+    spoil(name, old, new)
+    code, out, err = here("check", "car")
+    assert (code, out) == (1, "")
+    assert err[0].startswith(f"error: car: {words}"), err
+
+
+def test_a_broken_picture_is_told_before_anything_crashes_on_it(here: Call) -> None:
+    spoil("meshes/wheel.gltf", '"POSITION": 3,', '"POSTION": 3,')
+    code, _, err = here("check", "car")
+    assert code == 2
+    assert err == [err[0]]
+    assert "broken glTF file: 'POSITION' is missing" in err[0]
+
+
+def test_the_help_names_the_exit_codes(here: Call) -> None:
+    _, out, _ = here("check", "--help")
+    assert "0 sound, 1 the files are sound but a vehicle does not stand still, 2 a file has a fault" in out
+
+
+# --- view ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "shown"),
+    [
+        ([], {"frames": False, "collision": False, "meshes": True}),
+        (["--collision", "--no-meshes"], {"frames": False, "collision": True, "meshes": False}),
+        (["--frames"], {"frames": True, "collision": False, "meshes": True}),
+    ],
+)
+def test_view_starts_with_the_layers_that_are_asked_for(
+    options: list[str], shown: dict[str, bool], here: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mirdrake import viewer
+
+    asked: list[dict[str, bool]] = []
+    show = viewer.show_vehicle
+
+    def noted(vehicle, meshcat, **layers):
+        asked.append(layers)
+        return show(vehicle, meshcat, **layers)
+
+    monkeypatch.setattr(viewer, "show_vehicle", noted)
+    assert here("view", "car", *options, "--out", "page.html") == (0, "page.html\n", [])
+    assert asked == [shown]
+    assert Path("page.html").stat().st_size > 1e6
+
+
+def test_view_has_no_layers_of_a_world(here: Call) -> None:
+    code, _, err = here("view", "empty", "--frames", "--no-meshes")
+    assert code == 2
+    assert err == ["error: --frames, --no-meshes: for a vehicle only; 'empty' is none"]
+
+
+def test_the_help_of_view_names_the_layers(here: Call) -> None:
+    _, out, _ = here("view", "--help")
+    for option in ("--frames", "--collision", "--no-meshes"):
+        assert re.search(rf"^  {option} +\w", out, flags=re.MULTILINE)

@@ -1,0 +1,176 @@
+"""The bundled props: what their files say, solids that agree with what is seen, files that are the generator's."""
+
+import math
+import runpy
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from scipy.spatial import ConvexHull
+
+from mirdrake.paths import data_root
+
+ROOT = data_root() / "models" / "props"
+NAMES = sorted(path.parent.name for path in ROOT.glob("*/prop.yaml"))
+NEEDED = {"description", "source", "size", "mass", "visual", "resizable", "driven_over", "solids"}
+EXPECTED = {
+    "cone", "barrel", "jersey_barrier", "stop_sign", "traffic_light", "pedestrian", "sedan", "van", "tree", "house",
+    "building", "thrift_store", "lamp_post", "wall", "speed_bump",
+}  # fmt: skip
+TRIANGLES = {"cone": 1000, "sedan": 15000, "van": 15000, "tree": 15000, "pedestrian": 15000}
+LONG_ALONG_X = {"jersey_barrier", "wall", "building", "sedan", "van"}
+PUBLISHED = {  # [m]; None where no regulation says
+    "cone": (None, None, 28 * 0.0254),
+    "barrel": (None, None, 36 * 0.0254),
+    "jersey_barrier": (3.05, 24 * 0.0254, 32 * 0.0254),
+    "stop_sign": (None, 30 * 0.0254, (84 + 30) * 0.0254),
+    "pedestrian": (None, None, 1.75),
+    "sedan": (4.5, None, 1.45),
+    "speed_bump": (None, None, 0.075),
+    "wall": (4.0, 8 * 0.0254, None),
+}
+
+
+@cache
+def spec_of(name: str) -> dict[str, Any]:
+    spec: dict[str, Any] = yaml.safe_load((ROOT / name / "prop.yaml").read_text(encoding="utf-8"))
+    return spec
+
+
+@cache
+def visual_of(name: str) -> trimesh.Trimesh:
+    """The mesh in the prop's frame, z up."""
+    mesh = trimesh.load(ROOT / name / spec_of(name)["visual"], force="scene").to_geometry()
+    mesh.apply_transform([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    return mesh
+
+
+def angle_of(value: float | str) -> float:
+    return math.radians(float(value.removesuffix(" deg"))) if isinstance(value, str) else value
+
+
+def points_of(name: str, solid: dict[str, Any]) -> np.ndarray:
+    """Corners (n, 3) of a solid in the prop's frame; a cylinder's are those of a prism of 64 sides."""
+    if "convex" in solid:
+        return np.asarray(trimesh.load(ROOT / name / solid["convex"], process=False).vertices)
+    if "box" in solid:
+        corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * np.array(solid["box"]) / 2
+    else:
+        radius, height = solid["cylinder"]
+        turn = 2 * np.pi * np.arange(64) / 64
+        rim = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+        corners = np.concatenate([np.c_[rim, np.full(64, sign * height / 2)] for sign in (-1, 1)])
+    angles = [angle_of(solid.get(key, 0.0)) for key in ("roll", "pitch", "yaw")]
+    turned: np.ndarray = corners @ trimesh.transformations.euler_matrix(*angles, "sxyz")[:3, :3].T + solid["at"]
+    return turned
+
+
+def solids_of(name: str) -> Iterator[np.ndarray]:
+    for solid in spec_of(name)["solids"]:
+        yield points_of(name, solid)
+
+
+def test_the_props_are_those_of_the_list() -> None:
+    assert set(NAMES) == EXPECTED
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_prop_says_all_it_must_and_nothing_else(name: str) -> None:
+    spec = spec_of(name)
+    assert set(spec) | {"mu", "paint"} == NEEDED | {"mu", "paint"}
+    assert set(spec) >= NEEDED
+    assert all(isinstance(spec[key], str) and spec[key].strip() for key in ("description", "source", "visual"))
+    assert len(spec["size"]) == 3
+    assert min(spec["size"]) > 0
+    assert spec["mass"] > 0
+    assert 0 < spec.get("mu", 0.6) < 1.5
+    assert spec["resizable"] is (name in {"building", "wall"})
+    assert spec["driven_over"] is (name == "speed_bump")
+    files = {"prop.yaml", spec["visual"], Path(spec["visual"]).with_suffix(".bin").name}
+    for solid in spec["solids"]:
+        (kind,) = set(solid) & {"box", "cylinder", "convex"}
+        if kind == "convex":
+            assert set(solid) == {"convex"}
+            files.add(solid["convex"])
+        else:
+            assert {"at"} <= set(solid) - {kind} <= {"at", "roll", "pitch", "yaw"}
+            assert len(solid[kind]) == {"box": 3, "cylinder": 2}[kind]
+            assert min(solid[kind]) > 0
+    assert {path.name for path in (ROOT / name).iterdir()} == files
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_seen_fills_the_box_above_the_ground(name: str) -> None:
+    x, y, z = spec_of(name)["size"]
+    low, high = visual_of(name).bounds
+    np.testing.assert_allclose(low, [-x / 2, -y / 2, 0.0], rtol=0, atol=0.01)
+    np.testing.assert_allclose(high, [x / 2, y / 2, z], rtol=0, atol=0.01)
+    assert low[2] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_sizes_are_the_published_ones(name: str) -> None:
+    for found, published in zip(spec_of(name)["size"], PUBLISHED[name], strict=True):
+        assert published is None or found == pytest.approx(published, abs=0.005)
+
+
+@pytest.mark.parametrize("name", sorted(LONG_ALONG_X))
+def test_what_is_long_is_long_along_x(name: str) -> None:
+    x, y, _ = spec_of(name)["size"]
+    assert x > y
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_solids_stay_in_the_box_and_stand_on_the_ground(name: str) -> None:
+    x, y, z = spec_of(name)["size"]
+    points = np.concatenate(list(solids_of(name)))
+    assert np.all(np.abs(points[:, :2]) <= np.array([x, y]) / 2 + 1e-3)
+    assert points[:, 2].max() <= z + 1e-3
+    assert points[:, 2].min() == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
+def test_solids_lie_close_to_what_is_seen(name: str) -> None:
+    # Each corner of what is seen is in a solid or a few cm from one; mirrors of cars and goods behind glass aside.
+    points = visual_of(name).vertices
+    if name in {"sedan", "van"}:
+        points = points[np.abs(points[:, 1]) < {"sedan": 0.9, "van": 0.99}[name]]
+    outside = np.full(len(points), np.inf)
+    for corners in solids_of(name):
+        equations = ConvexHull(corners).equations
+        outside = np.minimum(outside, (points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
+    assert outside.max() < {"thrift_store": 0.15, "house": 0.25}.get(name, 0.08)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_paint_is_a_material_of_the_mesh(name: str) -> None:
+    text = (ROOT / name / spec_of(name)["visual"]).read_text(encoding="utf-8")
+    names = {material["name"] for material in yaml.safe_load(text)["materials"]}
+    assert ("paint" in names) is ("paint" in spec_of(name))
+    assert spec_of(name).get("paint", "paint") == "paint"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_meshes_are_light(name: str) -> None:
+    assert len(visual_of(name).faces) < TRIANGLES.get(name, 5000)
+
+
+def test_all_props_together_are_small() -> None:
+    assert sum(path.stat().st_size for name in NAMES for path in (ROOT / name).iterdir()) < 4e6
+
+
+@pytest.mark.slow
+def test_the_committed_files_are_those_of_the_generator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT)  # the generator's modules are beside it
+    script = runpy.run_path(str(ROOT / "generate.py"))
+    assert set(script["PROPS"]) == set(NAMES)
+    for name in NAMES:
+        script["write_prop"](tmp_path, name)
+        for path in (tmp_path / name).iterdir():
+            assert path.read_bytes() == (ROOT / name / path.name).read_bytes(), f"run {ROOT / 'generate.py'} {name}"
+        assert {path.name for path in (tmp_path / name).iterdir()} == {path.name for path in (ROOT / name).iterdir()}

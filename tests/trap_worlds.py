@@ -1,0 +1,231 @@
+"""Small Gazebo worlds with the traps of real ones; all of our own making, written where a test wants them.
+
+Each function writes one world below a folder and returns its file. Lengths are metres, angles radians.
+"""
+
+import numpy as np
+
+from tests.mesh_rigs import box, write_dae, write_stl
+
+SUN = '<light name="sun" type="directional"><direction>-0.5 0.1 -0.9</direction></light>'
+PLANE = (
+    '<model name="ground_plane"><static>1</static><link name="link"><collision name="c"><geometry><plane>'
+    "<normal>0 0 1</normal><size>100 80</size></plane></geometry></collision></link></model>"
+)
+
+
+def world(folder, inside, *, version="1.6", name="default", file="trap.world", plane=PLANE):
+    path = folder / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(
+        f'<?xml version="1.0"?>\n<sdf version="{version}">\n<world name="{name}">\n{plane}\n{inside}\n</world>\n</sdf>\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+def shape(kind, size):
+    if kind == "box":
+        return f"<geometry><box><size>{size}</size></box></geometry>"
+    if kind == "sphere":
+        return f"<geometry><sphere><radius>{size}</radius></sphere></geometry>"
+    if kind == "mesh":
+        return f"<geometry><mesh><uri>{size}</uri></mesh></geometry>"
+    radius, length = size.split()
+    return f"<geometry><{kind}><radius>{radius}</radius><length>{length}</length></{kind}></geometry>"
+
+
+def model(name, kind="box", size="1 1 1", *, pose="", link="", static=True, mass="", more="", visual=True, extra=""):
+    pose = f"<pose>{pose}</pose>" if pose else ""
+    link = f"<pose>{link}</pose>" if link else ""
+    mass = f"<inertial><mass>{mass}</mass></inertial>" if mass else ""
+    seen = f'<visual name="v">{shape(kind, size)}</visual>' if visual else ""
+    return (
+        f'<model name="{name}"><static>{int(static)}</static>{pose}<link name="link">{link}{mass}'
+        f'<collision name="c">{shape(kind, size)}{more}</collision>{seen}</link>{extra}</model>'
+    )
+
+
+def include(uri, *, pose="", name="", more=""):
+    pose = f"<pose>{pose}</pose>" if pose else ""
+    name = f"<name>{name}</name>" if name else ""
+    return f"<include><uri>{uri}</uri>{name}{pose}{more}</include>"
+
+
+def model_folder(folder, name, sdf, *, config=True, version="1.6"):
+    """A model of a model database."""
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    (folder / name / "model.sdf").write_text(f'<sdf version="{version}">{sdf}</sdf>', encoding="utf-8")
+    if config:
+        text = f'<model><name>{name}</name><sdf version="{version}">model.sdf</sdf></model>'
+        (folder / name / "model.config").write_text(text, encoding="utf-8")
+    return folder / name
+
+
+def saved(folder):
+    """A world that was saved while it ran: poses in <state> win, one model was deleted, one inserted, one is scaled."""
+    state = """
+<state world_name="default"><sim_time>9 0</sim_time>
+<model name="crate"><pose>4 -2 0.499 1e-6 0 0.5</pose><scale>1 1 1</scale>
+  <link name="link"><pose>4 -2 0.499 1e-6 0 0.5</pose><velocity>0 0 0 0 0 0</velocity></link></model>
+<model name="slab"><pose>10 0 0.5 0 0 0</pose><scale>2 3 1</scale></model>
+<model name="nobody"><pose>1 1 1 0 0 0</pose></model>
+<insertions><model name="late"><static>1</static><pose>-9 0 0.5 0 0 0</pose><link name="link"><collision name="c">
+<geometry><sphere><radius>0.5</radius></sphere></geometry></collision></link></model></insertions>
+<deletions><name>gone</name></deletions></state>"""
+    inside = (
+        state
+        + model("crate", pose="0 0 9 0 0 0", static=False, mass="7")
+        + model("slab", size="1 1 1", pose="0 0 0.5 0 0 0")
+        + model("gone", pose="0 30 0.5 0 0 0")
+    )
+    return world(folder, inside, version="1.4")
+
+
+def nested(folder):
+    """Static models nested in a static one, with frames, relative poses in degrees, and a placement frame."""
+    inside = f"""
+<frame name="corner"><pose degrees="true">10 0 0 0 0 90</pose></frame>
+<model name="block"><static>true</static><pose relative_to="corner">1 2 0 0 0 0</pose>
+  <frame name="door"><pose>3 0 0 0 0 0</pose></frame>
+  <link name="wall"><pose relative_to="door">0 0 1 0 0 0</pose><collision name="c">{shape("box", "2 0.2 2")}</collision>
+  </link>
+  {model("post", "cylinder", "0.1 2", pose="0 1 1 0 0 0")}
+</model>
+<model name="hung" placement_frame="foot"><static>true</static><pose relative_to="block::door">0 5 0 0 0 0</pose>
+  <frame name="foot"><pose>0 0 -1 0 0 0</pose></frame>
+  <link name="link"><collision name="c">{shape("box", "1 1 2")}</collision></link></model>
+<model name="by_quaternion"><static>1</static>
+  <pose rotation_format="quat_xyzw">-5 0 1  0 0 0.70710678 0.70710678</pose>
+  <link name="link"><collision name="c">{shape("box", "4 1 2")}</collision></link></model>"""
+    return world(folder, inside, version="1.9")
+
+
+def database(folder):
+    """Includes of models at hand: without name, twice, with static and pose, nested, scaled meshes of three formats."""
+    models = folder / "models"
+    crate = model_folder(models, "crate", model("crate", "mesh", "meshes/crate.dae", static=False, mass="20"))
+    (crate / "meshes").mkdir(exist_ok=True)
+    write_dae(crate / "meshes" / "crate.dae", size=(0.5, 1.0, 0.8), at=(-0.25, -0.5, 0.0))
+    arch = model_folder(models, "arch", model("arch", "mesh", "model://arch/arch.stl"), config=False)
+    parts = [box((-2, -0.2, 0), (-1.6, 0.2, 3)), box((1.6, -0.2, 0), (2, 0.2, 3)), box((-2, -0.2, 3), (2, 0.2, 3.4))]
+    write_stl(arch / "arch.stl", np.concatenate(parts))
+    pair = '<model name="pair"><static>1</static>' + include("model://crate", name="a") + (
+        include("model://crate", name="b", pose="0 3 0 0 0 0") + "</model>"
+    )  # fmt: skip
+    model_folder(models, "pair", pair)
+    inside = (
+        include("model://crate", pose="1 0 0 0 0 0")
+        + include("model://crate", pose="3 0 0 0 0 1.5707963", more="<static>true</static>")
+        + include("model://arch", name="gate one", pose="0 8 0 0 0 0")
+        + include("model://pair", pose="-8 0 0 0 0 0")
+    )
+    return world(folder / "worlds", inside)
+
+
+def ground(folder):
+    """Floors, patches of planes, roads and friction."""
+    mu = "<surface><friction><ode><mu>{}</mu><mu2>50</mu2></ode></friction></surface>"
+    inside = (
+        model("asphalt_lot", size="30 20 0.1", pose="5 0 -0.05 0 0 0", more=mu.format(0.7))
+        + model("turned_floor", size="4 2 0.02", pose="0 25 0 0 0 0.5")
+        + '<model name="grass_plane"><static>1</static><pose>-30 0 0.001 0 0 0</pose><link name="l"><collision name="c">'
+        "<geometry><plane><normal>0 0 1</normal><size>10 12</size></plane></geometry>"
+        + mu.format(0.4)
+        + "</collision></link></model>"
+        '<model name="ramp_plane"><static>1</static><pose>0 0 0 0 0.2 0</pose><link name="l"><collision name="c">'
+        "<geometry><plane><normal>0 0 1</normal><size>10 10</size></plane></geometry></collision></link></model>"
+        '<road name="main street"><width>6</width><point>0 -30 0</point><point>40 -30 0</point></road>'
+        + model("kerb", size="10 0.2 0.12", pose="0 -20 0.06 0 0 0")
+    )
+    plane = PLANE.replace("</geometry>", "</geometry>" + mu.format(0.9))
+    return world(folder, inside, plane=plane)
+
+
+def leftovers(folder):
+    """Everything that has no place here."""
+    inside = """
+<physics type="ode"><gravity>0 0 -1.62</gravity></physics><scene><ambient>1 1 1 1</ambient></scene><gui/><wind/>
+<spherical_coordinates/><plugin name="p" filename="libp.so"/><magnetic_field>1 1 1</magnetic_field><audio/>
+<light name="lamp" type="point"><pose>0 0 3 0 0 0</pose></light>
+<light name="moon" type="directional"><direction>0 0 1</direction></light>
+<actor name="walker"><pose>5 6 1 0 0 1.5707963</pose></actor>
+<model name="hills"><static>1</static><link name="l"><collision name="c"><geometry><heightmap><uri>h.png</uri>
+</heightmap></geometry></collision></link></model>
+<model name="ghost"><static>1</static><link name="l"><visual name="v"><geometry><box><size>1 1 1</size></box></geometry>
+</visual></link></model>
+<model name="robot"><pose>-4 3 0.1 0 0 3.14159265</pose><link name="body"/><link name="w1"/><link name="w2"/>
+<link name="w3"/><joint name="a" type="revolute"><parent>body</parent><child>w1</child></joint>
+<joint name="b" type="revolute"><parent>body</parent><child>w2</child></joint>
+<joint name="c" type="continuous"><parent>body</parent><child>w3</child></joint></model>"""
+    return world(folder, inside)
+
+
+def crowds(folder):
+    """Populations of every kind."""
+
+    def population(name, rest, pose="0 0 0 0 0 0", inner=None):
+        inner = inner or model(name, "cylinder", "0.2 1", static=True)
+        return f'<population name="{name}">{inner}<pose>{pose}</pose>{rest}</population>'
+
+    inside = (
+        population("cans", "<distribution><type>grid</type><rows>3</rows><cols>4</cols><step>2 3 0</step></distribution>",
+                   "10 20 0 0 0 0")
+        + population("row", "<model_count>5</model_count><box><size>0.1 10 0.1</size></box><distribution>"
+                     "<type>linear-y</type></distribution>", "-20 0 0 0 0 0")
+        + population("loose", "<model_count>6</model_count><box><size>8 6 1</size></box><distribution><type>random</type>"
+                     "</distribution>", "20 -20 0.5 0 0 0")
+        + population("round", "<model_count>4</model_count><cylinder><radius>5</radius><length>1</length></cylinder>"
+                     "<distribution><type>uniform</type></distribution>", "-20 -20 0 0 0 0")
+        + population("empty", "<model_count>0</model_count><box><size>8 6 1</size></box><distribution><type>random</type>"
+                     "</distribution>")
+    )  # fmt: skip
+    return world(folder, inside)
+
+
+def meshes(folder):
+    """A road, walls around a place, and hills, as meshes."""
+    path = world(
+        folder,
+        "".join(model(name, "mesh", f"{name}.stl") for name in ("asphalt_road", "maze", "hills")),
+    )
+    write_stl(folder / "asphalt_road.stl", box((0, 0, -0.01), (40, 4, 0.01)))
+    sides = [box((-20, -20, 0), (20, -19.9, 1)), box((-20, 19.9, 0), (20, 20, 1)),
+             box((-20, -20, 0), (-19.9, 20, 1)), box((19.9, -20, 0), (20, 20, 1))]  # fmt: skip
+    write_stl(folder / "maze.stl", np.concatenate(sides))
+    x, y = np.meshgrid(np.linspace(-40, 40, 9), np.linspace(-40, 40, 9), indexing="ij")
+    z = 2.0 * np.sin(0.2 * x) * np.cos(0.2 * y)
+    points = np.stack((x, y, z), axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    quads = np.stack((np.stack((a, b, c), axis=-2), np.stack((a, c, d), axis=-2)), axis=-3).reshape(-1, 3, 3)
+    write_stl(folder / "hills.stl", quads)
+    return path
+
+
+def broken():
+    """Contents of worlds with one fault each, the line of the fault in the file, and a word of its message."""
+    good = model("good", pose="20 0 0.5 0 0 0")
+    return {
+        "nan": (model("bad", pose="nan 0 0 0 0 0"), "finite"),
+        "few numbers": (model("bad", pose="1 2 3"), "6 finite"),
+        "words": (model("bad", pose="a b c d e f"), "6 finite"),
+        "far": (model("bad", pose="1e9 0 0 0 0 0"), "100 km"),
+        "negative": (model("bad", size="1 -1 1"), "allowed are 1 mm"),
+        "tiny": (model("bad", size="1 1e-9 1"), "allowed are 1 mm"),
+        "zero radius": (model("bad", "sphere", "0"), "allowed are 1 mm"),
+        "no size": (model("bad").replace("<size>1 1 1</size>", ""), "without <size>"),
+        "missing mesh": (model("bad", "mesh", "nowhere.dae"), "no such file"),
+        "no address": (model("bad", "mesh", ""), "no <uri>"),
+        "unknown include": (include("model://no_such_model_of_anybody"), "--package no_such_model_of_anybody=DIR"),
+        "bare include": ("<include/>", "it has no <uri>"),
+        "strange address": (include("ftp://example.org/cone"), "is not understood"),
+        "unknown frame": (
+            model("bad").replace("<static>1</static>", '<static>1</static><pose relative_to="x">0 0 0 0 0 0</pose>'),
+            "frame 'x' does not exist",
+        ),
+        "population": (
+            f'<population name="p">{good}<distribution><type>swarm</type></distribution></population>',
+            "swarm",
+        ),
+        "double link": (model("bad", extra='<link name="link"/>'), "names must differ"),
+    }
