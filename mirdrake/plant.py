@@ -102,6 +102,7 @@ class VehicleInPlant:
         tyres: collision geometry of each wheel's tyre.
         tyre_mu: friction coefficient of each tyre's rubber [-].
         compression: how far a front and a rear tyre under a load [N] are pressed in at rest [m].
+        parked: whether parking brakes hold the wheels.
     """
 
     name: str
@@ -115,6 +116,7 @@ class VehicleInPlant:
     tyres: tuple[GeometryId, ...]
     tyre_mu: tuple[float, ...]
     compression: tuple[Callable[[float], float], Callable[[float], float]]
+    parked: bool = False
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
@@ -293,6 +295,7 @@ def add_vehicle(
             for tyre in tyres
         ),
         compression=compression,
+        parked=parked,
     )
 
 
@@ -369,7 +372,14 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
 
 
 def set_start(
-    plant: MultibodyPlant, context: Context, part: VehicleInPlant, *, x: float, y: float, yaw: float, speed: float = 0.0
+    plant: MultibodyPlant,
+    context: Context,
+    part: VehicleInPlant,
+    *,
+    x: float,
+    y: float,
+    yaw: float,
+    speed: float = 0.0,
 ) -> None:
     """Put a vehicle on the road, its tyres compressed as at rest, rolling freely straight ahead.
 
@@ -380,7 +390,7 @@ def set_start(
         x: position of the rear axle's centre in the world [m].
         y: the same, to the left [m].
         yaw: heading [rad].
-        speed: forward speed [m/s]; the wheels turn with it.
+        speed: forward speed [m/s]; the wheels turn with it, unless the vehicle is parked: then they slide.
     """
     front, rear = part.rest_compressions(plant)
     wheelbase = part.vehicle.geometry.wheelbase
@@ -390,5 +400,5 @@ def set_start(
     start = part.base.floating_velocities_start_in_v()
     velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
     for joint, radius in zip(part.wheels, [radius for radius in part.rolling_radii(plant) for _ in SIDES], strict=True):
-        velocities[joint.velocity_start()] = speed / radius
+        velocities[joint.velocity_start()] = 0.0 if part.parked else speed / radius
     plant.SetVelocities(context, velocities)

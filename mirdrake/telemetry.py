@@ -63,6 +63,10 @@ class Telemetry:
             return times, columns
         for part in assembly.parts.vehicles.values():
             self._add_vehicle(columns, part, raw)
+        for name, body in assembly.parts.props.bodies.items():
+            pose = raw["plant_state"][body.floating_positions_start() :][:7]
+            for signal, values in zip(STATE[:6], vehicle_states(pose, np.zeros((6, times.size))), strict=False):
+                self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
         for name in ("wheel_load", "resistance", "other_contacts"):
             self._add_named(columns, assembly.taps[name], raw[name], prefix="")
         for name in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):

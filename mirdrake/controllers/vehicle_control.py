@@ -62,6 +62,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._ackermann = make_steering_law(believed_geometry(geometry, believes), steering.law, factor=steering.factor)
         self._index = _Indices(plant, part)
         count = self._index.actuators
+        self._turned: Sequence[int] = () if part.parked else self._index.driven
         self._wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
         self._steering_pid = control.steering if control.steering.kind == "pid" else None
         mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
@@ -154,7 +155,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         desired = [0.0] * (2 * index.actuators)
         actuation = [0.0] * index.actuators
         slope = (speed - last_speed) / period
-        for i in index.driven:
+        for i in self._turned:
             push = self._push[i] * slope
             actuation[index.wheel_inputs[i]] = push
             if self._wheel_pid is None:

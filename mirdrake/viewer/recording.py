@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 CAMERA_SWING = 1.6
 """Time over which the following camera averages the heading [s]."""
 
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 _ENDLESS = 10**6  # times that a recording is repeated
 
 
@@ -72,6 +73,10 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     stride = max(1, ceil(1.0 / (frames_per_second * step) - 1e-9))
     rows = range(0, times.size, stride)
     readers = [_Reader(run, part) for part in parts.vehicles.values()]
+    loose = {
+        body: run.signals[[f"props.{name}.{key}" for key in _POSE]].to_numpy()
+        for name, body in parts.props.bodies.items()
+    }
 
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
     followed = readers[0].pose
@@ -82,6 +87,9 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
         context.SetTime(float(times[row] - times[0]))
         for reader in readers:
             reader.pose_at(plant_context, row)
+        for body, poses in loose.items():
+            X_WP = RigidTransform(RollPitchYaw(poses[row, 3:]), poses[row, :3])
+            parts.plant.SetFloatingBaseBodyPoseInWorldFrame(plant_context, body, X_WP)
         diagram.ForcedPublish(context)
         frame = animation.frame(context.get_time())
         X_CW, X_CL = chase(x=followed[row, 0], y=followed[row, 1], yaw=headings[row])
@@ -120,7 +128,7 @@ class _Reader:
     def __init__(self, run: Run, part: Any) -> None:
         self._part = part
         name, signals = part.name, run.signals
-        self.pose = signals[[f"{name}.{key}" for key in ("x", "y", "z", "roll", "pitch", "yaw")]].to_numpy()
+        self.pose = signals[[f"{name}.{key}" for key in _POSE]].to_numpy()
         self._wheels = signals[[f"{name}.wheel_angle.{wheel}" for wheel in WHEELS]].to_numpy()
         self._steering = signals[[f"{name}.steering_angle.{side}" for side in ("left", "right")]].to_numpy()
 
