@@ -16,10 +16,13 @@ from pydrake.geometry import (
     AddContactMaterial,
     AddRigidHydroelasticProperties,
     Box,
+    CollisionFilterDeclaration,
     DefaultProximityProperties,
     GeometryId,
+    GeometrySet,
     HalfSpace,
     ProximityProperties,
+    Role,
     RoleAssign,
     SceneGraph,
     SceneGraphConfig,
@@ -264,11 +267,15 @@ def add_vehicle(
             raise ModelError(
                 f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
             )
+        apart = _never_touching(scene_graph, geometries[0])
         scene_graph.ChangeShape(
             source_id=plant.get_source_id(),
             geometry_id=geometries[0],
             shape=make_wheel_shape(contact, radius=radius, width=width),
             X_FG=RigidTransform(),
+        )
+        scene_graph.collision_filter_manager().Apply(
+            CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometries[0]), GeometrySet(apart))
         )
         tyres.append(geometries[0])
     inspector, geometry = scene_graph.model_inspector(), vehicle.geometry
@@ -297,6 +304,13 @@ def add_vehicle(
         compression=compression,
         parked=parked,
     )
+
+
+def _never_touching(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryId]:
+    """Shapes that a collision filter keeps from a tyre; changing the tyre's shape would lift it (Drake 1.51, 1.58)."""
+    inspector = scene_graph.model_inspector()
+    others = inspector.GetGeometryIds(GeometrySet(inspector.GetAllGeometryIds()), Role.kProximity)
+    return [other for other in others if other != tyre and inspector.CollisionFiltered(tyre, other)]
 
 
 def _compression(

@@ -18,7 +18,8 @@ def world(folder, inside, *, version="1.6", name="default", file="trap.world", p
     path = folder / file
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
-        f'<?xml version="1.0"?>\n<sdf version="{version}">\n<world name="{name}">\n{plane}\n{inside}\n</world>\n</sdf>\n',
+        f'<?xml version="1.0"?>\n<sdf version="{version}">\n<world name="{name}">\n{plane}\n{inside}\n</world>\n'
+        "</sdf>\n",
         encoding="utf-8",
     )
     return path
@@ -129,8 +130,8 @@ def ground(folder):
     inside = (
         model("asphalt_lot", size="30 20 0.1", pose="5 0 -0.05 0 0 0", more=mu.format(0.7))
         + model("turned_floor", size="4 2 0.02", pose="0 25 0 0 0 0.5")
-        + '<model name="grass_plane"><static>1</static><pose>-30 0 0.001 0 0 0</pose><link name="l"><collision name="c">'
-        "<geometry><plane><normal>0 0 1</normal><size>10 12</size></plane></geometry>"
+        + '<model name="grass_plane"><static>1</static><pose>-30 0 0.001 0 0 0</pose><link name="l">'
+        '<collision name="c"><geometry><plane><normal>0 0 1</normal><size>10 12</size></plane></geometry>'
         + mu.format(0.4)
         + "</collision></link></model>"
         '<model name="ramp_plane"><static>1</static><pose>0 0 0 0 0.2 0</pose><link name="l"><collision name="c">'
@@ -168,27 +169,115 @@ def crowds(folder):
         inner = inner or model(name, "cylinder", "0.2 1", static=True)
         return f'<population name="{name}">{inner}<pose>{pose}</pose>{rest}</population>'
 
+    def spread(kind):
+        return f"<distribution><type>{kind}</type></distribution>"
+
+    box = "<model_count>{}</model_count><box><size>{}</size></box>"
+    disc = "<model_count>4</model_count><cylinder><radius>5</radius><length>1</length></cylinder>"
+    grid = "<distribution><type>grid</type><rows>3</rows><cols>4</cols><step>2 3 0</step></distribution>"
     inside = (
-        population("cans", "<distribution><type>grid</type><rows>3</rows><cols>4</cols><step>2 3 0</step></distribution>",
-                   "10 20 0 0 0 0")
-        + population("row", "<model_count>5</model_count><box><size>0.1 10 0.1</size></box><distribution>"
-                     "<type>linear-y</type></distribution>", "-20 0 0 0 0 0")
-        + population("loose", "<model_count>6</model_count><box><size>8 6 1</size></box><distribution><type>random</type>"
-                     "</distribution>", "20 -20 0.5 0 0 0")
-        + population("round", "<model_count>4</model_count><cylinder><radius>5</radius><length>1</length></cylinder>"
-                     "<distribution><type>uniform</type></distribution>", "-20 -20 0 0 0 0")
-        + population("empty", "<model_count>0</model_count><box><size>8 6 1</size></box><distribution><type>random</type>"
-                     "</distribution>")
-    )  # fmt: skip
+        population("cans", grid, "10 20 0 0 0 0")
+        + population("row", box.format(5, "0.1 10 0.1") + spread("linear-y"), "-20 0 0 0 0 0")
+        + population("loose", box.format(6, "8 6 1") + spread("random"), "20 -20 0.5 0 0 0")
+        + population("round", disc + spread("uniform"), "-20 -20 0 0 0 0")
+        + population("empty", box.format(0, "8 6 1") + spread("random"))
+    )
     return world(folder, inside)
 
 
-def meshes(folder):
-    """A road, walls around a place, and hills, as meshes."""
-    path = world(
-        folder,
-        "".join(model(name, "mesh", f"{name}.stl") for name in ("asphalt_road", "maze", "hills")),
+def old_crowds(folder):
+    """Populations as SDF 1.4 had them: a region with corners, and the distribution as a word."""
+
+    def population(name, region, count, kind):
+        inner = model(name, "cylinder", "0.1 0.5", static=True)
+        return (
+            f'<population name="{name}">{inner}<region>{region}</region><model_count>{count}</model_count>'
+            f"<distribution>{kind}</distribution></population>"
+        )
+
+    steps = "<cuboid><min>-10 -12 0</min><rows>2</rows><cols>3</cols><step>2 3 0</step></cuboid>"
+    inside = (
+        population("steps", steps, 6, "grid")
+        + population("some", "<cuboid><min>3 3 0</min><max>9 7 0.1</max></cuboid>", 5, "random")
+        + population("round", "<cylinder><center>-13 3 0</center><radius>2</radius></cylinder>", 5, "uniform")
+        + population("row", "<cuboid><min>-1 14 0</min><max>5 16 0.1</max></cuboid>", 6, "linear-x")
     )
+    return world(folder, inside, version="1.4")
+
+
+def outlines(folder):
+    """Buildings as outlines that are pulled up, one like an L, one with a yard, on ground 5 m up that roads tell of."""
+
+    def ring(*points):
+        return "<polyline><height>6</height>" + "".join(f"<point>{p}</point>" for p in points) + "</polyline>"
+
+    def building(name, pose, rings):
+        return (
+            f'<model name="{name}"><static>1</static><pose>{pose}</pose><link name="l"><collision name="c"><geometry>'
+            f"{rings}</geometry></collision></link></model>"
+        )
+
+    ell = ring("0 0", "20 0", "20 8", "8 8", "8 20", "0 20")
+    yard = ring("0 0", "10 0", "10 10", "0 10") + ring("3 3", "3 7", "7 7", "7 3")
+    inside = (
+        building("ell", "10 20 5 0 0 0", ell)
+        + building("yard", "-30 10 5 0 0 0", yard)
+        + '<road name="street"><width>6</width><point>-40 0 5</point><point>40 0 5</point></road>'
+    )
+    return world(folder, inside, plane="")
+
+
+def tilted(folder, *, plane=PLANE):
+    """Things of several shapes in any pose, links with poses of their own, static and loose."""
+    inside = (
+        model("leaning", size="3 0.4 1.2", pose="5 -4 1.1 0.1 -0.35 2.2", link="0.3 0.1 0.2 -0.2 0.1 0.4")
+        + model("pipe", "cylinder", "0.2 3", pose="-8 3 0.7 1.5707963 0 0.6")
+        + model("ball", "sphere", "0.4", pose="-2 -7 0.4 0.3 0.2 0.1", static=False, mass="3")
+        + f"""<model name="bench"><static>1</static><pose>12.3456 7.6543 0 0 0 -1.234</pose>
+<link name="seat"><pose>0 0 0.5 0 0 0</pose><collision name="c">{shape("box", "1.6 0.4 0.05")}</collision></link>
+<link name="leg"><pose>0.7 0 0.25 0 0 0.3</pose><collision name="c"><pose>0.01 0.02 0 0 0.1 0</pose>
+{shape("cylinder", "0.04 0.5")}</collision></link></model>"""
+    )
+    return world(folder, inside, version="1.7", plane=plane)
+
+
+def rich(folder):
+    """A bit of everything, for damage."""
+    models = folder / "models"
+    arch = model_folder(models, "arch", model("arch", "mesh", "model://arch/arch.stl"))
+    write_stl(arch / "arch.stl", box((-2, -0.2, 0), (-1.6, 0.2, 3)))
+    inside = f"""
+<state world_name="default">
+<model name="crate"><pose>4 -2 0.499 1e-6 0 0.5</pose><scale>1 2 1</scale></model>
+<deletions><name>gone</name></deletions>
+</state>
+{include("model://sun")}
+{include("model://arch", pose="0 8 0 0 0 0.3", name="gate")}
+{include("model://construction_cone", pose="6 6 0 0 0 0")}
+<frame name="corner"><pose degrees="true">10 0 0 0 0 90</pose></frame>
+{model("crate", pose="0 0 9 0 0 0", static=False, mass="7")}
+{model("gone", pose="0 30 0.5 0 0 0")}
+{model("floor", size="12 8 0.02", pose="-20 0 0 0 0 0.2")}
+{model("leaning", size="3 0.4 1.2", pose="5 -4 1.1 0.1 -0.35 2.2", link="0.3 0.1 0.2 -0.2 0.1 0.4")}
+<model name="block"><static>true</static><pose relative_to="corner">1 2 0 0 0 0</pose>
+<link name="wall"><pose>3 0 1 0 0 0</pose><collision name="c">{shape("box", "2 0.2 2")}</collision></link>
+{model("post", "cylinder", "0.1 2", pose="0 1 1 0 0 0")}
+</model>
+<road name="street"><width>6</width><point>0 -30 0</point><point>40 -30 0</point></road>
+<actor name="walker"><pose>15 6 1 0 0 1.5</pose></actor>
+<population name="cans">{model("can", "cylinder", "0.2 1")}<pose>-30 -20 0 0 0 0</pose><model_count>4</model_count>
+<cylinder><radius>5</radius><length>1</length></cylinder><distribution><type>random</type></distribution></population>
+<light name="lamp" type="point"><pose>0 0 3 0 0 0</pose></light>
+<plugin name="p" filename="libp.so"/>"""
+    return world(folder, inside, version="1.9", file="worlds/rich.world")
+
+
+def meshes(folder):
+    """A road, walls around a place, a small room without ceiling, and hills, as meshes."""
+    poses = {"asphalt_road": "", "maze": "", "hills": "", "room": "5 5 0 0 0 0.4"}
+    path = world(folder, "".join(model(name, "mesh", f"{name}.stl", pose=pose) for name, pose in poses.items()))
+    sides = [box((-2, -2, 0), (2, -1.9, 1)), box((-2, 1.9, 0), (2, 2, 1)), box((1.9, -1.8, 0), (2, 1.8, 1))]
+    write_stl(folder / "room.stl", np.concatenate(sides))
     write_stl(folder / "asphalt_road.stl", box((0, 0, -0.01), (40, 4, 0.01)))
     sides = [box((-20, -20, 0), (20, -19.9, 1)), box((-20, 19.9, 0), (20, 20, 1)),
              box((-20, -20, 0), (-19.9, 20, 1)), box((19.9, -20, 0), (20, 20, 1))]  # fmt: skip
@@ -203,22 +292,27 @@ def meshes(folder):
 
 
 def broken():
-    """Contents of worlds with one fault each, the line of the fault in the file, and a word of its message."""
+    """Contents of worlds with one fault each, and a part of its message."""
     good = model("good", pose="20 0 0.5 0 0 0")
     return {
         "nan": (model("bad", pose="nan 0 0 0 0 0"), "finite"),
         "few numbers": (model("bad", pose="1 2 3"), "6 finite"),
         "words": (model("bad", pose="a b c d e f"), "6 finite"),
-        "far": (model("bad", pose="1e9 0 0 0 0 0"), "100 km"),
+        "far": (model("bad", pose="1e9 0 0 0 0 0"), "45 km"),
         "negative": (model("bad", size="1 -1 1"), "allowed are 1 mm"),
         "tiny": (model("bad", size="1 1e-9 1"), "allowed are 1 mm"),
         "zero radius": (model("bad", "sphere", "0"), "allowed are 1 mm"),
         "no size": (model("bad").replace("<size>1 1 1</size>", ""), "without <size>"),
         "missing mesh": (model("bad", "mesh", "nowhere.dae"), "no such file"),
+        "mesh elsewhere": (model("bad", "mesh", "model://nobody/m.dae"), "GAZEBO_MODEL_PATH (not set)"),
+        "open outline": (
+            model("bad").replace("<box><size>1 1 1</size></box>", "<polyline><point>0 0</point></polyline>"),
+            "3 to 400 are allowed",
+        ),
         "no address": (model("bad", "mesh", ""), "no <uri>"),
         "unknown include": (include("model://no_such_model_of_anybody"), "--package no_such_model_of_anybody=DIR"),
         "bare include": ("<include/>", "it has no <uri>"),
-        "strange address": (include("ftp://example.org/cone"), "is not understood"),
+        "strange address": (include("ftp://example.org/gizmo"), "is not understood"),
         "unknown frame": (
             model("bad").replace("<static>1</static>", '<static>1</static><pose relative_to="x">0 0 0 0 0 0</pose>'),
             "frame 'x' does not exist",
@@ -226,6 +320,10 @@ def broken():
         "population": (
             f'<population name="p">{good}<distribution><type>swarm</type></distribution></population>',
             "swarm",
+        ),
+        "endless population": (
+            f'<population name="p">{good}<model_count>inf</model_count></population>',
+            "at most 45000",
         ),
         "double link": (model("bad", extra='<link name="link"/>'), "names must differ"),
     }

@@ -2,7 +2,8 @@
 
 ::
 
-    .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, elements.py, frames.py, finding.py
+    .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, read_crowd.py, elements.py, frames.py,
+                                                  finding.py
     SourceWorld ── make_ground ──► GroundText     ground.py: planes, floors, roads
     SourceWorld ── Converter ──► Entry, ...       convert.py: known.py, prop_folder.py, surfaces.py
     Entry, ... ── world_text ──► <name>.yaml      entry.py, text.py
@@ -27,7 +28,7 @@ from mirdrake.vehicles.importing.model import Change
 from mirdrake.vehicles.importing.places import Places
 from mirdrake.vehicles.scaffold import check_name
 from mirdrake.world_importing.convert import Converter
-from mirdrake.world_importing.entry import Entry, into_grids
+from mirdrake.world_importing.entry import Entry, into_grids, is_word
 from mirdrake.world_importing.finding import Models
 from mirdrake.world_importing.ground import GroundText, make_ground
 from mirdrake.world_importing.model import Array, SourceWorld
@@ -129,7 +130,7 @@ def _build(
     if strict and converter.lost:
         faults = list(dict.fromkeys(places.text(fault) for fault in converter.lost))
         more = f"; {len(faults) - 1} more like it" if len(faults) > 1 else ""
-        raise ModelError(f"{faults[0]}{more}; leave out strict to import without")
+        raise ModelError(f"{faults[0]}{more}; without strict it is left out and reported")
     if len(entries) > _MOST_ENTRIES:
         raise ModelError(f"{world.files[0]}:1: {len(entries)} things; a world has at most {_MOST_ENTRIES} entries")
     where = f"{world.files[0]}:1"
@@ -274,4 +275,4 @@ def _say_nothing(_text: str) -> None:
 def _plain(name: str) -> str:
     """A file's name from a world's."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
-    return plain if re.match(r"[a-z]", plain) else f"world_{plain}"[:64].rstrip("_")
+    return plain if re.match(r"[a-z]", plain) and not is_word(plain) else f"world_{plain}"[:64].rstrip("_")

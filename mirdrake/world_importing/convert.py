@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles.importing.mesh_read import MeshError
 from mirdrake.vehicles.importing.model import Change, Shape
-from mirdrake.world_importing.entry import Entry, number
+from mirdrake.world_importing.entry import Entry, is_word, number
 from mirdrake.world_importing.ground import lowered
 from mirdrake.world_importing.known import Known, colour_in, find_known, plain_name, stand_in
 from mirdrake.world_importing.model import Crowd, SourceWorld, Thing
@@ -279,7 +279,7 @@ class Converter:
     def _new_name(self, source: str) -> str:
         plain = re.sub(r"[^A-Za-z0-9_]+", "_", source.replace("::", "_")).strip("_")
         plain = re.sub(r"(_clone|_copy)(_\d+|_clone|_copy)*$", "", plain) or "prop"
-        plain = plain.lower() if plain[0].isalpha() else f"prop_{plain}".lower()
+        plain = plain.lower() if plain[0].isalpha() and not is_word(plain) else f"prop_{plain}".lower()
         name, count = plain, 1
         while name in self._names:
             count += 1

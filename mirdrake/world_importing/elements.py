@@ -23,8 +23,8 @@ SMALLEST, LARGEST = 1e-3, 1e4
 _WHY = {"heightmap": "terrain; the ground is a plane"}
 _MOST_POINTS = 400  # of an outline
 
-FARTHEST = 1e5
-"""Largest coordinate [m]."""
+FARTHEST = 4.5e4
+"""Largest coordinate [m]; the ground of a world is at most 100 km wide."""
 
 
 class Tree:
@@ -78,7 +78,7 @@ def read_pose(element: Element | None, tree: Tree, version: tuple[int, ...]) -> 
     """A ``<pose>``, and the name of the frame that it counts from; "" if it names none.
 
     Raises:
-        ModelError: it is not made of finite numbers, or leads further than 100 km away.
+        ModelError: it is not made of finite numbers, or leads further than 45 km away.
     """
     if element is None:
         return RigidTransform(), ""
@@ -98,7 +98,7 @@ def read_pose(element: Element | None, tree: Tree, version: tuple[int, ...]) -> 
             raise ModelError(f"{where}: <pose>: an angle of {np.abs(angles).max():g} rad makes no sense")
         X = make_pose(values[:3], angles)
     if np.abs(values[:3]).max() > FARTHEST:
-        raise ModelError(f"{where}: <pose>: {np.abs(values[:3]).max():g} m away; worlds reach 100 km")
+        raise ModelError(f"{where}: <pose>: {np.abs(values[:3]).max():g} m away; worlds reach 45 km from their middle")
     return X, relative
 
 
@@ -190,7 +190,7 @@ def _outline(elements: list[Element], tree: Tree) -> Shape:
         if not 3 <= len(points) <= _MOST_POINTS or min(map(len, points)) < 2:
             raise ModelError(f"{where}: <polyline> of {len(points)} points; 3 to {_MOST_POINTS} are allowed")
         if max(float(np.abs(point).max()) for point in points) > FARTHEST:
-            raise ModelError(f"{where}: <polyline> reaches further than 100 km")
+            raise ModelError(f"{where}: <polyline> reaches further than 45 km")
         area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(points)))
         heights.append(read_number(element.findtext("height"), where=where, what="<height>") or 1.0)
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST**2]

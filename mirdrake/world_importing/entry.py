@@ -69,6 +69,11 @@ class Entry:
         return (self.what, angles, height, self.size, self.scale, self.color, self.static, self.mass, self.layout)
 
 
+def is_word(name: str) -> bool:
+    """Whether YAML reads a name as something else than a text."""
+    return name.lower() in {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+
+
 def number(value: float) -> str:
     """A length to a tenth of a millimetre, as short as possible."""
     text = f"{round(float(value), 4) + 0.0:.4f}".rstrip("0").rstrip(".")

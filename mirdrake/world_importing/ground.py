@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.vehicles.importing.mesh_read import MeshError
 from mirdrake.vehicles.importing.model import Change, Shape
-from mirdrake.world_importing.entry import degrees, number
+from mirdrake.world_importing.entry import degrees, is_word, number
 from mirdrake.world_importing.model import Array, Plane, SourceWorld, Thing
 from mirdrake.world_importing.prop_folder import as_mesh
 from mirdrake.world_importing.surfaces import FLAT, corners_of, outline, seen_from_above
@@ -22,6 +22,7 @@ _WORDS = (
 )  # fmt: skip
 _LEVEL = 1e-3  # [rad] tilt of what counts as level
 _SMALLEST_FLOOR = 1.0  # [m²]
+_WIDEST = 1e5  # [m] ground
 _UNEVEN = 0.5  # [m] between the highest and the lowest point of roads that lie on level ground
 
 
@@ -101,7 +102,7 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
         say(Change(road.where, f"road '{road.name}'", was, became, why))
     if abs(ground.height) > 1e-4:
         where = level[0].where if level else f"{world.files[0]}:1"
-        became = f"z = 0, everything {-ground.height:+.4g} m higher"
+        became = f"z = 0, everything {abs(ground.height):.4g} m {'lower' if ground.height > 0.0 else 'higher'}"
         say(Change(where, "height of the ground", f"z = {ground.height:.4g} m", became, "the ground is at z = 0"))
     return ground
 
@@ -131,9 +132,8 @@ def _take_base(ground: GroundText, plane: Plane, say: Callable[[Change], None]) 
     ground.surface = _surface(plane.words) or "concrete"
     became = f"ground of {ground.surface}"
     x, y, _ = plane.X_WP.translation().tolist()
-    if plane.size is not None:
-        corners = _rectangle(plane)
-        reach = np.abs(corners).max(axis=0)
+    if plane.size is not None and 2.0 * np.abs(_rectangle(plane)).max() <= _WIDEST:
+        reach = np.abs(_rectangle(plane)).max(axis=0)
         ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
         became += f", {ground.size[0]:g} m x {ground.size[1]:g} m"
     was = f"plane at {x:.4g} {y:.4g}, mu {'as it is' if plane.mu is None else f'{plane.mu:g}'}"
@@ -272,7 +272,7 @@ def _patch(name: str, area: str, surface: str, mu: float | None) -> str:
 
 def _patch_name(ground: GroundText, wanted: str) -> str:
     plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in wanted).strip("_").lower()
-    plain = plain if plain[:1].isalpha() else f"patch_{plain}".rstrip("_")
+    plain = plain if plain[:1].isalpha() and not is_word(plain) else f"patch_{plain}".rstrip("_")
     taken = {patch.split("name: ")[1].split(",")[0] for patch in ground.patches}
     name, count = plain, 1
     while name in taken:

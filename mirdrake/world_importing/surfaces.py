@@ -114,9 +114,8 @@ def _tops(corners: Array, places: Array) -> Array:
 def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[Shape]:
     """Walls as many small shapes of kind convex.
 
-    Each body of the mesh that is convex is one. Of the others, upright triangles alone count, and each shape is what
-    hangs together of them within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180
-    parts.
+    Each body of the mesh that is convex is one. Of the others, floors do not count, and each shape is what hangs
+    together within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
 
     Args:
         shape: that the triangles belong to.
@@ -126,7 +125,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     """
     points, index = weld(corners.reshape(-1, 3))
     faces = index.reshape(-1, 3)
-    bodies = [faces[label] for label in _bodies(len(points), faces)]
+    bodies = [faces[rows] for rows in _bodies(faces)]
     whole: list[NDArray[np.int64]] = []
     rest: list[NDArray[np.int64]] = []
     for body in bodies if len(bodies) <= _MOST_PARTS else ():
@@ -135,7 +134,9 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     parts = [points[np.unique(body)] for body in whole if np.ptp(points[np.unique(body)][:, 2]) > FLAT]
     triangles = points[faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    faces = faces[np.abs(normal[:, 2]) <= 0.9 * np.linalg.norm(normal, axis=1)]
+    low, high = points[:, 2].min(), points[:, 2].max()
+    above = triangles.mean(axis=1)[:, 2] > low + max(FLAT, 0.25 * (high - low))
+    faces = faces[above | (np.abs(normal[:, 2]) <= 0.9 * np.linalg.norm(normal, axis=1))]
     width = 0.5
     while len(faces):
         cut = _parts(points, faces, width)
@@ -153,12 +154,18 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     return shapes
 
 
-def _bodies(count: int, faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Which triangles hang together, as rows of `faces`."""
-    rows, columns = np.concatenate((faces[:, :2], faces[:, 1:])).T
-    _, label = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count)), False)
-    order = np.argsort(label[faces[:, 0]], kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(label[faces[order, 0]])) + 1)
+def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Which triangles hang together, as rows of `faces`: by edges that two of them share, not three or more."""
+    edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
+    face = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort(edges.T)
+    edges, face = edges[order], face[order]
+    first = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    pair = first[np.diff(np.r_[first, len(edges)]) == 2]
+    graph = coo_matrix((np.ones(len(pair)), (face[pair], face[pair + 1])), shape=(len(faces), len(faces)))
+    _, label = connected_components(graph, directed=False)
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
 
 
 def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
@@ -187,7 +194,7 @@ def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array]
     for group in np.split(order, np.flatnonzero(np.diff(cell.ravel()[order])) + 1):
         used, inner = np.unique(faces[group], return_inverse=True)
         inner = inner.reshape(-1, 3)
-        parts += [points[used[np.unique(inner[rows])]] for rows in _bodies(len(used), inner)]
+        parts += [points[used[np.unique(inner[rows])]] for rows in _bodies(inner)]
         if len(parts) > 20 * _MOST_PARTS:
             return None
     return parts

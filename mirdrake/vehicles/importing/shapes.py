@@ -32,7 +32,8 @@ def convert_shapes(car: Car, folder: Path) -> list[Change]:
     changes: list[Change] = []
     files: set[str] = set()
     written: dict[tuple[object, ...], Shape] = {}
-    pictured = [part for part in car.parts if part.visuals] or car.parts
+    pictures = {part.name: part.visuals[0].where for part in car.parts if part.visuals}
+    pictures = pictures or {part.name: "" for part in car.parts}
     for part in car.parts:
         part.visuals = [
             new for shape in part.visuals if (new := _visual(shape, part, folder, files, written, changes)) is not None
@@ -44,7 +45,8 @@ def convert_shapes(car: Car, folder: Path) -> list[Change]:
     car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
     if not car.body.collisions:
         car.body.collisions = [_box(car, changes)]
-    changes += _show_what_touches(car, [part for part in pictured if not part.visuals])
+    lost = [(part, pictures[part.name]) for part in car.parts if part.name in pictures and not part.visuals]
+    changes += _show_what_touches(car, lost)
     return changes
 
 
@@ -131,10 +133,10 @@ def _raised(X: RigidTransform, height: float) -> RigidTransform:
     return RigidTransform(X.rotation(), X.translation() + np.array([0.0, 0.0, height]))
 
 
-def _show_what_touches(car: Car, lost: Sequence[Part]) -> list[Change]:
+def _show_what_touches(car: Car, lost: Sequence[tuple[Part, str]]) -> list[Change]:
     """Body and wheels whose pictures are all lost look like their collision shapes: nobody sees a car without any."""
     changes = []
-    for part in lost:
+    for part, where in lost:
         rear = [key.startswith("rear") for key, wheel in car.wheels.items() if wheel is part]
         if rear:
             size = (car.layout.radii[rear[0]], car.layout.widths[rear[0]])
@@ -143,7 +145,7 @@ def _show_what_touches(car: Car, lost: Sequence[Part]) -> list[Change]:
             part.visuals = [replace(shape, rgba=_PAINT) for shape in part.collisions]
         if part.visuals:
             what, why = f"link '{part.name}': visuals", "nobody would see the car"
-            changes.append(Change("", what, "none that can be drawn", "its collision shapes", why))
+            changes.append(Change(where, what, "none that can be drawn", "its collision shapes", why))
     return changes
 
 

@@ -1,0 +1,487 @@
+"""Worlds of Gazebo become world files that stand where the source does, and nothing is dropped without a word."""
+
+import random
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from pydrake.geometry import Box, Cylinder, HalfSpace, Role, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from mirdrake import cli
+from mirdrake.errors import ConfigError, MirdrakeError, ModelError
+from mirdrake.vehicles.importing import packages
+from mirdrake.world_importing import import_world
+from mirdrake.worlds.loading import load_world
+from tests import trap_worlds as traps
+
+MILLIMETRE = 1e-3
+
+
+@pytest.fixture(autouse=True)
+def _bare_environment(monkeypatch):
+    """Models are looked for in the folder of the test alone, whatever else lies on the machine."""
+    monkeypatch.setattr(packages, "LEVELS_UP", 2)
+    for variable in ("GAZEBO_MODEL_PATH", "GAZEBO_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.delenv("SDF_PATH", raising=False)
+
+
+def imported(path, folder, **options):
+    """The import and the world that comes of it."""
+    result = import_world(path, folder=folder, **options)
+    return result, load_world(str(result.path))
+
+
+def placed(world):
+    return {prop.name: prop for prop in world.props}
+
+
+def told(result, what):
+    """Changes whose part has that text in it."""
+    return [change for change in result.changes if what in change.what]
+
+
+def box_of(prop):
+    """Lowest and highest corner in W [m]."""
+    return np.array([*prop.footprint.bounds[:2], prop.bottom, *prop.footprint.bounds[2:], prop.top])
+
+
+# --- places -------------------------------------------------------------------------------------------------------
+
+
+def drake_solids(path):
+    """Shapes that collide and their poses in W, as Drake reads a world: (kind, sizes, X_WG)."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    Parser(plant).AddModels(str(path))
+    plant.Finalize()
+    diagram = builder.Build()
+    context = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    inspector = scene_graph.model_inspector()
+    solids = []
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        shape = inspector.GetShape(geometry)
+        if not isinstance(shape, HalfSpace):
+            body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+            X_WG = plant.EvalBodyPoseInWorld(context, body) @ inspector.GetPoseInFrame(geometry)
+            solids.append((shape, X_WG))
+    return solids
+
+
+def same_shape(one, other):
+    if isinstance(one, Box) and isinstance(other, Box):
+        return np.allclose(one.size(), other.size(), atol=1e-4)
+    if isinstance(one, Cylinder) and isinstance(other, Cylinder):
+        return np.allclose([one.radius(), one.length()], [other.radius(), other.length()], atol=1e-4)
+    return isinstance(one, Sphere) and isinstance(other, Sphere) and abs(one.radius() - other.radius()) < 1e-4
+
+
+@pytest.mark.parametrize("trap", [traps.nested, traps.tilted])
+def test_solids_stand_where_drake_reads_them(tmp_path, trap):
+    path = trap(tmp_path)
+    expected = drake_solids(path.rename(path.with_suffix(".sdf")))
+    path = trap(tmp_path)
+    _, world = imported(path, tmp_path / "worlds")
+    found = [(solid.shape, prop.X_WP @ solid.X_PS) for prop in world.props for solid in prop.prop.solids]
+    assert len(found) == len(expected) >= 4
+    for shape, X_WG in expected:
+        at = [
+            X.IsNearlyEqualTo(X_WG, 1e-3) and np.linalg.norm(X.translation() - X_WG.translation()) < MILLIMETRE
+            for other, X in found
+            if same_shape(shape, other)
+        ]
+        assert any(at), f"{shape} at {X_WG.translation()}"
+
+
+def test_poses_of_a_saved_world_win(tmp_path):
+    result, world = imported(traps.saved(tmp_path), tmp_path / "worlds")
+    props = placed(world)
+    assert set(props) == {"crate", "slab", "late"}
+    np.testing.assert_allclose(props["crate"].X_WP.translation(), [4.0, -2.0, 0.0], atol=MILLIMETRE)
+    assert RollPitchYaw(props["crate"].X_WP.rotation()).yaw_angle() == pytest.approx(0.5, abs=1e-5)
+    assert not props["crate"].static
+    np.testing.assert_allclose(box_of(props["slab"]), [9.0, -1.5, 0.0, 11.0, 1.5, 1.0], atol=MILLIMETRE)
+    np.testing.assert_allclose(props["late"].X_WP.translation(), [-9.0, 0.0, 0.0], atol=MILLIMETRE)
+    assert told(result, "model 'gone'")[0].became == "left out"
+    assert told(result, "model 'slab': scale")
+    assert told(result, "loose things")  # the crate had sunk by 1 mm
+
+
+def test_included_models_with_meshes(tmp_path):
+    result, world = imported(traps.database(tmp_path), tmp_path / "out")
+    props = placed(world)
+    # crate.dae: 0.5 x 1 x 0.8 m, its middle at the model's origin, from z = 0 on
+    boxes = {
+        "crate": [0.75, -0.5, 0.0, 1.25, 0.5, 0.8],
+        "crate_0": [2.5, -0.25, 0.0, 3.5, 0.25, 0.8],  # turned by 90 deg
+        "gate_one": [-2.0, 7.8, 0.0, 2.0, 8.2, 3.4],
+        "pair_a": [-8.25, -0.5, 0.0, -7.75, 0.5, 0.8],
+        "pair_b": [-8.25, 2.5, 0.0, -7.75, 3.5, 0.8],
+    }
+    assert set(props) == set(boxes)
+    for name, box in boxes.items():
+        np.testing.assert_allclose(box_of(props[name]), box, atol=MILLIMETRE, err_msg=name)
+    assert not props["crate"].static
+    assert props["crate_0"].static
+    under = shapely.box(-1.5, 7.9, 1.5, 8.1)
+    low = [s for s in props["gate_one"].prop.solids if s.corners[:, 2].min() < 1.0]
+    assert all(not under.intersects(shapely.MultiPoint(s.corners[:, :2] + [0.0, 8.0]).convex_hull) for s in low)
+    assert told(result, "name of a model")[0].became == "crate_0"
+    names = {path.name for path in result.path.parent.glob("trap/props/crate/*")}
+    assert {"prop.yaml", "visual.gltf"} <= names
+
+
+def test_ground_floors_and_roads(tmp_path):
+    result, world = imported(traps.ground(tmp_path), tmp_path / "worlds")
+    assert set(placed(world)) == {"kerb"}
+    assert world.ground.extent == (-50.0, -40.0, 50.0, 40.0)
+    assert {patch.name for patch in world.patches} == {"asphalt_lot", "grass_plane", "turned_floor", "main_street"}
+    places = [(0.0, 0.0, 0.7), (-30.0, 0.0, 0.4), (45.0, 35.0, 0.9), (20.0, -30.0, 0.85)]
+    for x, y, mu in places:
+        assert float(world.mu(x, y)) == pytest.approx(mu), (x, y)
+    assert float(world.mu(20.01, 0.0)) == pytest.approx(0.9)  # the lot ends at x = 20 m
+    street = next(patch.area for patch in world.patches if patch.name == "main_street")
+    np.testing.assert_allclose(street.bounds, [0.0, -33.0, 40.0, -27.0], atol=2.0 * MILLIMETRE)
+    assert told(result, "ramp_plane")[0].became == "left out"
+
+
+def test_ground_that_only_roads_tell_of(tmp_path):
+    result, world = imported(traps.outlines(tmp_path), tmp_path / "worlds")
+    props = placed(world)
+    ell = shapely.Polygon([(10, 20), (30, 20), (30, 28), (18, 28), (18, 40), (10, 40)])
+    yard = shapely.box(-30, 10, -20, 20).difference(shapely.box(-27, 13, -23, 17))
+    for name, area in (("ell", ell), ("yard", yard)):
+        assert shapely.hausdorff_distance(props[name].footprint, area) < MILLIMETRE, name
+        assert props[name].footprint.symmetric_difference(area).area < 0.01, name
+        assert (props[name].bottom, props[name].top) == (pytest.approx(0.0, abs=1e-3), pytest.approx(6.0, abs=1e-3))
+    assert told(result, "height of the ground")[0].became == "z = 0, everything 5 m lower"
+
+
+def test_walls_are_not_filled_and_terrain_is_said(tmp_path):
+    result, world = imported(traps.meshes(tmp_path), tmp_path / "worlds")
+    props = placed(world)
+    assert set(props) == {"maze", "room"}
+    # In the middle of the maze, and of the room, whose middle is at (5, 5), there is nothing; at the walls there is.
+    assert props["maze"].footprint.distance(shapely.Point(0.0, 0.0)) > 15.0
+    assert props["maze"].footprint.distance(shapely.Point(0.0, -19.95)) < 0.01
+    assert props["maze"].footprint.area == pytest.approx(40.0**2 - 39.8**2, abs=0.01)
+    assert props["room"].footprint.distance(shapely.Point(5.0, 5.0)) > 1.8
+    X = RigidTransform(RollPitchYaw(0.0, 0.0, 0.4), [5.0, 5.0, 0.0])
+    for corner in ([-2.0, -2.0, 0.0], [2.0, 2.0, 0.0], [1.95, 0.0, 0.0]):
+        assert props["room"].footprint.distance(shapely.Point((X @ np.array(corner))[:2])) < MILLIMETRE
+    assert told(result, "model 'hills'")
+    assert any("could be touched" in check for check in result.checks)
+    assert {patch.name for patch in world.patches} == {"asphalt_road"}
+    with pytest.raises(ModelError, match="terrain"):
+        import_world(tmp_path / "trap.world", folder=tmp_path / "strict", strict=True)
+    assert not (tmp_path / "strict").exists()
+
+
+def test_populations(tmp_path):
+    result, world = imported(traps.crowds(tmp_path), tmp_path / "worlds")
+    count = Counter(prop.name.partition("[")[0] for prop in world.props)
+    assert count == {"cans": 12, "row": 5, "loose": 6, "round": 4}
+    assert not world.homeless
+    places = {name: np.array([p.X_WP.translation()[:2] for p in world.props if p.name.startswith(f"{name}[")])
+              for name in count}  # fmt: skip
+    # Four columns 2 m and three rows 3 m apart about (10, 20) m; five along y from -5 m in steps of 2 m.
+    grid = {(7.0 + 2.0 * i, 17.0 + 3.0 * j) for i in range(4) for j in range(3)}
+    assert {tuple(place) for place in places["cans"].round(6).tolist()} == grid
+    np.testing.assert_allclose(places["row"], [(-20.0, y) for y in (-5, -3, -1, 1, 3)], atol=1e-6)
+    assert np.all(np.abs(places["loose"] - [20.0, -20.0]) <= [4.0, 3.0])
+    assert np.all(np.hypot(*(places["round"] + 20.0).T) <= 5.0)
+    assert len(told(result, "population")) == 4
+    assert "1 to 5000" in told(result, "model 'empty'")[0].why
+
+
+def test_populations_of_the_old_form(tmp_path):
+    _, world = imported(traps.old_crowds(tmp_path), tmp_path / "worlds")
+    count = Counter(prop.name.partition("[")[0] for prop in world.props)
+    assert count == {"steps": 6, "some": 5, "round": 5, "row": 6}
+    for prop in world.props:
+        x, y, _ = prop.X_WP.translation()
+        inside = {
+            "steps": x in {-10.0, -8.0, -6.0} and y in {-12.0, -9.0},
+            "some": 3.0 <= x <= 9.0 and 3.0 <= y <= 7.0,
+            "round": np.hypot(x + 13.0, y - 3.0) <= 2.0,
+            "row": -1.0 <= x <= 5.0 and y == pytest.approx(15.0),
+        }
+        assert inside[prop.name.partition("[")[0]], (prop.name, x, y)
+
+
+# --- nothing is dropped without a word ----------------------------------------------------------------------------
+
+
+def test_everything_without_a_place_is_told(tmp_path):
+    result, world = imported(traps.leftovers(tmp_path), tmp_path / "worlds")
+    parts = [f"<{tag}>" for tag in ("gravity", "physics", "scene", "gui", "wind", "spherical_coordinates", "plugin",
+                                    "magnetic_field", "audio")]  # fmt: skip
+    parts += ["light 'lamp'", "light 'moon'", "actor 'walker'", "model 'hills'", "model 'ghost'", "model 'robot'"]
+    report = result.path.with_suffix(".md").read_text()
+    for part in parts:
+        assert told(result, part), part
+        assert part.replace("<", "&lt;") in report, part
+    assert world.starts["robot"].yaw == pytest.approx(np.pi, abs=1e-4)
+    assert (world.starts["robot"].x, world.starts["robot"].y) == (-4.0, 3.0)
+    assert set(placed(world)) == {"walker"}
+    assert "m/s²" in told(result, "gravity")[0].was
+
+
+def test_each_element_of_a_rich_world_is_an_entry_or_told(tmp_path):
+    path = traps.rich(tmp_path)
+    result, world = imported(path, tmp_path / "out")
+    names = {prop.name.partition("[")[0] for prop in world.props} | {patch.name for patch in world.patches}
+    expected = {"gate", "construction_cone", "crate", "leaning", "block", "block_post", "walker", "can"}
+    assert names == expected | {"floor", "street"}
+    for part in ("model 'gone'", "light 'lamp'", "<plugin>", "model 'construction_cone'", "road 'street'", "<state>"):
+        assert told(result, part), part
+    assert all(re.fullmatch(r"\S+:\d+", change.where) for change in result.changes)
+    assert str(tmp_path) not in result.path.with_suffix(".md").read_text() + result.world_text
+
+
+@pytest.mark.parametrize("fault", traps.broken())
+def test_a_broken_model_is_left_out_with_its_reason(tmp_path, fault):
+    inside, word = traps.broken()[fault]
+    path = traps.world(tmp_path, inside + traps.model("sound", pose="20 0 0.5 0 0 0"))
+    result, world = imported(path, tmp_path / "worlds")
+    assert "sound" in placed(world)
+    found = [change for change in result.changes if word in change.why]
+    assert found, result.changes
+    assert found[0].where == "trap.world:5"
+    with pytest.raises(ModelError) as refusal:
+        import_world(path, folder=tmp_path / "strict", strict=True)
+    assert "\n" not in str(refusal.value)
+    assert word in str(refusal.value)
+    assert not (tmp_path / "strict").exists()
+
+
+def test_a_part_of_a_model_that_cannot_be_read_is_told(tmp_path):
+    bad = '<link name="other"><pose>x</pose></link>'
+    path = traps.world(tmp_path, traps.model("half", pose="5 0 0.5 0 0 0", extra=bad))
+    result, world = imported(path, tmp_path / "worlds")
+    assert set(placed(world)) == {"half"}
+    assert "with all that follows" in told(result, "model 'half'")[0].became
+
+
+def test_names_that_yaml_reads_as_something_else(tmp_path):
+    inside = traps.model("true", pose="5 0 0.5 0 0 0") + traps.model("no", size="4 4 0.01", pose="0 9 0 0 0 0")
+    _, world = imported(traps.world(tmp_path, inside, name="null"), tmp_path / "worlds")
+    assert (world.name, set(placed(world))) == ("world_null", {"prop_true"})
+    assert [patch.name for patch in world.patches] == ["patch_no"]
+
+
+@pytest.mark.parametrize("size", ["1e6 1e6", "0 0", "-1 5"])
+def test_planes_of_odd_sizes_are_the_usual_ground(tmp_path, size):
+    _, world = imported(traps.world(tmp_path, "", plane=traps.PLANE.replace("100 80", size)), tmp_path / "worlds")
+    assert world.ground.extent == (-200.0, -200.0, 200.0, 200.0)
+
+
+# --- models that are not at hand ----------------------------------------------------------------------------------
+
+
+def test_missing_models_are_told_with_what_was_searched(tmp_path, monkeypatch):
+    path = traps.world(tmp_path, traps.include("model://no_such_thing"))
+    monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
+    result, _ = imported(path, tmp_path / "worlds")
+    why = told(result, "model 'no_such_thing'")[0].why
+    for part in ("GAZEBO_MODEL_PATH (not set)", "GZ_SIM_RESOURCE_PATH (2 folders)", "beside and above the file",
+                 "--package no_such_thing=DIR"):  # fmt: skip
+        assert part in why
+
+
+@pytest.mark.parametrize("way", ["GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "package", "beside"])
+def test_models_are_found(tmp_path, monkeypatch, way):
+    folder = tmp_path / ("worlds/models" if way == "beside" else "elsewhere")
+    thing = traps.model_folder(folder, "thing", traps.model("thing", size="2 1 1", pose="0 0 0.5 0 0 0"), config=False)
+    path = traps.world(tmp_path / "worlds", traps.include("model://thing", pose="3 4 0.5 0 0 0"))
+    if way not in {"package", "beside"}:
+        monkeypatch.setenv(way, str(folder))
+    given = {"thing": thing} if way == "package" else None
+    _, world = imported(path, tmp_path / "out", packages=given)
+    np.testing.assert_allclose(box_of(world.props[0]), [2.0, 3.5, 0.0, 4.0, 4.5, 1.0], atol=MILLIMETRE)
+
+
+# --- refusals -----------------------------------------------------------------------------------------------------
+
+BOMB = '<!DOCTYPE sdf [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>\n<sdf version="1.6">&b;</sdf>'
+OUTSIDE = (
+    '<!DOCTYPE sdf [\n<!ENTITY x SYSTEM "file:///etc/hostname">]>\n<sdf version="1.6"><world name="w">&x;</world></sdf>'
+)
+REFUSED = {
+    "bomb": (BOMB, ":1: declares an XML entity"),
+    "external entity": (OUTSIDE, ":2: declares an XML entity"),
+    "no XML": ("mirdrake: world/1\n", "not valid XML"),
+    "unclosed": ("<sdf version='1.6'><world name='w'>", "not valid XML"),
+    "empty": ("", "not valid XML"),
+    "no world": ("<sdf version='1.6'><model name='m'/></sdf>", "import vehicle takes vehicles"),
+    "robot": ("<robot name='r'/>", "holds no world"),
+    "xacro": (
+        "<sdf version='1.6' xmlns:xacro='x'><world name='w'><xacro:include filename='a'/></world></sdf>",
+        "render the file first",
+    ),
+    "ancient": ("<gazebo version='1.0'><world name='w'/></gazebo>", "too old"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusals_are_one_line_and_write_nothing(tmp_path, case):
+    text, words = REFUSED[case]
+    path = tmp_path / "bad.world"
+    path.write_text(text)
+    with pytest.raises(MirdrakeError) as refusal:
+        import_world(path, folder=tmp_path / "worlds")
+    assert words in str(refusal.value)
+    assert "bad.world" in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert not (tmp_path / "worlds").exists()
+
+
+def test_a_bomb_in_an_included_model_is_left_out(tmp_path):
+    traps.model_folder(tmp_path / "models", "bomb", "")
+    (tmp_path / "models/bomb/model.sdf").write_text(BOMB)
+    result, _ = imported(traps.world(tmp_path, traps.include("model://bomb")), tmp_path / "worlds")
+    assert any("declares an XML entity" in change.why for change in result.changes)
+
+
+def test_a_model_that_includes_itself(tmp_path):
+    inner = '<model name="loop">' + traps.include("model://loop") + "</model>"
+    traps.model_folder(tmp_path / "models", "loop", inner)
+    result, _ = imported(traps.world(tmp_path, traps.include("model://loop")), tmp_path / "worlds")
+    assert any("includes itself" in change.why for change in result.changes)
+
+
+def test_nothing_is_replaced_unless_it_was_imported(tmp_path):
+    path = traps.nested(tmp_path)
+    first, _ = imported(path, tmp_path / "worlds", name="lot")
+    with pytest.raises(ConfigError, match="is there already"):
+        import_world(path, folder=tmp_path / "worlds", name="lot")
+    again = import_world(path, folder=tmp_path / "worlds", name="lot", force=True)
+    assert again.world_text == first.world_text
+    (tmp_path / "worlds/lot").mkdir()
+    (tmp_path / "worlds/lot/mine.txt").write_text("mine")
+    with pytest.raises(ConfigError, match="was not made by an import"):
+        import_world(path, folder=tmp_path / "worlds", name="lot", force=True)
+    assert sorted(entry.name for entry in (tmp_path / "worlds").iterdir()) == ["lot", "lot.md", "lot.yaml"]
+
+
+# --- damage -------------------------------------------------------------------------------------------------------
+
+ODD = ["nan", "1e400", "-1", "0", "x", "", "1 2", "../..", "&lt;", "é", "1e9", "true"]
+
+
+def damage(text, chance):
+    """A text with one to three faults."""
+    for _ in range(chance.randint(1, 3)):
+        kind = chance.randrange(6)
+        numbers = list(re.finditer(r"-?\d+\.?\d*", text))
+        tags = list(re.finditer(r"<(\w+)[^<>]*>", text))
+        lines = text.splitlines(keepends=True)
+        if kind == 0:
+            match = chance.choice(numbers)
+            text = text[: match.start()] + chance.choice(ODD) + text[match.end() :]
+        elif kind == 1:
+            match = chance.choice(tags)
+            text = text[: match.start()] + text[match.end() :]
+        elif kind == 2:  # whole elements go, or stand twice
+            name = chance.choice(tags).group(1)
+            elements = list(re.finditer(rf"<{name}\b[^<>]*>[^<>]*</{name}>", text))
+            match = chance.choice(elements) if elements else chance.choice(tags)
+            text = text[: match.end()] + chance.choice(["", match.group()]) + text[match.end() :]
+            text = text[: match.start()] + text[match.end() :] if chance.random() < 0.5 else text
+        elif kind == 3:
+            index = chance.randrange(len(lines))
+            text = "".join(lines[:index] + lines[index + 1 :])
+        elif kind == 4:
+            first, second = chance.choice(tags).group(1), chance.choice(tags).group(1)
+            text = re.sub(rf"(</?){first}\b", rf"\g<1>{second}", text)
+        else:
+            names = re.findall(r'="([^"]*)"', text)
+            text = text.replace(f'="{chance.choice(names)}"', f'="{chance.choice(names + ODD)}"', 1)
+    return text
+
+
+def test_a_damaged_world_is_a_world_or_one_line(tmp_path):
+    path = traps.rich(tmp_path)
+    whole = path.read_text(encoding="utf-8")
+    outcome: Counter[str] = Counter()
+    for seed in range(100):
+        path.write_text(damage(whole, random.Random(seed)), encoding="utf-8")
+        target = tmp_path / f"out{seed}"
+        result, fault = None, ""
+        try:
+            result = import_world(path, folder=target, name="w")
+        except MirdrakeError as error:
+            fault = str(error)
+        if result is None:
+            outcome["refused"] += 1
+            assert re.fullmatch(r"[^\n]*rich\.world:\d+: [^\n]+", fault), (seed, fault)
+            assert not target.exists(), seed
+        else:
+            outcome["world"] += 1
+            load_world(str(result.path))
+            assert (target / "w.md").read_text(encoding="utf-8").startswith("# Import of w")
+            assert {entry.name for entry in target.iterdir()} <= {"w", "w.md", "w.yaml"}, seed
+    assert min(outcome["refused"], outcome["world"]) > 10, outcome
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """The command line with the one verb; returns the exit code."""
+    monkeypatch.setattr(cli, "VERBS", {"import": "world_import"})
+    return lambda *arguments: cli.main(["import", *map(str, arguments)])
+
+
+def test_command_prints_what_was_done(tmp_path, command, capsys):
+    path = traps.leftovers(tmp_path)
+    assert command(path, "--folder", tmp_path / "worlds", "--name", "rest") == 0
+    out = capsys.readouterr().out
+    assert str(Path("worlds") / "rest.yaml") in out
+    for part in ("point light 'lamp'", "1 entries", "left out", "rest.md", "check: "):
+        assert part in out
+    assert (tmp_path / "worlds/rest.md").is_file()
+    assert load_world(str(tmp_path / "worlds/rest.yaml")).name == "rest"
+
+
+def test_command_options(tmp_path, command, capsys):
+    thing = traps.model_folder(tmp_path / "elsewhere", "thing", traps.model("thing"), config=False)
+    path = traps.world(tmp_path / "a", traps.include("model://thing", pose="3 4 0.5 0 0 0"))
+    strict = (path, "--folder", tmp_path / "worlds", "--strict")
+    assert command(*strict) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "--package thing=DIR" in error
+    assert not (tmp_path / "worlds").exists()
+    assert command(*strict, "--package", f"thing={thing}") == 0
+    assert command(*strict, "--package", f"thing={thing}") == 2
+    assert "is there already" in capsys.readouterr().err
+    assert command(*strict, "--package", f"thing={thing}", "--force") == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.world"], "nowhere.world"),
+        (["a.world", "--package", "thing"], "expected NAME=DIR"),
+        (["a.world", "--package", "thing=/no/such/folder"], "no such folder"),
+        (["a.world", "--name", "no name"], "no name"),
+    ],
+)
+def test_command_refuses_in_one_line(tmp_path, monkeypatch, command, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    traps.world(tmp_path, "", file="a.world")
+    assert command(*arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert words in error
+    assert not (tmp_path / "worlds").exists()
