@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.special import fresnel
 
 from mirdrake.errors import ConfigError, WorldError
-from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through, read_csv_track
+from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
+from mirdrake.worlds.csv_lines import read_csv_track
 from mirdrake.worlds.tracks import Piece, Track
 
 

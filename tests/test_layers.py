@@ -16,7 +16,7 @@ STAGES = {
     "controllers": 3, "sensors": 3, "tyres": 3,
     "blocks": 4, "diagram": 4, "diagram_spec": 4, "wiring": 4,
     "drawing": 5, "logs": 5, "recorder": 5, "requirements": 5, "simulation": 5, "summary": 5, "telemetry": 5,
-    "identification": 6, "manoeuvres": 6, "studies": 6, "suites": 6, "tuning": 6,
+    "identification": 6, "manoeuvres": 6, "studies": 6, "suites": 6, "tuning": 6, "world_checks": 6,
     "report": 7, "viewer": 7,
     "__init__": 8, "__main__": 8, "cli": 8, "workflow": 8,
 }  # fmt: skip

@@ -1,5 +1,6 @@
 """The bundled props: what their files say, solids that agree with what is seen, files that are the generator's."""
 
+import json
 import math
 import runpy
 from collections.abc import Iterator
@@ -11,9 +12,10 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 
 from mirdrake.paths import data_root
+from mirdrake.worlds.props import load_prop, make_mesh_prop
 
 ROOT = data_root() / "models" / "props"
 NAMES = sorted(path.parent.name for path in ROOT.glob("*/prop.yaml"))
@@ -48,6 +50,9 @@ def visual_of(name: str) -> trimesh.Trimesh:
     mesh = trimesh.load(ROOT / name / spec_of(name)["visual"], force="scene").to_geometry()
     mesh.apply_transform([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     return mesh
+
+
+REACH = 2.2  # [m] height up to which a car may touch things
 
 
 def angle_of(value: float | str) -> float:
@@ -134,17 +139,87 @@ def test_solids_stay_in_the_box_and_stand_on_the_ground(name: str) -> None:
     assert points[:, 2].min() == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
-def test_solids_lie_close_to_what_is_seen(name: str) -> None:
-    # Each corner of what is seen is in a solid or a few cm from one; mirrors of cars and goods behind glass aside.
-    points = visual_of(name).vertices
-    if name in {"sedan", "van"}:
-        points = points[np.abs(points[:, 1]) < {"sedan": 0.9, "van": 0.99}[name]]
+def depth_outside(name: str, points: np.ndarray) -> np.ndarray:
+    """How far points (n, 3) are outside all solids [m], at least; below 0 inside."""
     outside = np.full(len(points), np.inf)
     for corners in solids_of(name):
         equations = ConvexHull(corners).equations
         outside = np.minimum(outside, (points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
-    assert outside.max() < {"thrift_store": 0.15, "house": 0.25}.get(name, 0.08)
+    return outside
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
+def test_a_car_cannot_drive_through_what_is_seen(name: str) -> None:
+    # All that is seen is in a solid or a few cm from one; mirrors of cars and goods behind glass aside.
+    mesh = visual_of(name)
+    points = np.concatenate([mesh.vertices, trimesh.sample.sample_surface(mesh, 3000, seed=1)[0]])
+    if name in {"sedan", "van"}:
+        points = points[np.abs(points[:, 1]) < {"sedan": 0.9, "van": 0.99}[name]]
+    assert depth_outside(name, points).max() < {"thrift_store": 0.15, "house": 0.25}.get(name, 0.08)
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
+def test_a_car_does_not_hit_what_is_not_seen(name: str) -> None:
+    surface = cKDTree(trimesh.sample.sample_surface(visual_of(name), 40_000, seed=1)[0])
+    corners = np.concatenate(list(solids_of(name)))
+    corners = corners[corners[:, 2] < REACH]
+    large = {"house", "building", "thrift_store"}  # few points on much surface
+    assert surface.query(corners)[0].max() < (0.2 if name in large else 0.1)
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
+def test_solids_reach_as_far_as_what_is_seen(name: str) -> None:
+    seen, felt = visual_of(name).vertices, np.concatenate(list(solids_of(name)))
+    seen, felt = seen[seen[:, 2] < REACH], felt[felt[:, 2] < REACH]
+    gap = np.maximum(seen.max(axis=0) - felt.max(axis=0), felt.min(axis=0) - seen.min(axis=0))[:2]
+    allowed = {  # mirrors, and sills of windows
+        "sedan": (0.03, 0.15), "van": (0.03, 0.20), "house": (0.11, 0.11), "thrift_store": (0.11, 0.11),
+        "traffic_light": (0.05, 0.03),
+    }  # fmt: skip
+    assert np.all(gap <= allowed.get(name, (0.03, 0.03)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_meshes_are_sound_files(name: str) -> None:
+    path = ROOT / name / spec_of(name)["visual"]
+    data = json.loads(path.read_text(encoding="utf-8"))
+    assert data["asset"]["version"] == "2.0"
+    assert not data.get("images")
+    assert not data.get("textures")
+    (buffer,) = data["buffers"]
+    size = (path.parent / buffer["uri"]).stat().st_size
+    assert buffer["byteLength"] == size
+    assert all(view.get("byteOffset", 0) + view["byteLength"] <= size for view in data["bufferViews"])
+    for mesh in data["meshes"]:
+        for part in mesh["primitives"]:
+            assert 0 <= part["material"] < len(data["materials"])
+            assert {"POSITION", "NORMAL"} <= set(part["attributes"])
+    mesh = visual_of(name)
+    assert np.isfinite(mesh.vertices).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertex_normals, axis=1), 1.0, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_prop_is_read_as_its_file_says(name: str) -> None:
+    prop, spec = load_prop(name), spec_of(name)
+    assert prop.size == tuple(spec["size"])
+    assert (prop.mass, prop.driven_over, len(prop.solids)) == (spec["mass"], spec["driven_over"], len(spec["solids"]))
+    for solid, corners in zip(prop.solids, solids_of(name), strict=True):  # as Drake has it, and as it is read here
+        np.testing.assert_allclose(np.ptp(solid.corners, axis=0), np.ptp(corners, axis=0), rtol=0.02, atol=0.01)
+    assert prop.visual is not None
+    np.testing.assert_allclose(make_mesh_prop(prop.visual).size, prop.size, rtol=0, atol=0.01)
+
+
+def test_the_readme_has_a_row_for_each_prop() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("|")]
+    table = {row[1].strip(): [row[i].strip() for i in (2, 3, 4, 5, 7)] for row in rows[2:]}
+    for name in NAMES:
+        spec = spec_of(name)
+        size = " x ".join(f"{side:g}" for side in spec["size"])
+        expected = [size, str(spec["mass"]), str(len(spec["solids"])), str(len(visual_of(name).faces)), spec["source"]]
+        assert table[name] == expected
+    assert set(table) == set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -12,10 +12,11 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from mirdrake import requirements
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run
 from mirdrake.requirements import Event, Observation, observe, outline, parse_requirement
-from mirdrake.requirements.observation import clearance
+from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED, clearance
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 
@@ -81,6 +82,7 @@ def test_margins_by_hand(text, passed, margin, unit, worst) -> None:
     assert finding.margin == pytest.approx(margin, abs=1e-12)
     assert (finding.unit, finding.worst_time) == (unit, worst)
     assert finding.times.shape == finding.margins.shape
+    assert finding.margins[finding.times == finding.worst_time] == pytest.approx(margin, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -147,6 +149,21 @@ def test_the_parser_raises_nothing_but_config_errors_of_one_line(text) -> None:
         message = "understood"
         assert parse_requirement(str(requirement)) == requirement
     assert len(message.splitlines()) == 1
+
+
+def test_the_documentation_lists_every_signal_with_its_unit_and_every_event() -> None:
+    text = str(requirements.__doc__)
+    units = RECORDED | {name: unit for name, (unit, _) in DERIVED.items()}
+    listed: dict[str, str] = {}
+    for line in text.splitlines():
+        names, _, rest = line.strip().partition("  ")
+        first = rest.split()[0] if rest.strip() else ""
+        found = [name.strip() for name in names.split(",")]
+        if all(name in units for name in found):
+            listed |= dict.fromkeys(found, first if first in units.values() else "")
+    assert listed == units
+    for event in EVENTS:
+        assert f"``{event}``" in text
 
 
 # --- the sign of the margin ----------------------------------------------------------------------------------------
@@ -218,6 +235,15 @@ def _brute(kind: str, first, second, data, rows) -> Any:
     if kind == "at end":
         return first.holds(data, rows[-1])
     return any(second.holds(data, i) and all(first.holds(data, j) for j in rows if j < i) for i in rows)
+
+
+@given(st.sampled_from(("always", "never", "eventually", "at end", "until")), _EXPRESSIONS, _EXPRESSIONS)
+@settings(max_examples=200, deadline=None)
+def test_the_text_of_a_requirement_means_the_same_requirement(kind, first, second) -> None:
+    text = f"{first.text}  until {second.text}" if kind == "until" else f" {kind} {first.text} "
+    requirement = parse_requirement(text)
+    assert parse_requirement(str(requirement)) == requirement
+    assert requirement.kind == kind
 
 
 @given(

@@ -21,6 +21,7 @@ VERBS = {
     "import": "importing",
     "inspect": "inspect",
     "new": "new",
+    "world": "world",
 }
 """Module of each verb in this package."""
 
@@ -34,6 +35,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and what looks wrong
   mirdrake check my_diagram.yaml        every fault with file and line, without running
   mirdrake draw bolt_test_track         the block diagram as SVG
+  mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
 Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of
 mirdrake itself; a path works as well. Exit codes: 0 done, 1 a check failed or a run diverged, 2 bad input.

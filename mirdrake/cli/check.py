@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
 def _check_one(name: str, overrides: Sequence[str]) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
     """Check one thing; returns faults, what a vehicle fails to do, and remarks that are neither."""
     from mirdrake.diagram import assemble, load_diagram
-    from mirdrake.worlds import load_world
+    from mirdrake.world_checks import check_world
 
     try:
         kind = "models" if _holds_vehicle(Path(name)) else kind_of(name)
@@ -53,8 +53,7 @@ def _check_one(name: str, overrides: Sequence[str]) -> tuple[Sequence[str], Sequ
             found = check_vehicle(name)
             return found.faults, found.failures, found.remarks
         if kind == "worlds":
-            load_world(name)
-            return (), (), ()
+            return [fault.text for fault in check_world(name, overrides=overrides)], (), ()
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         return (), (), [f"output '{port}' is not read" for port in assemble(spec).unread]
     except MirdrakeError as error:

@@ -132,7 +132,7 @@ def _headline(suite: Suite) -> str:
         return "No case was run"
     if counts["pass"] == total:
         return "The case passed" if total == 1 else f"All {total} cases passed"
-    words = {"fail": "failed", "error": "could not be judged", "invalid": "have an invalid world"}
+    words = {"fail": "failed", "error": "could not be judged", "invalid": "invalid"}
     parts = [f"{counts[key]} {text}" for key, text in words.items() if counts[key]]
     return f"{counts['pass']} of {total} cases passed; " + ", ".join(parts)
 
@@ -159,9 +159,18 @@ def _row(case: Case, result: Result, largest: dict[str, float], *, detailed: boo
         values=[(key, _value(value)) for key, value in case.values.items()],
         margin=_margin(worst) if worst is not None else "",
         bar=bar,
-        asked=worst["text"] if worst is not None else result.reason,
+        asked=_asked(result),
         detailed=detailed,
     )
+
+
+def _asked(result: Result) -> str:
+    """The requirement that decides, and how many more failed; or why there is none."""
+    worst = result.worst
+    if worst is None:
+        return result.reason
+    more = sum(not finding["passed"] for finding in result.findings) - 1
+    return f"{worst['text']} (and {more} more failed)" if more > 0 else str(worst["text"])
 
 
 def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[str, float]) -> Detail:
@@ -229,7 +238,9 @@ def _matrices(suite: Suite) -> list[Matrix]:
 def _margin(finding: dict[str, Any] | None) -> str:
     if finding is None:
         return ""
-    return "unbounded" if finding["margin"] is None else tell(finding["margin"], finding["unit"])
+    if finding["margin"] is None:
+        return "unbounded"
+    return ("+" if finding["margin"] > 0.0 else "") + tell(finding["margin"], finding["unit"])
 
 
 def _value(value: Any) -> str:

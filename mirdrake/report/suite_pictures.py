@@ -16,8 +16,9 @@ PLAN = 520.0
 
 _LOW, _HIGH = 190.0, 460.0  # [px] least and most height of a plan
 _AROUND = 8.0  # [m] shown around the drive
+_WIDEST = 40.0  # [m] that a plan shows at least
 _CURVE = (520.0, 104.0)  # [px] width and height of a curve
-_LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 10.0, 8.0, 20.0  # [px] around its axes
+_LEFT, _RIGHT, _TOP, _BOTTOM = 66.0, 18.0, 8.0, 20.0  # [px] around its axes
 
 
 class _View(NamedTuple):
@@ -65,7 +66,7 @@ def draw_plan(sketch: Mapping[str, Any], worst: int | None, *, failed: bool) -> 
     for kind in ("start", "end"):
         if sketch.get(kind):
             parts.append(f'<path class="car" d="{view.path(sketch[kind])}"/>')
-            parts.append(_word(view, sketch[kind], kind))
+            parts.append(_word(view, sketch[kind], kind, above=kind == "end"))
     if worst is not None and sketch["findings"][worst]["outline"]:
         finding = sketch["findings"][worst]
         name = "worst bad" if failed else "worst"
@@ -73,17 +74,22 @@ def draw_plan(sketch: Mapping[str, Any], worst: int | None, *, failed: bool) -> 
         x, y = view.place(_middle(finding["outline"]))
         radius = max(16.0, 3.2 * view.scale)
         parts.append(f'<circle class="ring {name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>')
+        above = y - radius - 5.0 if y - radius > 18.0 else y + radius + 14.0
+        parts.append(f'<text x="{x:.1f}" y="{above:.1f}" text-anchor="middle">{finding["worst_time"]:.2f} s</text>')
     parts.append(_scale_bar(view))
     return _svg("plan", view.width, view.height, "The place from above with the driven line.", parts)
 
 
 def _view(sketch: Mapping[str, Any]) -> _View:
-    """What of the world is shown: the drive and a bit around it."""
+    """What of the world is shown: the drive and a bit around it; all that stands in it if nothing was driven."""
     points = [*sketch.get("line", ()), *sketch.get("start", ()), *sketch.get("end", ())]
-    points += [point for finding in sketch.get("findings", ()) for point in finding["outline"]] or [[0.0, 0.0]]
+    points += [point for finding in sketch.get("findings", ()) for point in finding["outline"]]
+    if not points:
+        points = [point for kind in ("roads", "goals", "props") for ring in sketch.get(kind, ()) for point in ring]
+    points = points or [[0.0, 0.0]]
     xs, ys = [point[0] for point in points], [point[1] for point in points]
     x0, x1, y0, y1 = min(xs) - _AROUND, max(xs) + _AROUND, min(ys) - _AROUND, max(ys) + _AROUND
-    scale = min(PLAN / (x1 - x0), _HIGH / (y1 - y0))
+    scale = min(PLAN / max(x1 - x0, _WIDEST), _HIGH / (y1 - y0))
     height = min(max(_LOW, (y1 - y0) * scale), _HIGH)
     return _View((x0 + x1) / 2.0 - PLAN / 2.0 / scale, (y0 + y1) / 2.0 - height / 2.0 / scale, scale, PLAN, height)
 
@@ -92,9 +98,9 @@ def _middle(points: Sequence[Point]) -> tuple[float, float]:
     return sum(point[0] for point in points) / len(points), sum(point[1] for point in points) / len(points)
 
 
-def _word(view: _View, outline: Sequence[Point], word: str) -> str:
+def _word(view: _View, outline: Sequence[Point], word: str, *, above: bool) -> str:
     placed = [view.place(point) for point in outline]
-    x, y = _middle(placed)[0], max(y for _, y in placed) + 13.0
+    x, y = _middle(placed)[0], min(y for _, y in placed) - 5.0 if above else max(y for _, y in placed) + 13.0
     return f'<text x="{x:.1f}" y="{min(y, view.height - 4.0):.1f}" text-anchor="middle">{word}</text>'
 
 
@@ -105,7 +111,7 @@ def _scale_bar(view: _View) -> str:
 
 
 def draw_curve(curve: Mapping[str, Any], *, unit: str, margin: float | None, passed: bool) -> Markup:
-    """A margin over time, what is below zero in red, with a dot where it was decided.
+    """A margin over time, with a dot where it was decided; if it fails, what is below zero in red.
 
     Args:
         curve: an entry of ``findings`` in a sketch.
@@ -130,19 +136,23 @@ def draw_curve(curve: Mapping[str, Any], *, unit: str, margin: float | None, pas
         return _TOP + (high - value) / (high - low) * (height - _TOP - _BOTTOM)
 
     zero, parts = y_of(0.0), []
-    for value in _ticks(low, high, 3):
-        y = y_of(value)
+    values = _ticks(low, high, 3)
+    for value in values:
+        y, mark = y_of(value), f"{_number(value)} {unit if value == values[-1] else ''}".strip()
         parts.append(f'<path class="grid" d="M{_LEFT:.0f} {y:.1f}H{width - _RIGHT:.0f}"/>')
-        parts.append(f'<text x="{_LEFT - 6:.0f}" y="{y + 4:.1f}" text-anchor="end">{_number(value)}</text>')
+        parts.append(f'<text x="{_LEFT - 6:.0f}" y="{y + 4:.1f}" text-anchor="end">{escape(mark)}</text>')
+    times = _ticks(first, last, 6)
     parts += [
-        f'<text x="{x_of(time):.1f}" y="{height - 5:.0f}" text-anchor="middle">{_number(time)}</text>'
-        for time in _ticks(first, last, 6)
+        f'<text x="{x_of(time):.1f}" y="{height - 5:.0f}" text-anchor="middle">{_number(time)}'
+        f"{' s' if time == times[-1] else ''}</text>"
+        for time in times
     ]
     for piece in _pieces(curve):
         line = " ".join(f"{x_of(t):.1f} {y_of(v):.1f}" for t, v in piece)
         below = " ".join(f"{x_of(t):.1f} {max(y_of(v), zero):.1f}" for t, v in piece)
         ends = x_of(piece[-1][0]), x_of(piece[0][0])
-        parts.append(f'<path class="below" d="M{below}L{ends[0]:.1f} {zero:.1f}H{ends[1]:.1f}Z"/>')
+        if not passed:
+            parts.append(f'<path class="below" d="M{below}L{ends[0]:.1f} {zero:.1f}H{ends[1]:.1f}Z"/>')
         parts.append(f'<path class="curve" d="M{line}"/>')
     parts.append(f'<path class="zero" d="M{_LEFT:.0f} {zero:.1f}H{width - _RIGHT:.0f}"/>')
     if margin is not None:

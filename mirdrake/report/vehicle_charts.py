@@ -175,7 +175,9 @@ def _plan_lateral_error(
             Curve(f"{side} edge", values, "ink", dashed=True) for side, values in zip(_SIDES, road_edges, strict=True)
         ]
         room = float(np.nanmin([road_edges[0] - error, error - road_edges[1]]))
-        caption += f" Least distance of the middle of the car to an edge of the road: {tell(room, 'm', digits=2)}."
+        caption += (
+            f" Dashed: the edges of the road; the middle of the car is {tell(room, 'm', digits=2)} from one at least."
+        )
         across = Panel("The same across the road", "m", [curve, *edges], zero=True, relative_height=0.62)
         return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), across], caption
     if not road_width:

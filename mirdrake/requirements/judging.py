@@ -1,6 +1,7 @@
 """A requirement that was understood, and what it has to say of a run."""
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -26,9 +27,9 @@ class Finding(NamedTuple):
     worst_time: float
     """when the margin was decided [s]"""
     times: Array
-    """samples that count [s] (n)"""
+    """samples that count [s] (n); of ``A until B`` those before B if A decides"""
     margins: Array
-    """of what is asked for, sample by sample (n)"""
+    """of what is asked for, sample by sample (n); of ``A until B`` that of the one that decides"""
     decided_by: str = ""
     """the comparison or event that decided"""
 
@@ -84,29 +85,27 @@ class Requirement:
             raise RunError(f"{place}the run ended at {end:g} s, before this counts; make the test longer")
         rows = np.flatnonzero(counts)
         main = _Cut(self.expression, seen, rows)
-        truth, margin, atoms = main.truth, main.margin, main.atom
-        if self.kind == "never":
-            truth, margin = ~truth, -margin
+        truth, margin = main.truth, main.margin
         if self.kind == "until":
             assert self.aim is not None
-            passed, margin, worst, atom = _until(main, _Cut(self.aim, seen, rows))
-            value = float(margin.max())
+            passed, main, worst = _until(main, _Cut(self.aim, seen, rows))
+            margin = main.margin
+        elif self.kind == "at end":
+            worst, passed = len(rows) - 1, bool(truth[-1])
+        elif self.kind == "eventually":
+            worst, passed = int(margin.argmax()), bool(truth.any())
         else:
-            if self.kind == "at end":
-                worst, passed = len(rows) - 1, bool(truth[-1])
-            elif self.kind == "eventually":
-                worst, passed = int(margin.argmax()), bool(truth.any())
-            else:
-                worst, passed = int(margin.argmin()), bool(truth.all())
-            value, atom = float(margin[worst]), int(atoms[worst])
-        decided = self.atoms[atom]
+            if self.kind == "never":
+                truth, margin = ~truth, -margin
+            worst, passed = int(margin.argmin()), bool(truth.all())
+        decided, times = self.atoms[main.atom[worst]], seen.times[rows][: len(margin)]
         return Finding(
             text=self.text,
             passed=passed,
-            margin=value,
+            margin=float(margin[worst]),
             unit=decided.unit_in(seen),
-            worst_time=float(seen.times[rows][worst]),
-            times=seen.times[rows],
+            worst_time=float(times[worst]),
+            times=times,
             margins=margin,
             decided_by=decided.text,
         )
@@ -122,14 +121,19 @@ class _Cut:
         truth, margin, atom = expression.evaluate(seen)
         self.truth, self.margin, self.atom = truth[rows], margin[rows], atom[rows]
 
+    def until(self, end: int) -> "_Cut":
+        """The samples before one."""
+        cut = copy(self)
+        cut.truth, cut.margin, cut.atom = self.truth[:end], self.margin[:end], self.atom[:end]
+        return cut
 
-def _until(hold: _Cut, aim: _Cut) -> tuple[bool, Array, int, int]:
-    """Truth of ``hold until aim``; the margin if the aim were met at each sample, the deciding sample and its atom."""
+
+def _until(hold: _Cut, aim: _Cut) -> tuple[bool, _Cut, int]:
+    """Truth of ``hold until aim``; which of the two decides, as far as it counts; and the deciding sample."""
     before = np.concatenate(([math.inf], np.minimum.accumulate(hold.margin)[:-1]))
     held = np.concatenate(([True], np.logical_and.accumulate(hold.truth)[:-1]))
-    margin = np.minimum(aim.margin, before)
-    best = int(margin.argmax())
+    passed = bool((aim.truth & held).any())
+    best = int(np.minimum(aim.margin, before).argmax())
     if aim.margin[best] <= before[best]:
-        return bool((aim.truth & held).any()), margin, best, int(aim.atom[best])
-    lowest = int(hold.margin[:best].argmin())
-    return bool((aim.truth & held).any()), margin, lowest, int(hold.atom[lowest])
+        return passed, aim, best
+    return passed, hold.until(best), int(hold.margin[:best].argmin())

@@ -18,11 +18,12 @@ from typing import Any, Self
 from mirdrake.errors import RunError
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.worker import run_folder, serve
+from mirdrake.yaml_io import shown
 
 STARTING = 120.0
 """Wall time that a worker may take to start [s]."""
 
-_LAST_WORDS = re.compile(r"abort: |Fatal Python error|terminate called|what\(\):|Assertion .* failed|Error: ")
+_LAST_WORDS = re.compile(r"Failure at |Fatal Python error|terminate called|what\(\):|Assertion .* failed|Error: ")
 _FRAME = re.compile(r'\s*File "(?P<file>.*)", line (?P<line>\d+) in (?P<name>.*)')
 
 
@@ -178,7 +179,9 @@ def _hung(worker: _Worker) -> str:
         os.kill(worker.process.pid, signal.SIGUSR1)
         time.sleep(0.2)
     frames = [match for match in map(_FRAME.match, _said(worker)) if match]
-    return f"{waited}; it was in {frames[0]['name']} of {frames[0]['file']}:{frames[0]['line']}" if frames else waited
+    if not frames:
+        return waited
+    return f"{waited}; it was in {frames[0]['name']} of {shown(Path(frames[0]['file']))}:{frames[0]['line']}"
 
 
 def _died(worker: _Worker) -> str:

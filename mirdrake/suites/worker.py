@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import connection, parent_process
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import make_spec
 from mirdrake.errors import MirdrakeError, RunError, WorldError
+from mirdrake.logs import Run, load_run
 from mirdrake.requirements import Finding, Observation, observe, parse_requirement
 from mirdrake.simulation import Simulation
 from mirdrake.suites.cases import VEHICLE, Case, Result, Verdict
@@ -99,7 +101,7 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
     except WorldError as error:
         result = Result(case.name, "invalid", _line(error))
     except MirdrakeError as error:
-        result = Result(case.name, "error", _line(error))
+        result = Result(case.name, "error", _line(error).removeprefix(f"{place}: "))
     except BaseException as error:  # also SystemExit, and KeyboardInterrupt raised by a behaviour
         result = Result(case.name, "error", f"{type(error).__name__}: {_line(error)}".removesuffix(": "))
     if place is not None and result.verdict == "pass" and not keep_all:
@@ -126,12 +128,18 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
             make_sketch(sketch, world)
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         return Result(case.name, "invalid", f"{faults[0]}{more}")
-    run = Simulation(assembly).run(duration=case.duration, folder=place)
+    try:
+        run = Simulation(assembly).run(duration=case.duration, folder=place)
+    except RunError:
+        if sketch is not None and place is not None:
+            with suppress(MirdrakeError):  # as far as it went
+                make_sketch(sketch, world, observe(load_run(place), world, VEHICLE, vehicle))
+        raise
     simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
     reason = str(run.summary["stop_reason"])
     findings: list[Finding] = []
     seen: Observation | None = None
-    fault = f"the run {reason}" if reason.startswith("diverged") else ""
+    fault = f"the run {reason}" if reason.startswith("diverged") else _lost_command(run)
     try:
         seen = observe(run, world, VEHICLE, vehicle, goal=case.goal)
         findings = [] if fault else [requirement.judge(seen) for requirement in requirements]
@@ -143,6 +151,16 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     if sketch is not None and seen is not None:
         make_sketch(sketch, world, seen, findings)
     return Result(case.name, verdict, text, [_finding(finding) for finding in findings], simulated)
+
+
+def _lost_command(run: Run) -> str:
+    """When the behaviour gave a command that is no number, which the vehicle does not follow; "" if it never did."""
+    for key in ("speed", "steering"):
+        signal_ = run.signals.get(f"{VEHICLE}.{key}_command")
+        if signal_ is not None and not np.isfinite(signal_).all():
+            row = int(np.argmin(np.isfinite(signal_)))
+            return f"the behaviour gave {signal_.iloc[row]:g} as {key} at t = {signal_.index[row]:g} s"
+    return ""
 
 
 def _broken(world: World) -> list[str]:

@@ -21,7 +21,7 @@ from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.props_spec import GroupSpec, PatchSpec
 from mirdrake.worlds.regions import Patch, Places, make_region
 from mirdrake.worlds.rules import Rules
-from mirdrake.worlds.spec import GoalSpec, GroundSpec, StartSpec, WorldSpec
+from mirdrake.worlds.spec import GoalSpec, GroundSpec, OnTrackSpec, StartSpec, WorldSpec
 from mirdrake.worlds.track_layout import make_track
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.values import Number
@@ -122,7 +122,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
         except ConfigError as error:
             faults.append(str(error))
     starts: dict[str, Start] = {}
-    for name, start_spec in (spec.start or {"origin": StartSpec()}).items():
+    for name, start_spec in (spec.start or {"origin": _default_start(tracks, ground)}).items():
         try:
             starts[name] = _make_start(start_spec, tracks, ground)
         except WorldError as error:
@@ -212,6 +212,14 @@ def _make_ground(spec: GroundSpec, tracks: dict[str, Track]) -> Ground:
         low, high = middle - half, middle + half
     extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
     return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading)
+
+
+def _default_start(tracks: Mapping[str, Track], ground: Ground) -> StartSpec:
+    """The origin, or where the first track begins if the origin is not on the ground."""
+    xmin, ymin, xmax, ymax = ground.extent
+    if not tracks or (xmin <= 0.0 <= xmax and ymin <= 0.0 <= ymax):
+        return StartSpec()
+    return StartSpec(on_track=OnTrackSpec(track=next(iter(tracks))))
 
 
 def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> Start:

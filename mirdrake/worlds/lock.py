@@ -47,7 +47,20 @@ def lock_text(world: World) -> str:
     Raises:
         WorldError: a file of a prop cannot be read.
     """
-    content = lock_content(world)
+    return content_text(lock_content(world))
+
+
+def lock_hash(world: World) -> str:
+    """SHA-256 of all that is settled in a world, 64 hexadecimal digits; equal worlds have equal hashes.
+
+    Raises:
+        WorldError: a file of a prop cannot be read.
+    """
+    return content_hash(lock_content(world))
+
+
+def content_text(content: Mapping[str, Any]) -> str:
+    """The lock file of a content, see :func:`lock_content`."""
     lines = [f"mirdrake: {LANGUAGE}", f"hash: {_flow(content_hash(content))}"]
     for key, value in content.items():
         if key in _LINES and value:
@@ -64,15 +77,6 @@ def lock_text(world: World) -> str:
         else:
             lines.append(f"{key}: {_flow(value)}")
     return "\n".join(lines) + "\n"
-
-
-def lock_hash(world: World) -> str:
-    """SHA-256 of all that is settled in a world, 64 hexadecimal digits; equal worlds have equal hashes.
-
-    Raises:
-        WorldError: a file of a prop cannot be read.
-    """
-    return content_hash(lock_content(world))
 
 
 def content_hash(content: Mapping[str, Any]) -> str:
@@ -132,16 +136,28 @@ def mesh_files(path: Path) -> list[Path]:
     found, pictures = [path], []
     kind = path.suffix.lower()
     if kind == ".gltf":
-        data = json.loads(_read(path))
+        data = json.loads(read_bytes(path))
         uris = [item.get("uri", "data:") for key in ("buffers", "images") for item in data.get(key, ())]
         found += [path.parent / uri for uri in uris if not uri.startswith("data:")]
     elif kind == ".obj":
-        materials = re.findall(rb"(?m)^\s*mtllib[ \t]+(.+?)[ \t]*\r?$", _read(path))
+        materials = re.findall(rb"(?m)^\s*mtllib[ \t]+(.+?)[ \t]*\r?$", read_bytes(path))
         found += [path.parent / name.decode(errors="replace") for name in materials]
         for material in found[1:]:
-            names = re.findall(rb"(?m)^\s*map_\w+[ \t]+(?:.*[ \t])?(\S+)[ \t]*\r?$", _read(material))
+            names = re.findall(rb"(?m)^\s*map_\w+[ \t]+(?:.*[ \t])?(\S+)[ \t]*\r?$", read_bytes(material))
             pictures += [material.parent / name.decode(errors="replace") for name in names]
     return list(dict.fromkeys(found + pictures))
+
+
+def read_bytes(path: Path) -> bytes:
+    """A file.
+
+    Raises:
+        WorldError: it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise WorldError(f"{path.name}: cannot be read: {error.strerror or error}") from None
 
 
 # --- the inner parts ---------------------------------------------------------------------------------------------
@@ -173,7 +189,7 @@ def _solids_hash(prop: Prop) -> str:
             sides = [shape.radius()]
         else:
             assert isinstance(shape, Convex)
-            sides = [hashlib.sha256(_read(Path(shape.source().path()))).hexdigest(), *shape.scale3()]
+            sides = [hashlib.sha256(read_bytes(Path(shape.source().path()))).hexdigest(), *shape.scale3()]
         parts.append({"shape": type(shape).__name__, "sides": _rounded(sides), "pose": _pose(solid.X_PS)})
     return hashlib.sha256(_canonical(parts).encode()).hexdigest()[:16]
 
@@ -194,8 +210,8 @@ def _track(world: World, name: str, track: Track) -> Content:
         "mu": track_mu(spec), "edges": spec.edges,
         "markings": [_rounded(marking.model_dump()) for marking in spec.markings],
     }  # fmt: skip
-    if track._edges is not None:
-        entry["widths"] = [_rounded(row) for row in np.column_stack(track._edges)]
+    if track.edges is not None:
+        entry["widths"] = [_rounded(row) for row in np.column_stack(track.edges)]
     entry["pieces"] = [_rounded(piece) for piece in track.pieces]
     return entry
 
@@ -234,7 +250,7 @@ def _files(world: World) -> dict[str, str]:
         paths = [path for mesh in meshes for path in mesh_files(mesh)]
         paths += {mesh.parent / "prop.yaml" for mesh in meshes if (mesh.parent / "prop.yaml").is_file()}
         found |= {_named(path, folder): path for path in paths}
-    return {name: hashlib.sha256(_read(found[name])).hexdigest() for name in sorted(found)}
+    return {name: hashlib.sha256(read_bytes(found[name])).hexdigest() for name in sorted(found)}
 
 
 def _named(path: Path, folder: Path) -> str:
@@ -242,19 +258,12 @@ def _named(path: Path, folder: Path) -> str:
     return PurePosixPath(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise WorldError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-
-
 def _rounded(value: Any) -> Any:
-    """Plain data with floats rounded, and no negative zero."""
+    """Plain data with floats rounded."""
     if isinstance(value, Mapping):
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, float | np.floating):
-        return round(float(value), _DECIMALS) + 0.0
+        return round(float(value), _DECIMALS)
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
         return [_rounded(item) for item in value]
     return value

@@ -59,7 +59,8 @@ def fill(
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     clockwise = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0] < 0.0
     corners[clockwise] = corners[clockwise][:, ::-1]
-    xy, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    places, index = np.unique(corners.reshape(-1, 2) @ [1.0, 1.0j], return_inverse=True)  # quicker than by rows
+    xy = np.column_stack((places.real, places.imag))
     vertices = np.column_stack((xy, np.full(len(xy), z)))
     normal = np.tile([0.0, 0.0, 1.0], (len(xy), 1))
     return Surface(vertices, index.reshape(-1, 3).astype(np.int64), normal, xy / tile, color, texture)
@@ -168,7 +169,10 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
         middle = size * (first + np.floor(cells / 2.0))
         halves = [
             shapely.intersection(parts, shapely.box(*np.hstack((begin, end)).T))
-            for begin, end in ((low, np.where(across, middle, high)), (np.where(across, middle, low), high))
+            for begin, end in (
+                (low - 1.0, np.where(across, middle, high + 1.0)),
+                (np.where(across, middle, low - 1.0), high + 1.0),
+            )
         ]
         parts = shapely.get_parts(shapely.get_parts(np.concatenate(halves)))
         parts = parts[shapely.area(parts) > 1e-8]

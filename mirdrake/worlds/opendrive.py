@@ -9,28 +9,25 @@ signals and objects are left out; what was there is listed.
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
 from xml.etree.ElementTree import Element
-from xml.parsers import expat
 
 import numpy as np
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
+from mirdrake.worlds.opendrive_parts import LONGEST, Leg, Places, number_of, parse_opendrive, read_leg
 from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
 from mirdrake.yaml_io import shown
 
-_LARGEST = 100_000_000  # bytes
 _EXACT = (1e-4, 1e-4)  # [m], [rad] by which geometries may miss one another and still be laid end to end
 _APART = (0.5, 0.5)  # [m], [rad]; more is a gap or a corner, not rounding
 _TOLERANCE = 2e-4  # [m] of fitted curves
 _RAMP = 0.1  # [m] over which a step in width is spread
 _THINNEST = 0.01  # [m] least width to either side
-_SHORTEST, _LONGEST, _WIDEST = 1e-3, 1e5, 500.0  # [m]
-_LARGEST_NUMBER = 1e8
+_SHORTEST, _WIDEST = 1e-3, 500.0  # [m]
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
         ConfigError: the file cannot be understood, the road is not in it or is none.
     """
     path = Path(path)
-    root, places = _parse(path)
+    root, places = parse_opendrive(path)
     roads = {element.get("id", ""): element for element in root.iterfind("road")}
     if not roads:
         raise ConfigError(f"{places[root]}: no road in it")
@@ -87,8 +84,8 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     parts = [_Part(roads[key], lane, places) for key in ids]
     legs, (s, top, bottom), closed = _join(parts)
     where = parts[0].where
-    if sum(leg.length for leg in legs) > _LONGEST:
-        raise ConfigError(f"{where}: longer than {_LONGEST / 1e3:g} km; choose fewer roads")
+    if sum(leg.length for leg in legs) > LONGEST:
+        raise ConfigError(f"{where}: longer than {LONGEST / 1e3:g} km; choose fewer roads")
     if max(np.abs(top).max(), np.abs(bottom).max()) > _WIDEST:
         raise ConfigError(f"{where}: lanes reach {_WIDEST:g} m beside the reference line; correct their widths")
 
@@ -122,76 +119,6 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     except WorldError as error:
         raise ConfigError(f"{where}: road '{name}': {error}") from None
     return OpenDriveRoad(name, pieces, start, closed, *edges, left_out)
-
-
-# --- XML ---------------------------------------------------------------------------------------------------------
-
-Places = Mapping[Element, str]
-
-
-def _parse(path: Path) -> tuple[Element, Places]:
-    """A file as a tree without name spaces, and ``file:line`` of every element.
-
-    Entities are refused: they can grow without bounds and can name other files.
-
-    Raises:
-        ConfigError: it cannot be read, is no XML or no OpenDRIVE, or declares entities.
-    """
-    name = shown(path)
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB of XML; cut out the roads that are needed")
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{name}: {error.strerror or error}") from None
-    places: dict[Element, str] = {}
-    stack: list[Element] = []
-    root: list[Element] = []
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag.rpartition(":")[2], attributes)
-        places[element] = f"{name}:{parser.CurrentLineNumber}"
-        (stack[-1].append if stack else root.append)(element)
-        stack.append(element)
-
-    def end(_: str) -> None:
-        stack.pop()
-
-    def refuse(*_: Any) -> NoReturn:
-        raise ConfigError(f"{name}:{parser.CurrentLineNumber}: entities are not read; write out what they stand for")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except expat.ExpatError as error:
-        raise ConfigError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
-    except (ValueError, LookupError) as error:  # an encoding that nobody knows
-        raise ConfigError(f"{name}: not valid XML: {error}") from None
-    if root[0].tag != "OpenDRIVE":
-        raise ConfigError(f"{places[root[0]]}: <{root[0].tag}> is no OpenDRIVE; its root is <OpenDRIVE>")
-    return root[0], places
-
-
-def _number(element: Element, key: str, places: Places, default: float | None = None) -> float:
-    """An attribute as a number within ±1e8.
-
-    Raises:
-        ConfigError: it is none, or is missing and has no default.
-    """
-    text = element.get(key)
-    if text is None and default is not None:
-        return default
-    if text is None:
-        raise ConfigError(f"{places[element]}: <{element.tag}> has no '{key}'; give it a number")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= _LARGEST_NUMBER:
-        raise ConfigError(f"{places[element]}: {key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8")
-    return value
 
 
 # --- which roads -------------------------------------------------------------------------------------------------
@@ -238,114 +165,6 @@ def _links(road: Element, among: Sequence[str]) -> Iterator[tuple[str, str]]:
             yield key, other
 
 
-# --- the reference line ------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Leg:
-    """A geometry of a reference line, in driving direction."""
-
-    where: str
-    kind: str
-    length: float
-    begin: Placement
-    end: Placement
-    piece: Piece | None
-    """None for polynomials"""
-    pose: Callable[[Array], tuple[Array, Array, Array]]
-    """x, y and yaw at distances from the start"""
-
-    def reversed(self) -> "_Leg":
-        """The same, driven the other way."""
-
-        def pose(u: Array) -> tuple[Array, Array, Array]:
-            x, y, yaw = self.pose(self.length - u)
-            return x, y, yaw + math.pi
-
-        (x0, y0, yaw0), (x1, y1, yaw1) = self.begin, self.end
-        old = self.piece
-        piece = None if old is None else Piece(old.length, -old.end_curvature, -old.start_curvature)
-        begin, end = (x1, y1, yaw1 + math.pi), (x0, y0, yaw0 + math.pi)
-        return replace(self, begin=begin, end=end, piece=piece, pose=pose)
-
-
-def _read_leg(geometry: Element, places: Places) -> _Leg | None:
-    """A geometry; None if it has no length."""
-    where = places[geometry]
-    x, y, yaw, length = (_number(geometry, key, places) for key in ("x", "y", "hdg", "length"))
-    if not 0.0 <= length <= _LONGEST:
-        raise ConfigError(f"{where}: length {length:g} m of <geometry>; it must be from 0 to {_LONGEST:g} m")
-    if length < 1e-6:
-        return None
-    shape = next(iter(geometry), None)
-    kind = "" if shape is None else shape.tag
-    if shape is None or kind not in {"line", "arc", "spiral", "poly3", "paramPoly3"}:
-        raise ConfigError(f"{where}: <geometry> holds '{kind}'; line, arc, spiral, poly3 and paramPoly3 are understood")
-    if kind in {"poly3", "paramPoly3"}:
-        pose = _read_polynomial(shape, (x, y, yaw), length, places)
-        x0, y0, yaw0 = (float(v[0]) for v in pose(np.array([0.0])))
-        x1, y1, yaw1 = (float(v[0]) for v in pose(np.array([length])))
-        return _Leg(where, kind, length, (x0, y0, yaw0), (x1, y1, yaw1), None, pose)
-    first = last = 0.0
-    if kind == "arc":
-        first = last = _number(shape, "curvature", places)
-    elif kind == "spiral":
-        first, last = _number(shape, "curvStart", places), _number(shape, "curvEnd", places)
-    piece = Piece(length, first, last)
-    if max(abs(first), abs(last)) > 100.0 or length * max(abs(first), abs(last)) > 1e3:
-        raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is no road's")
-
-    def along(u: Array) -> tuple[Array, Array, Array]:
-        return Track([piece], start=(x, y, yaw)).pose(u)
-
-    return _Leg(where, kind, length, (x, y, yaw), advance((x, y, yaw), piece), piece, along)
-
-
-def _read_polynomial(
-    shape: Element, start: Placement, length: float, places: Places
-) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Poses along a `poly3` (v over u) or a `paramPoly3` (u and v over p), by arc length.
-
-    Without `pRange` p ends at 1 or at the length, whichever makes the curve about as long as it should be.
-    """
-    if shape.tag == "poly3":
-        v = [_number(shape, key, places) for key in "abcd"]
-        u, ends = [0.0, 1.0, 0.0, 0.0], [length]
-    else:
-        u, v = ([_number(shape, f"{key}{axis}", places) for key in "abcd"] for axis in "UV")
-        ends = {"arcLength": [length], "normalized": [1.0]}.get(shape.get("pRange", ""), [1.0, length])
-    along, across = (np.polynomial.Polynomial(c) for c in (u, v))
-    tables = []
-    for end in ends:
-        p = np.linspace(0.0, end, max(65, math.ceil(4.0 * length) + 1))
-        speed = np.hypot(along.deriv()(p), across.deriv()(p))
-        middle = (p[1:] + p[:-1]) / 2.0
-        halfway = np.hypot(along.deriv()(middle), across.deriv()(middle))
-        travelled = np.append(0.0, np.cumsum((speed[:-1] + 4.0 * halfway + speed[1:]) / 6.0 * np.diff(p)))  # Simpson
-        tables.append((abs(travelled[-1] - length), p, travelled))
-    _, p, travelled = min(tables, key=lambda table: float(table[0]))
-    if shape.tag == "poly3":  # u ends where the length is reached
-        p, travelled = p[travelled < length], travelled[travelled < length]
-        rest = length - travelled[-1]
-        p = np.append(p, p[-1] + rest / math.hypot(1.0, float(across.deriv()(p[-1]))))
-        travelled = np.append(travelled, length)
-    if not np.isfinite(travelled).all() or not 0.5 < travelled[-1] / length < 2.0 or (np.diff(travelled) <= 0.0).any():
-        raise ConfigError(
-            f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> says {length:.4g} m; "
-            "correct the length, the coefficients or pRange"
-        )
-    x0, y0, yaw0 = start
-    c, s = math.cos(yaw0), math.sin(yaw0)
-
-    def pose(at: Array) -> tuple[Array, Array, Array]:
-        q = np.interp(at * (travelled[-1] / length), travelled, p)
-        a, b = along(q), across(q)
-        yaw = yaw0 + np.arctan2(across.deriv()(q), along.deriv()(q))
-        return x0 + c * a - s * b, y0 + s * a + c * b, yaw
-
-    return pose
-
-
 # --- lanes -------------------------------------------------------------------------------------------------------
 
 
@@ -365,8 +184,8 @@ class _Part:
         self.where = places[road]
         self.name = road.get("name", "") or road.get("id", "")
         self._lane, self._places = lane, places
-        geometries = sorted(road.iterfind("planView/geometry"), key=lambda part: _number(part, "s", places))
-        legs = [(_number(part, "s", places), _read_leg(part, places)) for part in geometries]
+        geometries = sorted(road.iterfind("planView/geometry"), key=lambda part: number_of(part, "s", places))
+        legs = [(number_of(part, "s", places), read_leg(part, places)) for part in geometries]
         self.legs = [leg for _, leg in legs if leg is not None]
         if not self.legs:
             raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
@@ -388,18 +207,18 @@ class _Part:
     def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
         """Stations, and the left and right edge there; twice the same station where they may jump."""
         offsets = self._records(road.iterfind("lanes/laneOffset"), "s", 0.0)
-        sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: _number(part, "s", self._places))
+        sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: number_of(part, "s", self._places))
         if not sections:
             raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection>; it has no width")
         sides: dict[str, list[tuple[float, list[_Lane]]]] = {"left": [], "right": []}
         breaks = {0.0, length, *offsets[:, 0]}
         for section in sections:
-            begin = _number(section, "s", self._places)
+            begin = number_of(section, "s", self._places)
             breaks.add(begin)
             for side, found in sides.items():
                 if section.get("singleSide") == "true" and section.find(side) is None:
                     continue
-                lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(_number(e, "id", self._places)))
+                lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(number_of(e, "id", self._places)))
                 rows = [
                     _Lane(
                         {element.get("type"), element.get("id")},
@@ -424,7 +243,9 @@ class _Part:
                 for edge in self._lane_edges(sides[side], s, middle, sign)
             ]
             if not edges:
-                section = [e for e in sections if _number(e, "s", self._places) <= begin + 1e-6 or e is sections[0]][-1]
+                section = [e for e in sections if number_of(e, "s", self._places) <= begin + 1e-6 or e is sections[0]][
+                    -1
+                ]
                 types = [e.get("type", "") for e in section.iter("lane") if e.get("id") != "0"]
                 raise ConfigError(
                     f"{self._places[section]}: no lane '{self._lane}' here; {did_you_mean(self._lane, types)}"
@@ -453,7 +274,7 @@ class _Part:
     def _records(self, elements: Iterable[Element], key: str, begin: float) -> Array:
         """Cubic polynomials: where each begins [m], then a, b, c and d, N x 5, sorted."""
         rows = [
-            [begin + _number(e, key, self._places), *(_number(e, name, self._places) for name in "abcd")]
+            [begin + number_of(e, key, self._places), *(number_of(e, name, self._places) for name in "abcd")]
             for e in elements
         ]
         return np.array(sorted(rows), dtype=float).reshape(-1, 5)
@@ -477,13 +298,13 @@ def _miss(a: Placement, b: Placement) -> tuple[float, float]:
     return math.hypot(a[0] - b[0], a[1] - b[1]), abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
 
 
-def _join(parts: Sequence[_Part]) -> tuple[list[_Leg], tuple[Array, Array, Array], bool]:
+def _join(parts: Sequence[_Part]) -> tuple[list[Leg], tuple[Array, Array, Array], bool]:
     """Legs and edges of all roads, each turned to go on from the one before, and whether the end meets the start.
 
     Raises:
         ConfigError: two geometries or two roads do not meet.
     """
-    legs: list[_Leg] = []
+    legs: list[Leg] = []
     stations: list[Array] = []
     tops: list[Array] = []
     bottoms: list[Array] = []
@@ -529,7 +350,7 @@ def _spread_steps(s: Array, top: Array, bottom: Array) -> tuple[Array, Array, Ar
     return moved[keep], top[keep], bottom[keep]
 
 
-def _exact(legs: Sequence[_Leg], closed: bool, middle: Array) -> list[Piece] | None:
+def _exact(legs: Sequence[Leg], closed: bool, middle: Array) -> list[Piece] | None:
     """The pieces of the legs, moved sideways by a steady offset; None if they cannot be laid end to end as they are."""
     offset = float(middle[0])
     if np.ptp(middle) > 1e-9 or any(leg.piece is None for leg in legs):
@@ -548,7 +369,7 @@ def _exact(legs: Sequence[_Leg], closed: bool, middle: Array) -> list[Piece] | N
     return None if closed and (apart[0] > _EXACT[0] or apart[1] > _EXACT[1]) else pieces
 
 
-def _why(legs: Sequence[_Leg], closed: bool) -> str:
+def _why(legs: Sequence[Leg], closed: bool) -> str:
     """Why the pieces could not be taken as they are."""
     kinds = sorted({leg.kind for leg in legs if leg.piece is None})
     pairs = [*itertools.pairwise(legs), *([(legs[-1], legs[0])] if closed else [])]
@@ -558,7 +379,7 @@ def _why(legs: Sequence[_Leg], closed: bool) -> str:
     return ", ".join(kinds + apart) or "moved spirals or widths"
 
 
-def _sample(legs: Sequence[_Leg], closed: bool, s: Array, middle: Array) -> tuple[Array, Array]:
+def _sample(legs: Sequence[Leg], closed: bool, s: Array, middle: Array) -> tuple[Array, Array]:
     """Points of the centre line, N x 2, and their s along the reference line [m]."""
     total = sum(leg.length for leg in legs)
     step = max(min(1.0, total / 32.0), total / 20_000.0)

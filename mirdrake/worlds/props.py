@@ -181,6 +181,12 @@ def prop_names() -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
+def _find_prop(name: str) -> Path | None:
+    """The folder of a prop; unlike with all names, nothing is listed."""
+    folders = [folder / "props" / name for folder in search_folders("models") if name.isidentifier()]
+    return next((folder for folder in folders if (folder / "prop.yaml").is_file()), None)
+
+
 def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where: str = "") -> Prop:
     """The prop of that name.
 
@@ -193,7 +199,7 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
     Raises:
         ConfigError: there is no such prop, its file has faults, or it cannot have that size.
     """
-    folder = Path(name) if "/" in name else prop_names().get(name)
+    folder = Path(name) if "/" in name else _find_prop(name)
     if folder is None:
         hint = did_you_mean(name, prop_names())
         raise ConfigError(f"{_prefix(where)}unknown prop '{name}'; {hint}; or use box, cylinder, sphere or file")

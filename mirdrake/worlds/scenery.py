@@ -79,7 +79,7 @@ def scenery(world: World) -> list[SceneryItem]:
     The meshes are in memory and name their textures by path; nothing is written.
     """
     items: list[SceneryItem] = []
-    roads = {name: track.outline(sagitta=_SAGITTA) for name, track in world.roads().items()}
+    roads = {name: _simple(track.outline(sagitta=_SAGITTA)) for name, track in world.roads().items()}
     names = list(roads)
     patches, wet = _seen_patches(world)
     covered = shapely.union_all(list(patches.values()))
@@ -94,9 +94,7 @@ def scenery(world: World) -> list[SceneryItem]:
         bare = shapely.difference(shapely.difference(shapely.difference(road, lines), later), covered)
         lines = shapely.difference(lines, covered)
         surfaces = _textured(bare, spec.surface, wet, z=0.0)
-        if spec.thickness:
-            grey = (_EDGE[spec.surface],) * 3
-            surfaces.append(skirt(road, top=0.0, bottom=-spec.thickness, tile=TILES[spec.surface], color=grey))
+        surfaces += _sides(shapely.difference(road, covered), spec.surface, spec.thickness)
         items.append(_item(f"world/{name}/road", surfaces))
         if not lines.is_empty:
             paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
@@ -113,7 +111,7 @@ def scenery(world: World) -> list[SceneryItem]:
     for name, track in world.roads().items():
         edges = world.spec.tracks[name].edges
         if edges is not None and edges != world.ground.surface:
-            beside = shapely.intersection(verge(track), ground)
+            beside = shapely.intersection(_simple(verge(track)), ground)
             ground = shapely.difference(ground, beside)
             parts += _textured(beside, edges, wet, z=-depth)
     for part in (ground, apron):
@@ -128,6 +126,7 @@ def scenery(world: World) -> list[SceneryItem]:
             shapely.difference(shapely.intersection(area, wide), asphalt),
         )
         both = _textured(above, looks[name], wet, z=0.0) + _textured(beside, looks[name], wet, z=-depth)
+        both += _sides(above, looks[name], depth)
         if both:
             items.append(_item(f"world/patch.{name}", both))
     return items
@@ -210,7 +209,7 @@ def _seen_patches(world: World) -> tuple[dict[str, BaseGeometry], BaseGeometry]:
     above: BaseGeometry = shapely.Polygon()
     wet: BaseGeometry = shapely.Polygon()
     for patch in reversed(world.patches):
-        area = shapely.difference(patch.area, above)
+        area = _polygons(shapely.difference(_polygons(patch.area), above))
         if patch.surface is None:
             wet = shapely.union(wet, area)
         else:
@@ -254,7 +253,7 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
         return middle(s) + half
 
     if marking.kind == "solid":
-        return track.band(right, left, sagitta=_SAGITTA)
+        return _simple(track.band(right, left, sagitta=_SAGITTA))
     painted, period = marking.dash[0], sum(marking.dash)
     count = max(1, round(track.length / period)) if track.closed else int(np.ceil(track.length / period))
     if track.closed:  # a whole number of dashes
@@ -264,7 +263,12 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     return shapely.MultiPolygon([_patch(track, stations, a, b, right, left) for a, b in zip(begins, ends, strict=True)])
 
 
-def _polygons(shape: BaseGeometry) -> BaseGeometry:
+def _simple(shape: BaseGeometry) -> BaseGeometry:
+    """The same without the points that do not matter; a road from a file has one per metre."""
+    return shapely.simplify(shape, _SAGITTA / 2.0)
+
+
+def _polygons(shape: BaseGeometry) -> shapely.MultiPolygon:
     """Only the polygons of a shape; an intersection may also leave lines and points."""
     return shapely.MultiPolygon(
         [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-8]
@@ -280,9 +284,20 @@ def _textured(polygon: BaseGeometry, surface: str, wet: BaseGeometry, *, z: floa
     )
 
 
+def _sides(slab: BaseGeometry, surface: str, thickness: float) -> list[Surface]:
+    """The vertical sides of a road or of a patch on it; those between the two are below them, not to be seen."""
+    outline = _polygons(slab)
+    if outline.is_empty or not thickness:
+        return []
+    grey = _EDGE[surface]
+    return [skirt(outline, top=0.0, bottom=-thickness, tile=TILES[surface], color=(grey, grey, grey))]
+
+
 def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeometry], Surface]) -> list[Surface]:
     """A polygon as surfaces: what is dry of it, and what is wet, as far as there is any."""
-    dry, damp = _polygons(shapely.difference(polygon, wet)), _polygons(shapely.intersection(polygon, wet))
+    dry, damp = _polygons(polygon), shapely.MultiPolygon()
+    if not wet.is_empty:  # in this order: GEOS refuses to cut some collections of polygons and lines
+        dry, damp = _polygons(shapely.difference(dry, wet)), _polygons(shapely.intersection(dry, wet))
     surfaces = [] if dry.is_empty else [make(dry)]
     if not damp.is_empty:
         below = make(damp)

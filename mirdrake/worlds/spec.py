@@ -386,7 +386,8 @@ class WorldSpec(Schema):
     lights: LightsSpec = Field(default_factory=LightsSpec, description="sun and ambient light [-]")
     sky: Literal["clear", "overcast"] = Field(default="clear", description="what the sky looks like [-]")
     start: dict[str, StartSpec] = Field(
-        default_factory=dict, description="places to start from, by name; default: origin at [0, 0] [-]"
+        default_factory=dict,
+        description="places to start from, by name; default: origin at [0, 0], or s = 0 of a track that is far off [-]",
     )
     goals: dict[str, GoalSpec] = Field(default_factory=dict, description="what to reach, by name [-]")
     props: list[PropEntry] = Field(default_factory=list, max_length=5000, description="what stands in the world [-]")

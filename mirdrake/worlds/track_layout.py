@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through, read_csv_track
+from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
+from mirdrake.worlds.csv_lines import read_csv_track
 from mirdrake.worlds.opendrive import read_opendrive
 from mirdrake.worlds.spec import CsvSpec, TrackSpec, XodrSpec
 from mirdrake.worlds.tracks import Array, Edges, Piece, Placement, Track
@@ -92,6 +93,7 @@ def _from_segments(spec: TrackSpec) -> _Line:
 def _from_points(spec: TrackSpec) -> _Line:
     points = np.array(spec.points, dtype=float)
     try:
+        _check_extent(points)
         pieces, start = pieces_through(points, closed=bool(spec.closed))
     except WorldError as error:
         raise WorldError(f"{where(spec, 'points')}: {error}") from None
@@ -100,6 +102,8 @@ def _from_points(spec: TrackSpec) -> _Line:
 
 def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
     path, place = _find_file(csv, folder, "csv"), where(spec, "csv")
+    if (csv.right is None) != (csv.left is None):
+        raise ConfigError(f"{place}: right and left belong together; name both columns, or set both null")
     columns = {"x": csv.x, "y": csv.y, "right": csv.right, "left": csv.left}
     try:
         table = read_csv_track(path, **columns, scale=csv.scale)  # type: ignore[arg-type]
@@ -112,6 +116,7 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
                 f"{shown(path)}:{table.lines[-1]}: does not close: gap {gap:.3g} m, {turn:.3g} deg from the last point "
                 "to the first; add the missing points, or leave out closed: true"
             )
+        _check_extent(table.points)
         pieces, start = pieces_through(table.points, closed=closed, smooth=csv.smooth)
         edges = None
         if table.left is not None and table.right is not None and spec.width is None:
@@ -151,6 +156,13 @@ def _find_file(spec: CsvSpec | XodrSpec, folder: Path, suffix: str) -> Path:
         beside = []
     hint = did_you_mean(Path(spec.file).name, beside) if beside else "give its place relative to the world file"
     raise ConfigError(f"{where(spec, 'file')}: no such file: {spec.file[:200]!r}; {hint}")
+
+
+def _check_extent(points: Array) -> None:
+    """Refuse points before a curve is laid through them that is far too long."""
+    total = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    if total > _LONGEST:
+        raise WorldError(f"{total:.3g} m from the first point to the last; a track may have from 0.1 m to 100 km")
 
 
 def _nearest(

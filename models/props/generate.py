@@ -360,8 +360,8 @@ PROPS: dict[str, Prop] = {
     ),
     "jersey_barrier": Prop(
         "Concrete barrier of the New Jersey shape, 3.05 m",
-        "FHWA, New Jersey safety shape: 24 in wide, 32 in high, rising at 55 and 84 degrees; 10 ft long as sold; mass "
-        "of 0.74 m3 at 2400 kg/m3; chamfers and openings assumed",
+        "FHWA, New Jersey safety shape: 24 in wide, 32 in high, rising at 55 degrees to 13 in and then at 84 degrees; "
+        "10 ft long as sold; mass of 0.74 m3 at 2400 kg/m3; chamfers and openings assumed",
         1770.0, street.make_jersey_barrier, jersey_solids, Material((0.72, 0.71, 0.68), 0.95),
     ),
     "stop_sign": Prop(
@@ -378,8 +378,8 @@ PROPS: dict[str, Prop] = {
     ),
     "pedestrian": Prop(
         "Standing person, 1.75 m",
-        "Height and mass of an adult, proportions: assumed",
-        75.0, nature.make_pedestrian, person_solids, Material((0.33, 0.45, 0.55), 0.85),
+        "DIN 33402-2:2005, men of 18 to 65 years: median height 1.75 m, mass 79 kg; proportions assumed",
+        79.0, nature.make_pedestrian, person_solids, Material((0.33, 0.45, 0.55), 0.85),
     ),
     "sedan": Prop(
         "Parked sedan, 4.5 m x 1.8 m x 1.45 m without mirrors",

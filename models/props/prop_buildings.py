@@ -96,8 +96,9 @@ def make_house() -> Mesh:
             quad = np.array([[p + s * np.array([0, hy + OVERHANG, 0]) + d for s in (-1, 1)]
                              for d in (-0.10 * down + 0.002 * m, 0.018 * m)])  # fmt: skip
             mesh.add_flat("roof", quad.reshape(4, 3)[[[0, 1, 2], [1, 3, 2]]], m.tolist())
-            step = np.array([quad[1], quad[1] - 0.018 * m]).reshape(4, 3)
-            mesh.add_flat("roof_dark", step[[[0, 1, 2], [1, 3, 2]]], down.tolist())
+            step = np.array([quad[1], quad[1] - 0.016 * m + 0.035 * down]).reshape(4, 3)  # is seen from above too
+            out = (0.035 * m + 0.016 * down) / np.hypot(0.035, 0.016)
+            mesh.add_flat("roof_dark", step[[[0, 1, 2], [1, 3, 2]]], out.tolist())
     mesh.add_mesh(box("roof_dark", (0.30, wide + 2 * OVERHANG, 0.07), (0, 0, ridge + thick), 0.02))
     mesh.add_mesh(box("brick", (0.75, 0.95, 2.0), (-1.6, 2.7, 7.15)))
     mesh.add_mesh(box("plinth", (0.87, 1.07, 0.10), (-1.6, 2.7, 8.10)))

@@ -1,0 +1,283 @@
+"""A world in Meshcat with what a check of it found: overlaps in red, starts, goals, ways, names, collision shapes.
+
+In the scene tree, below ``drake``, are ``visualizer`` (what is seen), ``collision`` (what is felt), and ``names``,
+``faults``, ``starts``, ``goals``, ``ways``; each can be switched there, also in a saved page.
+"""
+
+import base64
+import contextlib
+import io
+import json
+import logging
+import math
+import time
+from typing import Any
+
+import numpy as np
+import shapely
+from pydrake.common import MemoryFile
+from pydrake.geometry import (
+    Cylinder,
+    InMemoryMesh,
+    Mesh,
+    Meshcat,
+    MeshcatCone,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+    Role,
+    Sphere,
+)
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.framework import DiagramBuilder
+from shapely.geometry.base import BaseGeometry
+
+from mirdrake.plant import make_plant
+from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat
+from mirdrake.viewer.vehicle_view import PERIOD, SHAPE_COLOUR, STOP
+from mirdrake.world_checks import Examination, Fault
+from mirdrake.world_checks.ways import goal_area
+from mirdrake.worlds import World
+from mirdrake.worlds.meshes import Array, fill
+
+LAYERS = {"Names": "KeyN", "Collision shapes": "KeyC", "Faults": "KeyF", "Ways": "KeyW"}
+"""Buttons in Meshcat's controls, with the keys that press them."""
+
+_PATHS = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Ways": "ways"}
+_RED, _GREEN, _BLUE, _VIOLET = (
+    Rgba(0.95, 0.05, 0.05, 0.75),
+    Rgba(0.05, 0.62, 0.20, 1.0),
+    Rgba(0.10, 0.40, 0.95, 0.45),
+    Rgba(0.45, 0.15, 0.85, 0.9),
+)
+_MARKED = ("overlap", "start", "goal", "buried", "floating", "gap")
+_MOST_NAMES = 400  # labels; more of them cannot be read, and are slow
+_RIBBON = 0.15  # [m] width of a way
+
+logging.getLogger("drake").addFilter(
+    # The ground is drawn by the world's own meshes.
+    lambda record: "Meshcat does not display HalfSpace" not in record.getMessage()
+)
+
+
+class WorldView:
+    """A world with what was found in it.
+
+    Args:
+        meshcat: shows it.
+        found: the world, laid out, and its faults and ways.
+        collision: show the collision shapes at first.
+        names: show the names at first.
+    """
+
+    def __init__(self, meshcat: Meshcat, found: Examination, *, collision: bool = False, names: bool = True) -> None:
+        assert found.world is not None
+        self._meshcat, self.world = meshcat, found.world
+        self.shown = {"Names": names, "Collision shapes": collision, "Faults": True, "Ways": True}
+        self._clicks = dict.fromkeys(LAYERS, 0)
+        self._low, self._high = _extent(found.world)
+        self._size = max(float((self._high - self._low).max()), 8.0)
+        self._draw_props()
+        self._draw_names()
+        for number, fault in enumerate(fault for fault in found.faults if fault.kind in _MARKED):
+            self._draw_fault(number, fault)
+        self._draw_starts()
+        self._draw_goals()
+        for number, way in enumerate(found.ways):
+            ribbon = shapely.LineString(way.poses[:, :2]).buffer(0.5 * _RIBBON)
+            self._fill(f"ways/{number} {way.vehicle} {way.start} {way.goal}", ribbon, 0.06, _VIOLET)
+        for name, key in LAYERS.items():
+            meshcat.AddButton(name, key)
+        self._switch()
+        self._look()
+
+    def follow(self) -> bool:
+        """Take over what the buttons say now; whether anything has changed."""
+        changed = False
+        for name in LAYERS:
+            clicks = self._meshcat.GetButtonClicks(name)
+            if (clicks - self._clicks[name]) % 2:
+                self.shown[name] = not self.shown[name]
+                changed = True
+            self._clicks[name] = clicks
+        if changed:
+            self._switch()
+        return changed
+
+    def run(self, *, timeout: float | None = None) -> None:
+        """Follow the buttons until "Stop" is pressed, or for a time [s]."""
+        self._meshcat.AddButton(STOP, "Escape")
+        end = None if timeout is None else time.monotonic() + timeout
+        with contextlib.suppress(KeyboardInterrupt):
+            while self._meshcat.GetButtonClicks(STOP) < 1 and (end is None or time.monotonic() < end):
+                self.follow()
+                time.sleep(PERIOD)
+        self._meshcat.DeleteButton(STOP)
+
+    def _switch(self) -> None:
+        for name, path in _PATHS.items():
+            self._meshcat.SetProperty(_path(path), "visible", self.shown[name])
+
+    def _draw_props(self) -> None:
+        """Scenery and props, and the shapes that collide."""
+        builder = DiagramBuilder()
+        parts = make_plant(builder, self.world, {})
+        MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, self._meshcat)
+        shapes = MeshcatVisualizerParams(role=Role.kProximity, prefix="collision", default_color=SHAPE_COLOUR)
+        MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, self._meshcat, shapes).set_name("collision shapes")
+        diagram = builder.Build()
+        context = diagram.CreateDefaultContext()
+        parts.props.reset(parts.plant, parts.plant.GetMyMutableContextFromRoot(context))
+        diagram.ForcedPublish(context)
+
+    def _draw_names(self) -> None:
+        """A label above each prop, tilted towards the south, where the camera is."""
+        for placed in self.world.props[:_MOST_NAMES]:
+            xmin, ymin, xmax, ymax = placed.footprint.bounds
+            height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.018 * self._size), 0.03 * self._size)
+            place = [0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0) + 0.7 * height]
+            path = _path("names", placed.name)
+            self._meshcat.SetObject(path, Mesh(_label(placed.name), height))
+            self._meshcat.SetTransform(path, RigidTransform(RollPitchYaw(math.radians(-35.0), 0.0, 0.0), place))
+
+    def _draw_fault(self, number: int, fault: Fault) -> None:
+        """Red: the area that is covered twice, as high as the place, and a needle that can be seen from afar."""
+        if fault.place is None:
+            return
+        x, y, z = fault.place
+        base = f"faults/{number} {' '.join(fault.names) or fault.kind}"
+        if len(fault.polygon) >= 3:
+            area = shapely.Polygon(fault.polygon).buffer(0.02)
+            for part, height in (("top", max(z, 0.0) + 0.02), ("ground", 0.05)):
+                self._fill(f"{base}/{part}", area, height, _RED)
+            seen_through = _path(f"{base}/top", "<object>")
+            self._meshcat.SetProperty(seen_through, "material.depthTest", False)
+            self._meshcat.SetProperty(seen_through, "renderOrder", 1.0)
+        top = max((prop.top for prop in self.world.props if prop.name in fault.names), default=0.0)
+        top, bottom = top + max(0.06 * self._size, 0.5), min(z, 0.0)
+        thick = 0.001 * self._size
+        needle = Cylinder(thick, top - bottom)
+        self._meshcat.SetObject(_path(f"{base}/needle"), needle, _RED)
+        self._meshcat.SetTransform(_path(f"{base}/needle"), RigidTransform([x, y, 0.5 * (top + bottom)]))
+        for part, height, radius in (("place", z, 2.0 * thick), ("head", top, 6.0 * thick)):
+            self._meshcat.SetObject(_path(f"{base}/{part}"), Sphere(radius), _RED)
+            self._meshcat.SetTransform(_path(f"{base}/{part}"), RigidTransform([x, y, height]))
+
+    def _draw_starts(self) -> None:
+        """Green arrows along the heading."""
+        for name, start in self.world.starts.items():
+            X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, start.yaw), [start.x, start.y, 0.12])
+            along = RollPitchYaw(0.0, 0.5 * math.pi, 0.0)
+            shaft, head = _path("starts", name, "shaft"), _path("starts", name, "head")
+            self._meshcat.SetObject(shaft, Cylinder(0.07, 1.6), _GREEN)
+            self._meshcat.SetTransform(shaft, X_WB @ RigidTransform(along, [0.8, 0.0, 0.0]))
+            self._meshcat.SetObject(head, MeshcatCone(0.8, 0.3, 0.3), _GREEN)
+            tip = RollPitchYaw(0.0, -0.5 * math.pi, 0.0)  # Meshcat's cone stands on its tip, which is its origin
+            self._meshcat.SetTransform(head, X_WB @ RigidTransform(tip, [2.4, 0.0, 0.0]))
+
+    def _draw_goals(self) -> None:
+        """Blue discs, and gates."""
+        for name in self.world.goals:
+            area = goal_area(self.world, name)
+            if area is not None:
+                self._fill(f"goals/{name}", area, 0.04, _BLUE)
+
+    def _fill(self, path: str, area: BaseGeometry, height: float, colour: Rgba) -> None:
+        """A flat area that is seen from above and below."""
+        surface = fill(area, z=height, tile=1.0, color=(0.0, 0.0, 0.0), texture=None)
+        vertices = np.asfortranarray(surface.vertices.T)
+        faces = np.asfortranarray(surface.triangles.T.astype(np.int32))
+        self._meshcat.SetTriangleMesh(_path(path), vertices, faces, colour, side=Meshcat.SideOfFaceToRender.kDoubleSide)
+
+    def _look(self) -> None:
+        """Look at all that stands there from above its south side."""
+        x, y = (0.5 * (self._low + self._high)).tolist()
+        self._meshcat.SetCameraPose([x, y - 0.45 * self._size, 0.5 * self._size], [x, y, 0.0])
+
+
+def show_found(
+    found: Examination, *, port: int | None = None, collision: bool = False, names: bool = True
+) -> tuple[Meshcat, WorldView]:
+    """A Meshcat on localhost with a world and what was found in it.
+
+    Args:
+        found: see :func:`mirdrake.world_checks.examine`; its world must be laid out.
+        port: see :func:`mirdrake.viewer.make_meshcat`.
+        collision: show the collision shapes at first.
+        names: show the names at first.
+    """
+    meshcat = make_meshcat(port=port, world=found.world)
+    return meshcat, WorldView(meshcat, found, collision=collision, names=names)
+
+
+# --- the inner parts ----------------------------------------------------------------------------------------------
+
+
+def _extent(world: World) -> tuple[Array, Array]:
+    """Smallest and largest x, y of all that stands in a world, and of its places [m]."""
+    boxes = [placed.footprint.bounds for placed in world.props]
+    boxes += [(start.x, start.y, start.x, start.y) for start in world.starts.values()]
+    boxes += [area.bounds for name in world.goals if (area := goal_area(world, name)) is not None]
+    boxes += [track.bounds for track in world.tracks.values()]
+    table = np.array(boxes, dtype=float)
+    return table[:, :2].min(axis=0), table[:, 2:].max(axis=0)
+
+
+def _path(*names: str) -> str:
+    return "/".join((WORLD_PATH, *names))
+
+
+def _label(text: str) -> InMemoryMesh:
+    """A text on white as a glTF mesh 1 m high, in the x-z plane, seen from -y; Meshcat itself has no text."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default(size=40)
+    left, top, right, bottom = font.getbbox(text)
+    width, height = int(right - left) + 28, 60
+    image = Image.new("RGB", (width, height), (255, 255, 255))
+    ImageDraw.Draw(image).text(
+        (14 - left, 0.5 * (height - (bottom - top)) - top), text, fill=(0, 0, 0), font=font, stroke_width=1
+    )
+    picture = io.BytesIO()
+    image.quantize(8).save(picture, "PNG", optimize=True)
+    half = 0.5 * width / height
+    corners = np.array([[-half, -0.5], [half, -0.5], [half, 0.5], [-half, 0.5]])
+    points = np.column_stack((corners, np.zeros(4))).astype("<f4")  # glTF: y up, seen from +z
+    uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]]).astype("<f4")
+    faces = np.array([0, 1, 2, 0, 2, 3]).astype("<u2")
+    blob = points.tobytes() + uv.tobytes() + faces.tobytes()
+    limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0},
+                "doubleSided": True,
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        ],
+        "textures": [{"source": 0, "sampler": 0}],
+        "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
+        "images": [{"uri": _data("image/png", picture.getvalue())}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", **limits},
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 32},
+            {"buffer": 0, "byteOffset": 80, "byteLength": 12},
+        ],
+        "buffers": [{"byteLength": len(blob), "uri": _data("application/octet-stream", blob)}],
+    }
+    return InMemoryMesh(mesh_file=MemoryFile(json.dumps(document), ".gltf", f"label {text}"))
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -1,0 +1,201 @@
+"""Parts of OpenDRIVE files: the tree of elements with their lines, and the geometries of a reference line.
+
+After ASAM OpenDRIVE, chapter "Geometry": every geometry has a pose and a length, and is a line, an arc, a spiral, a
+cubic over u (`poly3`) or two cubics over a parameter (`paramPoly3`).
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element
+from xml.parsers import expat
+
+import numpy as np
+
+from mirdrake.errors import ConfigError
+from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
+from mirdrake.yaml_io import shown
+
+_LARGEST = 100_000_000  # bytes
+_LARGEST_NUMBER = 1e8
+LONGEST = 1e5
+"""Longest road [m]."""
+
+# --- XML ---------------------------------------------------------------------------------------------------------
+
+Places = Mapping[Element, str]
+
+
+def parse_opendrive(path: Path) -> tuple[Element, Places]:
+    """A file as a tree without name spaces, and ``file:line`` of every element.
+
+    Entities are refused: they can grow without bounds and can name other files.
+
+    Raises:
+        ConfigError: it cannot be read, is no XML or no OpenDRIVE, or declares entities.
+    """
+    name = shown(path)
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB of XML; cut out the roads that are needed")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{name}: {error.strerror or error}") from None
+    places: dict[Element, str] = {}
+    stack: list[Element] = []
+    root: list[Element] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag.rpartition(":")[2], attributes)
+        places[element] = f"{name}:{parser.CurrentLineNumber}"
+        (stack[-1].append if stack else root.append)(element)
+        stack.append(element)
+
+    def end(_: str) -> None:
+        stack.pop()
+
+    def refuse(*_: Any) -> NoReturn:
+        raise ConfigError(f"{name}:{parser.CurrentLineNumber}: entities are not read; write out what they stand for")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise ConfigError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+    except (ValueError, LookupError) as error:  # an encoding that nobody knows
+        raise ConfigError(f"{name}: not valid XML: {error}") from None
+    if root[0].tag != "OpenDRIVE":
+        raise ConfigError(f"{places[root[0]]}: <{root[0].tag}> is no OpenDRIVE; its root is <OpenDRIVE>")
+    return root[0], places
+
+
+def number_of(element: Element, key: str, places: Places, default: float | None = None) -> float:
+    """An attribute as a number within ±1e8.
+
+    Raises:
+        ConfigError: it is none, or is missing and has no default.
+    """
+    text = element.get(key)
+    if text is None and default is not None:
+        return default
+    if text is None:
+        raise ConfigError(f"{places[element]}: <{element.tag}> has no '{key}'; give it a number")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= _LARGEST_NUMBER:
+        raise ConfigError(f"{places[element]}: {key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8")
+    return value
+
+
+# --- the reference line ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A geometry of a reference line, in driving direction."""
+
+    where: str
+    kind: str
+    length: float
+    begin: Placement
+    end: Placement
+    piece: Piece | None
+    """None for polynomials"""
+    pose: Callable[[Array], tuple[Array, Array, Array]]
+    """x, y and yaw at distances from the start"""
+
+    def reversed(self) -> "Leg":
+        """The same, driven the other way."""
+
+        def pose(u: Array) -> tuple[Array, Array, Array]:
+            x, y, yaw = self.pose(self.length - u)
+            return x, y, yaw + math.pi
+
+        (x0, y0, yaw0), (x1, y1, yaw1) = self.begin, self.end
+        old = self.piece
+        piece = None if old is None else Piece(old.length, -old.end_curvature, -old.start_curvature)
+        begin, end = (x1, y1, yaw1 + math.pi), (x0, y0, yaw0 + math.pi)
+        return replace(self, begin=begin, end=end, piece=piece, pose=pose)
+
+
+def read_leg(geometry: Element, places: Places) -> Leg | None:
+    """A geometry; None if it has no length."""
+    where = places[geometry]
+    x, y, yaw, length = (number_of(geometry, key, places) for key in ("x", "y", "hdg", "length"))
+    if not 0.0 <= length <= LONGEST:
+        raise ConfigError(f"{where}: length {length:g} m of <geometry>; it must be from 0 to {LONGEST:g} m")
+    if length < 1e-6:
+        return None
+    shape = next(iter(geometry), None)
+    kind = "" if shape is None else shape.tag
+    if shape is None or kind not in {"line", "arc", "spiral", "poly3", "paramPoly3"}:
+        raise ConfigError(f"{where}: <geometry> holds '{kind}'; line, arc, spiral, poly3 and paramPoly3 are understood")
+    if kind in {"poly3", "paramPoly3"}:
+        pose = _read_polynomial(shape, (x, y, yaw), length, places)
+        x0, y0, yaw0 = (float(v[0]) for v in pose(np.array([0.0])))
+        x1, y1, yaw1 = (float(v[0]) for v in pose(np.array([length])))
+        return Leg(where, kind, length, (x0, y0, yaw0), (x1, y1, yaw1), None, pose)
+    first = last = 0.0
+    if kind == "arc":
+        first = last = number_of(shape, "curvature", places)
+    elif kind == "spiral":
+        first, last = number_of(shape, "curvStart", places), number_of(shape, "curvEnd", places)
+    piece = Piece(length, first, last)
+    if max(abs(first), abs(last)) > 100.0 or length * max(abs(first), abs(last)) > 1e3:
+        raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is no road's")
+
+    def along(u: Array) -> tuple[Array, Array, Array]:
+        return Track([piece], start=(x, y, yaw)).pose(u)
+
+    return Leg(where, kind, length, (x, y, yaw), advance((x, y, yaw), piece), piece, along)
+
+
+def _read_polynomial(
+    shape: Element, start: Placement, length: float, places: Places
+) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """Poses along a `poly3` (v over u) or a `paramPoly3` (u and v over p), by arc length.
+
+    Without `pRange` p ends at 1 or at the length, whichever makes the curve about as long as it should be.
+    """
+    if shape.tag == "poly3":
+        v = [number_of(shape, key, places) for key in "abcd"]
+        u, ends = [0.0, 1.0, 0.0, 0.0], [length]
+    else:
+        u, v = ([number_of(shape, f"{key}{axis}", places) for key in "abcd"] for axis in "UV")
+        ends = {"arcLength": [length], "normalized": [1.0]}.get(shape.get("pRange", ""), [1.0, length])
+    along, across = (np.polynomial.Polynomial(c) for c in (u, v))
+    tables = []
+    for end in ends:
+        p = np.linspace(0.0, end, max(65, math.ceil(4.0 * length) + 1))
+        speed = np.hypot(along.deriv()(p), across.deriv()(p))
+        middle = (p[1:] + p[:-1]) / 2.0
+        halfway = np.hypot(along.deriv()(middle), across.deriv()(middle))
+        travelled = np.append(0.0, np.cumsum((speed[:-1] + 4.0 * halfway + speed[1:]) / 6.0 * np.diff(p)))  # Simpson
+        tables.append((abs(travelled[-1] - length), p, travelled))
+    _, p, travelled = min(tables, key=lambda table: float(table[0]))
+    if shape.tag == "poly3":  # u ends where the length is reached
+        p, travelled = p[travelled < length], travelled[travelled < length]
+        rest = length - travelled[-1]
+        p = np.append(p, p[-1] + rest / math.hypot(1.0, float(across.deriv()(p[-1]))))
+        travelled = np.append(travelled, length)
+    if not np.isfinite(travelled).all() or not 0.5 < travelled[-1] / length < 2.0 or (np.diff(travelled) <= 0.0).any():
+        raise ConfigError(
+            f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> says {length:.4g} m; "
+            "correct the length, the coefficients or pRange"
+        )
+    x0, y0, yaw0 = start
+    c, s = math.cos(yaw0), math.sin(yaw0)
+
+    def pose(at: Array) -> tuple[Array, Array, Array]:
+        q = np.interp(at * (travelled[-1] / length), travelled, p)
+        a, b = along(q), across(q)
+        yaw = yaw0 + np.arctan2(across.deriv()(q), along.deriv()(q))
+        return x0 + c * a - s * b, y0 + s * a + c * b, yaw
+
+    return pose

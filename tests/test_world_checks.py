@@ -1,0 +1,599 @@
+"""Checks of worlds: each planted fault is found, with its line; what is sound is not told."""
+
+import math
+import sys
+import time
+from pathlib import Path
+from textwrap import dedent
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from pydrake.geometry import Box, Cylinder, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.vehicles import load_vehicle
+from mirdrake.world_checks import Fault, check_world, examine, overlaps
+from mirdrake.world_checks.gaps import Passage
+from mirdrake.world_checks.obstacles import Body, Obstacle, Room
+from mirdrake.world_checks.outlines import Outline, gap_between, outlines_of
+from mirdrake.world_checks.search import search_way
+from mirdrake.worlds import PlacedProp, Prop, load_world, make_world
+from mirdrake.worlds.props import Solid
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def write(text: str) -> str:
+    """A world file w.yaml; its first line is 2 of the file."""
+    Path("w.yaml").write_text("mirdrake: world/1\n" + dedent(text).lstrip("\n"), encoding="utf-8")
+    return "w.yaml"
+
+
+def check(text: str, **more) -> list[Fault]:
+    return check_world(write(text), **more)
+
+
+def texts(faults: list[Fault]) -> list[tuple[str, str]]:
+    """Kind, and place in the file."""
+    return [(fault.kind, fault.text.split(": ")[0]) for fault in faults]
+
+
+# --- what cannot be laid out --------------------------------------------------------------------------------------
+
+
+def test_the_worlds_of_mirdrake_are_sound() -> None:
+    for name in ("empty", "skidpad", "test_track"):
+        assert check_world(name) == []
+
+
+def test_an_unknown_world_is_one_fault() -> None:
+    (fault,) = check_world("skidpat")
+    assert fault.kind == "file"
+    assert "did you mean 'skidpad'?" in fault.text
+
+
+def test_misspelt_names_are_told_all_at_once_with_what_may_be_meant() -> None:
+    faults = check(
+        """
+        props:
+          - {prop: conee, at: [0, 0]}
+          - {prop: barrel, at: [3, 0]}
+          - {prop: sedn, at: [9, 0]}
+        """
+    )
+    assert texts(faults) == [("file", "w.yaml:3"), ("file", "w.yaml:5")]
+    assert "did you mean 'cone'?" in faults[0].text
+    assert "did you mean 'sedan'?" in faults[1].text
+
+
+def test_a_gap_in_a_track_is_told_with_its_size() -> None:
+    (fault,) = check(
+        """
+        tracks:
+          main:
+            closed: true
+            segments: [{line: 10}, {arc: {radius: 5, angle: 180 deg}}, {line: 9}, {arc: {radius: 5, angle: 180 deg}}]
+        """
+    )
+    assert fault.kind == "file"
+    assert fault.text.startswith("w.yaml:")
+    assert "1.000 m" in fault.text or "1 m" in fault.text
+
+
+def test_what_finds_no_place_is_told() -> None:
+    (fault,) = check(
+        """
+        props:
+          - {box: [2, 2, 1], scatter: {region: {rect: {size: [5, 5]}}, count: 20}}
+        """
+    )
+    assert (fault.kind, fault.text.split(": ")[0]) == ("homeless", "w.yaml:3")
+
+
+def test_broken_rules_are_told_each_with_its_prop() -> None:
+    faults = check(
+        """
+        start: {gate: {at: [0, 0]}}
+        props:
+          - {prop: cone, at: [1, 0]}
+          - {prop: cone, name: far, at: [9, 0]}
+          - {prop: cone, name: near_far, at: [9.5, 0]}
+        rules:
+          - {keep_clear: {around: gate, radius: 3}}
+          - {min_gap: 0.4}
+          - {outside: {props: barel, region: {disc: {radius: 2}}}}
+        """
+    )
+    assert texts(faults) == [("rule", "w.yaml:4"), ("rule", "w.yaml:10"), ("gap", "w.yaml:5")]
+    assert faults[2].names == ("far", "near_far")
+    assert faults[2].depth == pytest.approx(0.13, abs=0.002)  # cones 0.37 m wide
+    assert "w.yaml:9" in faults[2].text
+
+
+# --- overlaps -----------------------------------------------------------------------------------------------------
+
+PAIR = """
+props:
+  - {{box: [2, 1, 1], name: left, at: [100, 50], yaw: {yaw}}}
+  - {{{other}, name: right, at: [{x}, {y}], yaw: {yaw}}}
+"""
+
+
+def pair(gap: float, *, other: str = "box: [2, 1, 1]", yaw: float = 0.5, half: float = 1.0) -> list[Fault]:
+    """A box and something else behind it, along the box's x."""
+    far = 1.0 + half + gap
+    return check(PAIR.format(yaw=yaw, other=other, x=100.0 + far * math.cos(yaw), y=50.0 + far * math.sin(yaw)))
+
+
+@pytest.mark.parametrize(
+    ("other", "half"), [("box: [2, 1, 1]", 1.0), ("cylinder: [0.3, 1]", 0.3), ("sphere: 0.4", 0.4)]
+)
+def test_one_millimetre_of_overlap_is_found_with_depth_and_place_and_one_of_gap_is_sound(
+    other: str, half: float
+) -> None:
+    (fault,) = pair(-0.001, other=other, half=half)
+    assert (fault.kind, fault.names, fault.text.split(": ")[0]) == ("overlap", ("left", "right"), "w.yaml:3")
+    assert "(w.yaml:4)" in fault.text
+    assert "1 mm" in fault.text
+    assert fault.depth == pytest.approx(0.001, rel=0.01)
+    assert fault.place is not None
+    along = np.array([math.cos(0.5), math.sin(0.5)])
+    assert (np.array(fault.place[:2]) - [100, 50]) @ along == pytest.approx(1.0, abs=0.002)
+    assert shapely.Polygon(fault.polygon).buffer(0.002).contains(shapely.Point(100 + along[0], 50 + along[1]))
+    assert pair(0.001, other=other, half=half) == []
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, math.pi / 2, 2.0])
+def test_touching_is_no_overlap(yaw: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(overlaps, "COMMAND", (sys.executable, "-c", "raise SystemExit(9)"))  # nobody is to ask
+    assert pair(0.0, yaw=yaw) == []
+    assert pair(0.0, yaw=yaw, other="cylinder: [0.3, 1]", half=0.3) == []
+
+
+def test_what_stands_on_top_and_what_is_allowed_to_is_no_overlap() -> None:
+    world = """
+    props:
+      - {box: [2, 2, 1], name: base, at: [0, 0]}
+      - {box: [1, 1, 1], name: top, at: [0, 0, 1]}
+      - {box: [1, 1, 1], name: side, at: [1.2, 0]}
+    """
+    assert [fault.names for fault in check(world)] == [("base", "side")]
+    assert check(world + "rules:\n      - {allow_overlap: [base, 'si*']}\n") == []
+
+
+def test_every_pair_is_told_and_meshes_count_as_they_collide() -> None:
+    faults = check(
+        """
+        props:
+          - {prop: sedan, name: car, line: {from: [0, 0], to: [12, 0], spacing: 4}}
+          - {prop: cone, name: inside, at: [0.5, 0.2]}
+        """
+    )
+    assert [fault.names for fault in faults] == [
+        ("car[0]", "car[1]"), ("car[0]", "inside"), ("car[1]", "car[2]"), ("car[2]", "car[3]"),
+    ]  # fmt: skip
+    assert all(fault.depth is not None and fault.depth > 0.1 for fault in faults)
+
+
+KILLER = """
+import pickle, sys, time
+from pathlib import Path
+sys.path.insert(0, {folder!r})
+import worker
+from pydrake.geometry import Sphere
+true = worker.Couple.find_hit
+def find_hit(self, X_WA, X_WB):
+    if X_WA.translation()[0] == 10.0:
+        {what}
+    return true(self, X_WA, X_WB)
+worker.Couple.find_hit = find_hit
+worker.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "word"),
+    [
+        ("import os; os.abort()", "signal 6"),
+        ("sys.exit('assertion failed')", "assertion failed"),
+        ("time.sleep(60)", "no end after"),
+        ("raise RuntimeError('no such pair of shapes')", "no such pair of shapes"),
+    ],
+)
+def test_a_query_that_ends_its_process_is_a_fault_and_the_others_are_still_told(
+    what: str, word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = KILLER.format(folder=str(Path(overlaps.__file__).parent), what=what)
+    Path("killer.py").write_text(script, encoding="utf-8")
+    monkeypatch.setattr(overlaps, "COMMAND", (sys.executable, "-P", "killer.py"))
+    if "sleep" in what:
+        monkeypatch.setattr(overlaps, "PATIENCE", 4.0)
+    faults = check(
+        """
+        props:
+          - {box: [1, 1, 1], name: a, at: [0, 0]}
+          - {box: [1, 1, 1], name: b, at: [0.5, 0]}
+          - {box: [1, 1, 1], name: c, at: [10, 0]}
+          - {box: [1, 1, 1], name: d, at: [10.5, 0]}
+          - {box: [1, 1, 1], name: e, at: [20, 0]}
+          - {box: [1, 1, 1], name: f, at: [20.5, 0]}
+        """
+    )
+    assert [(fault.kind, fault.names) for fault in faults] == [
+        ("overlap", ("a", "b")),
+        ("overlap", ("e", "f")),
+        ("unchecked", ("c", "d")),
+    ]
+    assert faults[2].text.startswith("w.yaml:5: props.2: ")
+    assert word in faults[2].text
+    assert "\n" not in faults[2].text
+
+
+def test_if_no_process_starts_all_pairs_are_told_as_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(overlaps, "COMMAND", ("./no_such_program",))
+    monkeypatch.setattr(overlaps, "MOST_DEATHS", 2)
+    faults = check("props:\n  - {box: [2, 1, 1], line: {from: [0, 0], to: [6, 0], spacing: 1.5}}\n")
+    assert [fault.kind for fault in faults] == ["unchecked"] * 4
+
+
+def test_five_hundred_props_are_laid_out_and_checked_within_a_second() -> None:
+    name = write(
+        """
+        ground: {size: [400, 400]}
+        props:
+          - {prop: cone, grid: {origin: [-100, -150], step: [5, 5], count: [20, 10]}, yaw: 20 deg}
+          - {prop: barrel, grid: {origin: [20, -150], step: [5, 5], count: [20, 10]}}
+          - {box: [1, 2, 1], yaw: 0 .. 9, scatter: {region: {rect: {center: [0, 99], size: [90, 50]}}, count: 90}}
+          - {box: [4, 2, 1], name: over, line: {from: [-150, 0], to: [-150, 27], count: 10}}
+        """
+    )
+    load_world(name)
+    began = time.perf_counter()
+    faults = check_world(name)
+    took = time.perf_counter() - began
+    assert len(faults) == 9
+    assert took < 3.0  # 0.6 s when the machine does nothing else
+    write(Path(name).read_text().replace("mirdrake: world/1\n", "").replace("27]", "60]"))
+    world = load_world(name)
+    began = time.perf_counter()
+    assert check_world(world) == []
+    assert time.perf_counter() - began < 0.5  # 0.02 s: nobody asks Drake
+
+
+# --- on the ground ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_buried_and_what_hangs_in_the_air_is_told_with_how_much() -> None:
+    faults = check(
+        """
+        props:
+          - {box: [1, 1, 1], name: sunk, at: [0, 0, -0.3]}
+          - {prop: cone, name: up, at: [3, 0], z: 25 cm}
+          - {box: [1, 1, 1], name: tilted, at: [6, 0], pitch: 30 deg}
+          - {prop: sedan, at: [12, 0]}
+          - {sphere: 0.4, at: [20, 0]}
+        """
+    )
+    assert texts(faults) == [("buried", "w.yaml:3"), ("buried", "w.yaml:5"), ("floating", "w.yaml:4")]
+    assert [fault.depth for fault in faults] == pytest.approx([0.3, 0.25, 0.25])
+    assert "30 cm" in faults[0].text
+
+
+def test_what_rests_on_something_that_stands_does_not_hang() -> None:
+    world = """
+    props:
+      - {box: [1, 1, 1], name: first, at: [0, 0]}
+      - {box: [1, 1, 1], name: second, at: [0.2, 0, 1]}
+      - {box: [1, 1, 1], name: third, at: [0.4, 0, 2]}
+      - {box: [0.1, 1, 0.3], name: sign, at: [-0.55, 0, 0.4]}
+      - {box: [1, 1, 1], name: lone, at: [5, 0, 1]}
+      - {box: [1, 1, 1], name: on_lone, at: [5, 0, 2]}
+    """
+    assert [fault.names for fault in check(world)] == [("lone",), ("on_lone",)]
+    loose = world.replace("at: [-0.55, 0, 0.4]", "at: [-0.55, 0, 0.4], static: false")
+    assert [fault.names for fault in check(loose)] == [("sign",), ("lone",), ("on_lone",)]
+
+
+def test_the_rule_on_ground_sets_the_tolerance_and_the_last_one_counts() -> None:
+    world = """
+    props:
+      - {box: [1, 1, 1], name: lamp, at: [0, 0, 3]}
+      - {box: [1, 1, 1], name: bump, at: [3, 0, -0.01]}
+    rules: [RULES]
+    """
+    assert [fault.names for fault in check(world.replace("RULES", ""))] == [("lamp",)]
+    lamp = "{on_ground: {props: lamp, tolerance: 3}}"
+    assert check(world.replace("RULES", lamp)) == []
+    strict = world.replace("RULES", "{on_ground: {tolerance: 1 mm}}, " + lamp)
+    assert [(fault.kind, fault.names) for fault in check(strict)] == [("buried", ("bump",))]
+
+
+# --- starts and goals ---------------------------------------------------------------------------------------------
+
+
+def test_a_start_in_a_wall_is_told_for_the_box_of_the_vehicle_and_without_one_for_its_middle() -> None:
+    world = """
+    start:
+      gate: {at: [0, 0]}
+      free: {at: [0, 20]}
+    props:
+      - {prop: wall, at: [3, 0], yaw: 90 deg}
+    """
+    assert check(world) == []
+    (fault,) = check(world, vehicle="bolt")
+    assert texts([fault]) == [("start", "w.yaml:3")]
+    assert fault.names == ("wall",)
+    assert "(w.yaml:6)" in fault.text
+    front = 3.3855
+    assert fault.depth == pytest.approx(front - 2.9, abs=1e-3)
+    assert check(world.replace("at: [3, 0]", f"at: [{front + 0.101}, 0]"), vehicle="bolt") == []
+    (fault,) = check(world.replace("at: [3, 0]", "at: [0, 0]"))
+    assert texts([fault]) == [("start", "w.yaml:3")]
+
+
+def test_a_vehicle_may_stand_below_a_beam_and_on_a_bump_but_not_beyond_the_ground() -> None:
+    world = """
+    ground: {size: [40, 40]}
+    start:
+      gate: {at: [0, 0]}
+      edge: {at: [0, 19.5]}
+    props:
+      - {box: [1, 6, 0.3], name: beam, at: [1, 0, 3]}
+      - {box: [0.3, 0.3, 3], name: post, line: {from: [1, -2.8], to: [1, 2.8], count: 2}}
+      - {prop: speed_bump, at: [2, 0]}
+    """
+    faults = check(world, vehicle="bolt")
+    assert texts(faults) == [("start", "w.yaml:5")]
+    assert "beyond the ground" in faults[0].text
+
+
+def test_a_goal_in_a_wall_is_told() -> None:
+    (fault,) = check("goals:\n  exit: {at: [5, 0], radius: 0.5}\nprops:\n  - {box: [2, 2, 1], at: [5, 0]}\n")
+    assert texts([fault]) == [("goal", "w.yaml:3")]
+
+
+# --- ways ---------------------------------------------------------------------------------------------------------
+
+GAP = """
+ground: {{size: [50, 30]}}
+start:
+  gate: {{at: [-15, 0]}}
+goals:
+  exit: {{at: [15, 6], radius: 1}}
+props:
+  - {{box: [0.2, 14, 2], name: left, at: [0, {left}]}}
+  - {{box: [0.2, 14, 2], name: right, at: [0, {right}]}}
+  - {{box: [0.2, 14, 2], name: far_left, at: [0, {far_left}]}}
+  - {{box: [0.2, 14, 2], name: far_right, at: [0, {far_right}]}}
+"""
+DRIVABLE = "rules:\n  - {drivable: {vehicle: bolt, from: gate, to: exit, margin: 0}}\n"
+TEST = "tests:\n  - {name: out, goal: exit, behaviour: {kind: constant, speed: 2}, expect: [eventually at goal]}\n"
+
+
+def gap_world(width: float) -> str:
+    near, far = 7.0 + width / 2.0, 21.0 + width / 2.0
+    return GAP.format(left=near, right=-near, far_left=far, far_right=-far)
+
+
+@pytest.mark.parametrize("what", [DRIVABLE, TEST])
+def test_a_gap_narrower_than_the_car_is_no_way_and_half_a_metre_more_is_one(what: str) -> None:
+    width = 2.0 * Body.of(load_vehicle("bolt")).half_width
+    (fault,) = check(gap_world(width - 0.05) + what)
+    assert texts([fault]) == [("way", "w.yaml:13")]
+    assert "no way for bolt (1.76 m wide" in fault.text or "no way for bolt (1.77 m wide" in fault.text
+    assert "1.71 m wide at (0.00, 0.00) m, between 'left' and 'right'" in fault.text
+    found = examine(write(gap_world(width + 0.5) + what))
+    assert found.faults == []
+    (way,) = found.ways
+    assert (way.vehicle, way.start, way.goal) == ("bolt", "gate", "exit")
+    assert way.length < 35.0
+
+
+def test_the_margin_of_the_rule_counts() -> None:
+    world = gap_world(1.9)
+    assert check(world + DRIVABLE) == []
+    (fault,) = check(world + DRIVABLE.replace("margin: 0", "margin: 0.1"))
+    assert "1.97 m are needed" in fault.text or "1.96 m are needed" in fault.text
+
+
+def test_a_goal_behind_walls_all_around_has_no_way() -> None:
+    (fault,) = check(gap_world(0.0) + DRIVABLE)
+    assert texts([fault]) == [("way", "w.yaml:13")]
+    assert "nothing leads there" in fault.text
+
+
+def test_the_ground_ends_a_way() -> None:
+    world = gap_world(0.0).replace("far_left, at: [0, 21.0]", "far_left, at: [0, 35.0]")
+    assert [fault.kind for fault in check(world + DRIVABLE)] == ["way"]
+    wide = world.replace("size: [50, 30]", "size: [50, 44]").replace("at: [0, 35.0]", "at: [0, 60.0]")
+    assert check(wide + DRIVABLE) == []
+
+
+CORNER = """
+ground: {{size: [80, 80]}}
+params: {{w: {width}}}
+start:
+  gate: {{at: [0, 0]}}
+goals:
+  exit: {{at: [20, 16], radius: 1}}
+props:
+  - {{box: [24, 0.2, 2], name: south, at: [10, -$w/2 - 0.1]}}
+  - {{box: [21.8 - $w/2, 0.2, 2], name: north, at: [8.9 - $w/4, $w/2 + 0.1]}}
+  - {{box: [0.2, 20, 2], name: east, at: [20 + $w/2 + 0.1, 9.7 - $w/2]}}
+  - {{box: [0.2, 19, 2], name: west, at: [20 - $w/2 - 0.1, 9.7 + $w/2]}}
+  - {{box: [0.2, 8, 2], name: back, at: [-2, 0]}}
+rules:
+  - {{drivable: {{from: gate, to: exit, margin: 0}}}}
+  - {{allow_overlap: ["*", "*"]}}
+"""
+
+
+def test_a_corner_that_the_car_cannot_turn_is_no_way_though_it_is_wide_enough() -> None:
+    (fault,) = check(CORNER.format(width=2.4))
+    assert texts([fault]) == [("way", "w.yaml:15")]
+    assert "cannot turn" in fault.text
+    assert "turning radius 4.5 m" in fault.text
+    found = examine(write(CORNER.format(width=5.0)))
+    assert found.faults == []
+    assert len(found.ways) == 1
+
+
+def test_the_robot_turns_where_the_car_cannot() -> None:
+    world = CORNER.format(width=2.4).replace("from: gate,", "vehicle: unior, from: gate,")
+    assert check(world) == []
+
+
+def test_a_search_that_is_given_up_is_told_as_that() -> None:
+    (fault,) = check(CORNER.format(width=5.0), patience=0.0)
+    assert "was found within 0 s of computing" in fault.text
+
+
+def test_a_way_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
+    found = examine(
+        write(
+            """
+            tracks: {main: {segments: [{line: 40}]}}
+            start: {gate: {on_track: {track: main, s: 5}}, other: {at: [3, 12], yaw: 90 deg}}
+            goals: {line: {gate: {track: main, s: 30}}, twice: {laps: 2}}
+            rules:
+              - {drivable: {from: gate, to: other}}
+            tests:
+              - {name: a, goal: line, behaviour: {kind: constant, speed: 2}, expect: [eventually at goal]}
+            """
+        )
+    )
+    assert found.faults == []
+    assert [(way.start, way.goal) for way in found.ways] == [("gate", "other"), ("gate", "line")]
+    assert found.ways[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
+
+
+def test_a_way_can_be_driven_it_is_smooth_and_the_box_is_free_all_along() -> None:
+    world = load_world(write(gap_world(2.3) + DRIVABLE))
+    (way,) = examine(world).ways
+    body = Body.of(load_vehicle("bolt"))
+    x, y, yaw = way.poses.T
+    boxes = body.boxes(x, y, yaw)
+    solids = shapely.union_all([prop.footprint for prop in world.props])
+    assert not shapely.intersects(boxes, solids).any()
+    step, turn = np.hypot(np.diff(x), np.diff(y)), np.abs(np.diff(yaw))
+    assert (turn <= 1.01 * step / body.radius + 1e-9).all()
+    along = (np.diff(x) * np.cos(0.5 * (yaw[1:] + yaw[:-1])) + np.diff(y) * np.sin(0.5 * (yaw[1:] + yaw[:-1]))) / step
+    assert np.abs(along) == pytest.approx(1.0, abs=1e-6)
+
+
+# --- tests of the file --------------------------------------------------------------------------------------------
+
+
+def test_the_tests_of_a_world_are_checked_each_fault_once() -> None:
+    faults = check(
+        """
+        start: {gate: {at: [0, 0]}}
+        goals: {exit: {at: [9, 0]}}
+        tests:
+          - {name: a, vehicle: blt, behaviour: {kind: constant, speed: 2}, expect: [never colision]}
+          - {name: b, start: gat, goal: exot, behaviour: {kind: constant, speed: 2}, expect: [never collision]}
+        """
+    )
+    assert sorted(fault.text.split(": ")[1] for fault in faults) == [
+        "tests.0.expect.0", "tests.0.vehicle", "tests.1.goal", "tests.1.start",
+    ]  # fmt: skip
+    assert {fault.text.split(": ")[0] for fault in faults} == {"w.yaml:5", "w.yaml:6"}
+    assert len({fault.text for fault in faults}) == len(faults)
+
+
+def test_overrides_reach_the_world_and_its_tests() -> None:
+    world = "params: {x: 9}\ngoals: {exit: {at: [$x, 0]}}\nprops:\n  - {prop: wall, at: [0, 5]}\n" + TEST
+    assert check(world) == []
+    (fault,) = check(world, overrides=("params.x=900",))
+    assert fault.kind == "way"
+    assert "'exit' lies beyond the ground" in fault.text
+    (fault,) = check(world, overrides=("params.z=1",))
+    assert fault.kind == "test"
+    assert "unknown parameter 'z'" in fault.text
+
+
+def test_a_world_made_in_python_is_checked_too() -> None:
+    world = make_world({"mirdrake": "world/1", "props": [{"box": [1, 1, 1], "at": [0, 0, 2]}]})
+    assert [fault.kind for fault in check_world(world)] == ["floating"]
+
+
+# --- the parts ----------------------------------------------------------------------------------------------------
+
+
+def test_outlines_have_the_heights_and_widths_of_the_solids() -> None:
+    solids = (
+        Solid(Cylinder(0.3, 1.0), RigidTransform([1.0, 0.0, 0.5])),
+        Solid(Cylinder(0.3, 1.0), RigidTransform(RollPitchYaw(math.pi / 2, 0.0, 0.0), [0.0, 0.0, 0.3])),
+        Solid(Sphere(0.4), RigidTransform([0.0, 2.0, 0.4])),
+        Solid(Box(1.0, 2.0, 3.0), RigidTransform([0.0, 0.0, 1.5])),
+    )
+    placed = PlacedProp("p", Prop("p", solids, (1.0, 1.0, 1.0), 1.0), RigidTransform([5.0, 0.0, 0.0]))
+    upright, lying, ball, box = outlines_of(placed)
+    assert (upright.radius, upright.core.bounds[0], upright.bottom, upright.top) == pytest.approx((0.3, 6.0, 0.0, 1.0))
+    assert (lying.bottom, lying.top) == pytest.approx((0.0, 0.6), abs=1e-9)
+    assert lying.area.bounds == pytest.approx((4.7, -0.5, 5.3, 0.5), abs=0.003)
+    assert (ball.radius, ball.bottom, ball.top) == pytest.approx((0.4, 0.0, 0.8))
+    assert box.area.bounds == pytest.approx((4.5, -1.0, 5.5, 1.0))
+
+
+@given(
+    x=st.floats(-3, 3), y=st.floats(-3, 3), yaw=st.floats(0, 6.3), radius=st.sampled_from([0.0, 0.4]),
+)  # fmt: skip
+def test_a_push_by_the_depth_parts_two_outlines(x: float, y: float, yaw: float, radius: float) -> None:
+    one = Outline(shapely.box(-1.0, -0.5, 1.0, 0.5), 0.0, 0.0, 1.0)
+    other = shapely.affinity.rotate(shapely.box(-1.5, -0.2, 1.5, 0.2), yaw, use_radians=True, origin=(0, 0))
+    two = Outline(shapely.affinity.translate(other, x, y), radius, 0.0, 1.0)
+    gap = gap_between(one, two)
+    area = one.area.intersection(two.area).area
+    if gap > 1e-9:
+        assert area == 0.0
+        assert gap == pytest.approx(one.area.distance(two.area), abs=0.01 * radius + 1e-9)
+    elif gap < -1e-6 and not radius:
+        assert area > 0.0
+        normals = np.concatenate((one.normals, two.normals))
+        pushes = [shapely.affinity.translate(two.core, *(sign * -gap * n)) for n in normals for sign in (-1.0, 1.0)]
+        assert min(one.core.intersection(push).area for push in pushes) < 1e-6
+
+
+def test_room_agrees_with_the_box_itself() -> None:
+    rng = np.random.default_rng(3)
+    outlines = [
+        Outline(shapely.Point(*rng.uniform(-15, 15, 2)), float(rng.uniform(0.05, 1.0)), 0.0, 1.0) for _ in range(25)
+    ]
+    outlines.append(Outline(shapely.Polygon([(-5, -5), (5, -4.9), (5, -5)]), 0.0, 0.0, 1.0))
+    body = Body("car", -0.8, 3.4, 0.9, 1.6, 4.5)
+    room = Room([Obstacle(0, o) for o in outlines], (-20.0, -20.0, 20.0, 20.0), body, np.zeros((1, 2)))
+    x, y, yaw = rng.uniform(-22, 22, 4000), rng.uniform(-22, 22, 4000), rng.uniform(-7, 7, 4000)
+    free = room.is_free(x, y, yaw)
+    assert 0.1 < free.mean() < 0.9
+    assert (free == room.fits(x, y, yaw)).all()
+    boxes = body.boxes(x, y, yaw)
+    exact = ~shapely.intersects(boxes, shapely.union_all(room.areas)) & shapely.box(-20, -20, 20, 20).contains(boxes)
+    assert (free == exact).all()
+
+
+def test_the_narrowest_place_is_found() -> None:
+    walls = [shapely.box(-0.1, 0.6, 0.1, 20), shapely.box(-0.1, -20, 0.1, -0.7), shapely.box(5, 1.0, 5.2, 20),
+             shapely.box(5, -20, 5.2, -1.0)]  # fmt: skip
+    passage = Passage(walls, shapely.box(-20, -20, 20, 20), (-10, 3), shapely.Point(10, -4).buffer(1.0))
+    assert passage.is_open(0.64)
+    assert not passage.is_open(0.66)
+    gap = passage.narrowest(0.9)
+    assert gap.width == pytest.approx(1.3, abs=0.01)
+    assert gap.place == pytest.approx((0.0, -0.05), abs=0.15)
+    assert gap.between == (0, 1)
+
+
+def test_a_car_turns_round_in_a_street_by_reversing() -> None:
+    walls = [shapely.box(-15, 4, 15, 4.2), shapely.box(-15, -4.2, 15, -4)]
+    body = Body("car", -0.8, 3.4, 0.9, 1.6, 4.5)
+    room = Room([Obstacle(0, Outline(w, 0.0, 0.0, 1.0)) for w in walls], (-15, -20, 15, 20), body, np.zeros((1, 2)))
+    found = search_way(room, (10.0, 0.0, 0.0), shapely.Point(-13.5, 0.0).buffer(0.5))
+    assert found.outcome == "found"
+    assert found.way[-1, 0] < -12.9
