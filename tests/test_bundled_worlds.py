@@ -9,6 +9,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.controllers.behaviours.outline import outline_of
+from mirdrake.errors import ConfigError
 from mirdrake.paths import data_root
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks import check_world
@@ -195,3 +196,13 @@ def test_a_bolt_on_the_path_keeps_off_the_cones(number: int) -> None:
     cones = shapely.union_all([placed.footprint for placed in world.props])
     assert cones.distance(shapely.union_all(cars)) > 0.12
     assert track.min_radius > 15.0
+
+
+def test_colours_have_names(tmp_path):
+    path = tmp_path / "w.yaml"
+    path.write_text("mirdrake: world/1\nprops:\n  - {prop: sedan, at: [0, 0], color: navy}\n", encoding="utf-8")
+    (car,) = load_world(str(path)).props
+    assert car.color == pytest.approx((0.0, 0.0, 128 / 255))
+    path.write_text("mirdrake: world/1\nprops:\n  - {prop: sedan, at: [0, 0], color: navvy}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"w\.yaml:3: props\.0\.color: unknown colour 'navvy'; did you mean 'navy'"):
+        load_world(str(path))

@@ -58,6 +58,9 @@ def run(options: argparse.Namespace) -> int:
         assert found.world is not None
         count = len(found.world.props)
         print(f"{name}: sound{f', {count} props' if count else ''}")
+        for track in found.world.tracks.values():
+            for note in track.notes:
+                print(f"  {note}")
         for way in found.ways:
             print(f"  {way.vehicle} has a way of {way.length:.1f} m from '{way.start}' to '{way.goal}'")
     return code

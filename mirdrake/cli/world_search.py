@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mirdrake.cli.world_test import (
     add_common,
     asked_told,
+    check_layouts,
     count,
     margin_told,
     progress_bar,
@@ -45,7 +46,10 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.suites import collect_searches, search
 
     codes = [0]
-    for case, wanted in collect_searches(options.file, only=options.case, values=dict(options.param)):
+    searches = collect_searches(options.file, only=options.case, values=dict(options.param))
+    if not check_layouts([case for case, _ in searches]):
+        return 2
+    for case, wanted in searches:
         budget = options.budget or wanted.budget
         with terminated_like_interrupted(), progress_bar(budget, "runs", quiet=options.quiet) as bar:
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
-    from mirdrake.suites import Result, Suite
+    from mirdrake.suites import Case, Result, Suite
 
 HELP = "run the tests of worlds with all their variations"
 MORE = """\
@@ -69,6 +69,8 @@ def run(options: argparse.Namespace) -> int:
     if options.resume and options.out is None:
         raise ConfigError("--resume: say with --out which folder goes on")
     cases = collect(options.files, only=options.case, values=dict(options.param))
+    if not check_layouts(cases):
+        return 2
     single = cases[0].slug if len(cases) == 1 else Path(cases[0].world).stem
     folder = options.out or default_folder(single if len({case.world for case in cases}) == 1 else "suite")
     began = time.monotonic()
@@ -111,6 +113,19 @@ def run(options: argparse.Namespace) -> int:
         )
         return 130
     return suite.exit_code
+
+
+def check_layouts(cases: "Sequence[Case]") -> bool:
+    """Whether the worlds of some cases are sound as their files have them; tells all faults.
+
+    What chance or parameters change is judged case by case: what finds no place, and rules on areas.
+    """
+    from mirdrake.world_checks import check_world
+
+    faults = [fault for path in dict.fromkeys(case.world for case in cases) for fault in check_world(path)]
+    for fault in faults:
+        print(f"error: {fault}", file=sys.stderr)
+    return not faults
 
 
 def _write_run_reports(suite: "Suite") -> None:

@@ -22,7 +22,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.layouts import Slot, draw_in, make_slots
-from mirdrake.worlds.props import PlacedProp, Prop, load_prop, make_mesh_prop, make_primitive
+from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop, make_mesh_prop, make_primitive
 from mirdrake.worlds.props_spec import LARGEST_COUNT, GroupSpec, PropEntry
 from mirdrake.worlds.regions import Places
 from mirdrake.worlds.values import is_random
@@ -168,10 +168,7 @@ class Arranger:
             roll, pitch = (once.number(getattr(entry, key), "rad", key, entry) for key in ("roll", "pitch"))
             x, y = frame.place(x, y)
             X_WP = RigidTransform(RollPitchYaw(roll, pitch, frame.yaw + yaw), [x, y, frame.z + z])
-            color = None
-            if isinstance(entry.color, list):
-                red, green, blue = (min(1.0, max(0.0, c)) for c in once.numbers(entry.color, "", "color", entry))
-                color = (red, green, blue)
+            color = _color(entry, once)
             if entry.mass is not None:
                 mass = once.number(entry.mass, "kg", "mass", entry)
                 if not mass > 0.0:
@@ -328,6 +325,25 @@ class _Crowd:
                 elif prop.footprint.distance(other.footprint) < gap:
                     return False
         return True
+
+
+def _color(entry: PropEntry, draw: Draw) -> Color | None:
+    """Red, green, blue, from numbers or from a name of CSS."""
+    if entry.color is None:
+        return None
+    if isinstance(entry.color, list):
+        red, green, blue = (min(1.0, max(0.0, c)) for c in draw.numbers(entry.color, "", "color", entry))
+        return red, green, blue
+    from matplotlib.colors import CSS4_COLORS, to_rgb  # takes a while, and most colours are numbers
+
+    name = draw.word(entry.color, "color", entry)
+    if name not in CSS4_COLORS:
+        raise ConfigError(
+            f"{where(entry, 'color')}: unknown colour '{name}'; {did_you_mean(name, CSS4_COLORS)}, or [red, green, "
+            "blue] from 0 to 1"
+        )
+    red, green, blue = to_rgb(name)
+    return red, green, blue
 
 
 def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]:

@@ -216,7 +216,7 @@ class PropEntry(Schema):
     jitter: JitterSpec | None = Field(default=None, description="small deviations from the place [-]")
     size: Triple | None = Field(default=None, description="of a resizable prop: along x, y, z [m]")
     scale: Value = Field(default=1.0, description="times as large [-]")
-    color: Triple | str | None = Field(default=None, description="red, green, blue from 0 to 1 [-]")
+    color: Triple | str | None = Field(default=None, description="a name of CSS, or red, green, blue from 0 to 1 [-]")
     static: bool = Field(default=True, description="false: a body of its own that can be knocked over [-]")
     mass: Value | None = Field(default=None, description="of one that is not static; default: that of the prop [kg]")
     with_: dict[str, Value] = Field(default_factory=dict, alias="with", description="parameters of the group [-]")

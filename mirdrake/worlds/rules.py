@@ -27,9 +27,11 @@ class _Area:
     inside: bool
     where: str
     what: str
+    bumps: bool = True
+    """whether what is made to be driven over counts"""
 
     def holds(self, prop: PlacedProp) -> bool:
-        if not prop.is_called(self.props):
+        if not prop.is_called(self.props) or (prop.prop.driven_over and not self.bumps):
             return True
         if self.inside:
             return bool(self.area.buffer(_SLACK).covers(prop.footprint))
@@ -81,8 +83,11 @@ class Rules:
             if spec.allow_overlap is not None:
                 self._pairs.append((spec.allow_overlap[0], spec.allow_overlap[1]))
             if spec.drivable is not None:
-                _point(spec.drivable.from_, starts, goals, where(spec.drivable, "from"))
-                _point(spec.drivable.to, starts, goals, where(spec.drivable, "to"))
+                trip, both = spec.drivable, set(starts) & set(goals) & {spec.drivable.from_, spec.drivable.to}
+                for name in sorted(both):
+                    raise ConfigError(f"{where(trip)}: '{name}' is a start and a goal; give one of them another name")
+                _point(trip.from_, starts, goals, where(trip, "from"))
+                _point(trip.to, starts, goals, where(trip, "to"))
                 self.drivable.append(spec.drivable)
         for area in self._areas:
             shapely.prepare(area.area)
@@ -156,7 +161,7 @@ def _keep_clear(spec: RuleSpec, places: Places, starts: Mapping[str, Start], goa
         margin = clear.margin or 0.0
         area = track.band(lambda s: -track.right_width(s) - margin, lambda s: track.left_width(s) + margin)
         what = f"stands on track '{clear.track}'"
-    return _Area(area, "*", inside=False, where=where(clear), what=what)
+    return _Area(area, "*", inside=False, where=where(clear), what=what, bumps=False)
 
 
 def _track(name: str, tracks: Mapping[str, Track], place: str) -> Track:

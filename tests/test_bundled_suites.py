@@ -1,0 +1,42 @@
+"""The bundled worlds' own tests: a good driver passes each, a bad one fails it."""
+
+from dataclasses import replace
+
+import pytest
+
+from mirdrake.paths import names
+from mirdrake.suites import Case, collect
+from mirdrake.suites.worker import run_case
+
+CASES = {f"{case.world}:{case.test}": case for case in reversed(collect(names("worlds")))}  # the first one of each test
+BAD = {
+    "circle": {"kind": "constant", "speed": 5.0, "steering": 0.1},  # too wide
+    "stops_before_the_pedestrian": {"kind": "blind", "speed": 3.0},
+}
+BLIND = {"kind": "blind", "speed": 8.0}
+
+
+def told(key: str) -> str:
+    return CASES[key].test
+
+
+def test_every_bundled_world_has_a_test():
+    assert {case.world for case in CASES.values()} == {case.world for case in collect(names("worlds"))}
+    assert len({case.world for case in CASES.values()}) == len(names("worlds"))
+
+
+@pytest.mark.parametrize("key", sorted(CASES), ids=told)
+def test_a_good_driver_passes(key):
+    result = run_case(CASES[key])
+    assert result.verdict == "pass", result.reason
+
+
+@pytest.mark.parametrize("key", sorted(CASES), ids=told)
+def test_a_bad_driver_fails(key):
+    result = run_case(with_driver(CASES[key], BAD.get(CASES[key].test, BLIND)))
+    assert result.verdict == "fail", result.reason
+    assert result.margin < 0.0
+
+
+def with_driver(case: Case, driver: dict) -> Case:
+    return replace(case, diagram=case.diagram | {"control": {"ego": driver}})
