@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from mirdrake.plant import add_vehicle, add_world, make_plant
     from mirdrake.report import write_report
     from mirdrake.simulation import simulate
+    from mirdrake.suites import collect_cases, run_suite
     from mirdrake.vehicles import load_vehicle
+    from mirdrake.world_checks import check_world
+    from mirdrake.world_importing import import_world
     from mirdrake.worlds import load_world
 
 __all__ = [  # the order of code points, capitals first; every name also stands in the imports above and in _HOME below
@@ -33,12 +36,16 @@ __all__ = [  # the order of code points, capitals first; every name also stands 
     "Run",
     "add_vehicle",
     "add_world",
+    "check_world",
+    "collect_cases",
+    "import_world",
     "load_diagram",
     "load_run",
     "load_vehicle",
     "load_world",
     "make_diagram",
     "make_plant",
+    "run_suite",
     "simulate",
     "write_report",
 ]
@@ -51,12 +58,16 @@ _HOME = {
     "Run": "logs",
     "add_vehicle": "plant",
     "add_world": "plant",
+    "check_world": "world_checks",
+    "collect_cases": "suites",
+    "import_world": "world_importing",
     "load_diagram": "diagram",
     "load_run": "logs",
     "load_vehicle": "vehicles",
     "load_world": "worlds",
     "make_diagram": "diagram",
     "make_plant": "plant",
+    "run_suite": "suites",
     "simulate": "simulation",
     "write_report": "report",
 }

@@ -5,10 +5,12 @@ from dataclasses import replace
 import pytest
 
 from mirdrake.paths import names
-from mirdrake.suites import Case, collect
+from mirdrake.suites import Case, collect_cases
 from mirdrake.suites.worker import run_case
 
-CASES = {f"{case.world}:{case.test}": case for case in reversed(collect(names("worlds")))}  # the first one of each test
+CASES = {
+    f"{case.world}:{case.test}": case for case in reversed(collect_cases(names("worlds")))
+}  # the first one of each test
 BAD = {
     "circle": {"kind": "constant", "speed": 5.0, "steering": 0.1},  # too wide
     "stops_before_the_pedestrian": {"kind": "blind", "speed": 3.0},
@@ -21,7 +23,7 @@ def told(key: str) -> str:
 
 
 def test_every_bundled_world_has_a_test():
-    assert {case.world for case in CASES.values()} == {case.world for case in collect(names("worlds"))}
+    assert {case.world for case in CASES.values()} == {case.world for case in collect_cases(names("worlds"))}
     assert len({case.world for case in CASES.values()}) == len(names("worlds"))
 
 

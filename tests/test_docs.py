@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mirdrake.suites import collect
+from mirdrake.suites import collect_cases
 from mirdrake.worlds import load_world
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -27,7 +27,7 @@ def test_a_world_in_the_documentation_is_sound(tmp_path, page, number, text):
     assert not world.homeless
     assert world.rules is not None
     assert not world.rules.broken(world.props)
-    assert len(collect([path])) >= len(world.spec.tests)
+    assert len(collect_cases([path])) >= len(world.spec.tests)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

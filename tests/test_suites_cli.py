@@ -20,7 +20,7 @@ import pytest
 from mirdrake.cli import world_search, world_test
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import load_run
-from mirdrake.suites import collect, load_suite
+from mirdrake.suites import collect_cases, load_suite
 
 WORLD = dedent(
     """
@@ -321,7 +321,7 @@ def test_a_search_that_finds_nothing_says_so(lot: Path, capsys: pytest.CaptureFi
 
 def test_a_case_changes_with_the_files_it_is_made_of(tmp_path: Path) -> None:
     path = _world(tmp_path)
-    before = {case.name: case.digest() for case in collect([path])}
+    before = {case.name: case.digest() for case in collect_cases([path])}
     (tmp_path / "drivers.py").write_text(DRIVERS + "\n")
-    after = {case.name: case.digest() for case in collect([path])}
+    after = {case.name: case.digest() for case in collect_cases([path])}
     assert {name for name in before if before[name] != after[name]} == {"own#1", "own#2", "own#3"}

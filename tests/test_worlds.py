@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mirdrake.errors import ConfigError, WorldError
 from mirdrake.paths import data_root
+from mirdrake.world_checks import check_world
 from mirdrake.worlds import World, WorldSpec, load_world, make_world
 from mirdrake.worlds.scenery import (
     SKIES,
@@ -470,3 +471,31 @@ def test_skies_have_colours(sky: str):
     zenith, horizon = sky_colors(world(f"sky: {sky}"))
     assert (horizon > zenith).all()
     assert render_params(world(f"sky: {sky}")).default_clear_color == pytest.approx(horizon)
+
+
+# --- how long it takes ---------------------------------------------------------------------------------------------
+
+MANY = {
+    "500 props": """
+props:
+  - {prop: sedan, name: car, grid: {origin: [-150, -150], step: [10, 15], count: [20, 15]}, yaw: 0 .. 360 deg}
+  - {prop: cone, grid: {origin: [-150, 80], step: [3, 3], count: [50, 4]}}
+""",
+    "100 cars in 70 m": """
+props:
+  - {box: [4.5, 1.8, 1.5], name: car, scatter: {region: {rect: {size: [70, 70]}}, count: 100}, yaw: 0 .. 360 deg}
+""",
+}
+
+
+@pytest.mark.parametrize("text", MANY.values(), ids=MANY)
+def test_many_props_are_laid_out_and_checked_within_a_second(text, tmp_path):
+    path = tmp_path / "many.yaml"
+    path.write_text(f"mirdrake: world/1\n{text}", encoding="utf-8")
+    load_world(str(path))  # imports and meshes are read once
+    began = time.process_time()
+    crowded = load_world(str(path), overrides=["seed=1"])
+    faults = check_world(crowded)
+    assert time.process_time() - began < 1.0
+    assert len(crowded.props) >= 100
+    assert not faults

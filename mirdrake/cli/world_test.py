@@ -64,11 +64,11 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.report.suite import write_suite_report
     from mirdrake.report.suite_recordings import write_recordings
     from mirdrake.simulation import default_folder
-    from mirdrake.suites import collect, run_suite
+    from mirdrake.suites import collect_cases, run_suite
 
     if options.resume and options.out is None:
         raise ConfigError("--resume: say with --out which folder goes on")
-    cases = collect(options.files, only=options.case, values=dict(options.param))
+    cases = collect_cases(options.files, only=options.case, values=dict(options.param))
     if not check_layouts(cases):
         return 2
     single = cases[0].slug if len(cases) == 1 else Path(cases[0].world).stem

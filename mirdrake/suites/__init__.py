@@ -2,7 +2,7 @@
 
 ::
 
-    world.yaml ── collect ──► [Case] ── run_suite ──► Suite of [Result], one verdict each
+    world.yaml ── collect_cases ──► [Case] ── run_suite ──► Suite of [Result], one verdict each
                                 │
                                 └── search ──► the values of parameters for which it goes worst
 
@@ -10,12 +10,12 @@ Verdicts: ``pass``, ``fail`` (a requirement does not hold), ``error`` (it could 
 or diverged), ``invalid`` (the world cannot be laid out, or breaks its own rules).
 """
 
-from mirdrake.suites.cases import Case, Result, Verdict, collect, collect_searches, vary
+from mirdrake.suites.cases import Case, Result, Verdict, collect_cases, collect_searches, vary
 from mirdrake.suites.pool import Pool
 from mirdrake.suites.run import Suite, load_suite, run_suite
 from mirdrake.suites.search import SearchResult, Trial, search
 
 __all__ = [
-    "Case", "Pool", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect", "collect_searches", "load_suite",
+    "Case", "Pool", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect_cases", "collect_searches", "load_suite",
     "run_suite", "search", "vary",
 ]  # fmt: skip

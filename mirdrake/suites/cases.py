@@ -132,7 +132,9 @@ def _rank(finding: Mapping[str, Any]) -> tuple[bool, float]:
     return bool(finding["passed"]), math.inf if finding["margin"] is None else float(finding["margin"])
 
 
-def collect(files: Iterable[str | Path], *, only: Collection[str] = (), values: Values | None = None) -> list[Case]:
+def collect_cases(
+    files: Iterable[str | Path], *, only: Collection[str] = (), values: Values | None = None
+) -> list[Case]:
     """All variations of all tests of some worlds, in the order of the files.
 
     Args:
@@ -181,9 +183,9 @@ def collect_searches(
         values: of parameters or of the seed, in place of their variations.
 
     Raises:
-        ConfigError: see :func:`collect`; or there is nothing to search.
+        ConfigError: see :func:`collect_cases`; or there is nothing to search.
     """
-    cases = collect([file], only=only, values=values)
+    cases = collect_cases([file], only=only, values=values)
     spec = load_world(cases[0].world).spec
     searched = {test.name: test.search for test in spec.tests if test.search is not None}
     firsts = {case.test: case for case in reversed(cases)}

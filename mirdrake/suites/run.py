@@ -71,7 +71,7 @@ def run_suite(
     results.jsonl at once. Ctrl-C ends the workers and gives what is done.
 
     Args:
-        cases: from :func:`mirdrake.suites.collect`.
+        cases: from :func:`mirdrake.suites.collect_cases`.
         workers: number of processes.
         folder: made; must be empty unless `resume`. None writes nothing.
         timeout: wall time a case may take [s]; a minute and ten times its simulated time if left out.

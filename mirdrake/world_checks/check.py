@@ -185,11 +185,11 @@ class _Drives:
 
 def _test_faults(world: World, overrides: Iterable[str], known: set[str]) -> list[Fault]:
     """Faults of the tests of a world, but for those that are known already."""
-    from mirdrake.suites.cases import collect
+    from mirdrake.suites.cases import collect_cases
 
     assert world.path is not None
     try:
-        collect([world.path], values=_values(overrides))
+        collect_cases([world.path], values=_values(overrides))
     except ConfigError as error:
         return [fault for fault in _lines("test", error) if fault.text not in known]
     return []
