@@ -16,6 +16,6 @@ from mirdrake.suites.run import Suite, load_suite, run_suite
 from mirdrake.suites.search import SearchResult, Trial, search
 
 __all__ = [
-    "Case", "Pool", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect_cases", "collect_searches", "load_suite",
-    "run_suite", "search", "vary",
+    "Case", "Pool", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect_cases", "collect_searches",
+    "load_suite", "run_suite", "search", "vary",
 ]  # fmt: skip
