@@ -13,7 +13,7 @@ from mirdrake.paths import data_root, names
 from mirdrake.worlds import load_world
 
 WORLDS = {name: (data_root() / "worlds" / f"{name}.yaml").read_text(encoding="utf-8") for name in names("worlds")}
-SPOILERS = [
+SPOILERS: list[object] = [
     None, True, -1, 0, 1e308, float("nan"), float("inf"), "", " ", "$", "$nobody", "1 ..", "3 .. 1", ".. 2", "0 +- -1",
     "a | b", "|", "1/0", "$a*$a", "9" * 400, "-5 km", "3 furlongs", "90 deg", [], [[]], {}, {"at": [0, 0]}, ["x"] * 3,
     "sedan", "../../etc", "\u0000", "ünïcode", 10**30, "1e999", "((((1))))", "1 .. 2 .. 3", "main", "2 | 3 | $pitch",
