@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mirdrake.suites import collect_cases, run_suite
     from mirdrake.vehicles import load_vehicle
     from mirdrake.world_checks import check_world
+    from mirdrake.world_files import build_world
     from mirdrake.world_importing import import_world
     from mirdrake.worlds import load_world
 
@@ -36,6 +37,7 @@ __all__ = [  # the order of code points, capitals first; every name also stands 
     "Run",
     "add_vehicle",
     "add_world",
+    "build_world",
     "check_world",
     "collect_cases",
     "import_world",
@@ -58,6 +60,7 @@ _HOME = {
     "Run": "logs",
     "add_vehicle": "plant",
     "add_world": "plant",
+    "build_world": "world_files",
     "check_world": "world_checks",
     "collect_cases": "suites",
     "import_world": "world_importing",

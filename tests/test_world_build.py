@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from mirdrake.cli import world_build
-from mirdrake.cli.world_build import build_world, file_name
 from mirdrake.errors import MirdrakeError, RunError
+from mirdrake.world_files import build_world, file_name
 from mirdrake.worlds import load_world, make_world
 from mirdrake.worlds.lock import lock_hash
 

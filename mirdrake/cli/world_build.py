@@ -1,23 +1,12 @@
 """``mirdrake world build``: a world settled, for Gazebo, and from above."""
 
 import argparse
-import os
-import re
-import shutil
 import sys
-import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.yaml_io import shown
-
-if TYPE_CHECKING:
-    from mirdrake.report.plan import Overlap
-    from mirdrake.worlds import World
 
 HELP = "write a world's lock file, its SDF world for Gazebo and Drake, and its plan"
 MORE = """\
@@ -30,64 +19,6 @@ examples:
   mirdrake world build parking_lot -o out --set seed=3 -p mu=0.3"""
 
 _SHOWN = 5  # lines of a kind that are printed
-
-
-@dataclass(frozen=True)
-class Build:
-    """What was written.
-
-    Attributes:
-        folder: where.
-        lock: the lock file; `sdf` and `plan` likewise.
-        meshes: number of files of meshes.
-        hash: SHA-256 of all that is settled.
-        left_out: what the SDF world cannot say, one line each.
-        overlaps: props that overlap: two names, and the area [m].
-    """
-
-    folder: Path
-    lock: Path
-    sdf: Path
-    plan: Path
-    meshes: int
-    hash: str
-    left_out: tuple[str, ...]
-    overlaps: "tuple[Overlap, ...]"
-
-
-def build_world(world: "World", folder: Path | str) -> Build:
-    """Write a world's lock file, SDF world and plan.
-
-    Everything is made before anything is written; a folder that cannot take all files gets none.
-
-    Args:
-        world: the world.
-        folder: for the files; made if there is none.
-
-    Raises:
-        WorldError: a mesh cannot be read.
-        RunError: the folder cannot be written.
-    """
-    from mirdrake.report.plan import draw_world, find_overlaps
-    from mirdrake.worlds.lock import content_hash, content_text, lock_content
-    from mirdrake.worlds.sdf_export import export_sdf
-
-    folder, name = Path(folder), file_name(world.name)
-    sdf = export_sdf(world, file=f"{name}.sdf")
-    overlaps = tuple(find_overlaps(world))
-    files = dict(sdf.files)
-    files[f"{name}.svg"] = draw_world(world, overlaps=overlaps).encode()
-    content = lock_content(world)
-    files[f"{name}.lock.yaml"] = content_text(content).encode()
-    _write_all(folder, files)
-    lock, plan = folder / f"{name}.lock.yaml", folder / f"{name}.svg"
-    meshes = len(sdf.files) - 1
-    return Build(folder, lock, folder / f"{name}.sdf", plan, meshes, content_hash(content), sdf.left_out, overlaps)
-
-
-def file_name(name: str) -> str:
-    """The name of a world as that of a file: letters, digits, underscores, dots and dashes."""
-    return re.sub(r"[^\w.-]+", "_", name)[:100].strip("._") or "world"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Build."""
+    from mirdrake.world_files import build_world, file_name
     from mirdrake.worlds import load_world
 
     overrides = [*options.set, *_parameters(options.world, options.param)]
@@ -154,34 +86,3 @@ def _tell(what: str, lines: Sequence[str]) -> None:
         print(f"{what}{line}")
     if len(lines) > _SHOWN:
         print(f"{what}and {len(lines) - _SHOWN} more")
-
-
-def _write_all(folder: Path, files: dict[str, bytes]) -> None:
-    """Write all files or none: into a folder beside them first, then each renamed."""
-    needed = {folder, *(above for name in files for above in (folder / name).parents if folder in above.parents)}
-    missing = [path for path in (*folder.parents, *needed) if not path.exists()]
-    staging: Path | None = None
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in files:
-            if (folder / name).is_dir():
-                raise IsADirectoryError(0, f"{name} is a folder")
-        staging = Path(tempfile.mkdtemp(prefix=".build-", dir=folder))
-        for name, content in files.items():
-            (staging / name).parent.mkdir(parents=True, exist_ok=True)
-            (staging / name).write_bytes(content)
-        for path in needed:
-            path.mkdir(parents=True, exist_ok=True)
-        for name in files:
-            os.replace(staging / name, folder / name)
-    except OSError as error:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)
-        for path in sorted(missing, key=lambda path: -len(path.parts)):  # those that were made, if they are empty
-            with suppress(OSError):
-                path.rmdir()
-        reason = error.strerror or str(error).splitlines()[0]
-        raise RunError(f"{shown(folder)}: cannot be written: {reason}; choose another folder with -o") from None
-    finally:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)

@@ -1,0 +1,104 @@
+"""A world as files for others: lock file, SDF world with its meshes, plan from above."""
+
+import os
+import re
+import shutil
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirdrake.errors import RunError
+from mirdrake.report.plan import Overlap, draw_world, find_overlaps
+from mirdrake.worlds import World
+from mirdrake.worlds.lock import content_hash, content_text, lock_content
+from mirdrake.worlds.sdf_export import export_sdf
+from mirdrake.yaml_io import shown
+
+
+@dataclass(frozen=True)
+class Build:
+    """What was written.
+
+    Attributes:
+        folder: where.
+        lock: the lock file; `sdf` and `plan` likewise.
+        meshes: number of files of meshes.
+        hash: SHA-256 of all that is settled.
+        left_out: what the SDF world cannot say, one line each.
+        overlaps: props that overlap: two names, and the area [m].
+    """
+
+    folder: Path
+    lock: Path
+    sdf: Path
+    plan: Path
+    meshes: int
+    hash: str
+    left_out: tuple[str, ...]
+    overlaps: tuple[Overlap, ...]
+
+
+def build_world(world: World, folder: Path | str) -> Build:
+    """Write a world's lock file, SDF world and plan.
+
+    Everything is made before anything is written; a folder that cannot take all files gets none.
+
+    Args:
+        world: the world.
+        folder: for the files; made if there is none.
+
+    Raises:
+        WorldError: a mesh cannot be read.
+        RunError: the folder cannot be written.
+    """
+    folder, name = Path(folder), file_name(world.name)
+    sdf = export_sdf(world, file=f"{name}.sdf")
+    overlaps = tuple(find_overlaps(world))
+    files = dict(sdf.files)
+    files[f"{name}.svg"] = draw_world(world, overlaps=overlaps).encode()
+    content = lock_content(world)
+    files[f"{name}.lock.yaml"] = content_text(content).encode()
+    _write_all(folder, files)
+    lock, plan = folder / f"{name}.lock.yaml", folder / f"{name}.svg"
+    meshes = len(sdf.files) - 1
+    return Build(folder, lock, folder / f"{name}.sdf", plan, meshes, content_hash(content), sdf.left_out, overlaps)
+
+
+def file_name(name: str) -> str:
+    """The name of a world as that of a file: letters, digits, underscores, dots and dashes."""
+    return re.sub(r"[^\w.-]+", "_", name)[:100].strip("._") or "world"
+
+
+# --- the inner parts ---------------------------------------------------------------------------------------------
+
+
+def _write_all(folder: Path, files: dict[str, bytes]) -> None:
+    """Write all files or none: into a folder beside them first, then each renamed."""
+    needed = {folder, *(above for name in files for above in (folder / name).parents if folder in above.parents)}
+    missing = [path for path in (*folder.parents, *needed) if not path.exists()]
+    staging: Path | None = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in files:
+            if (folder / name).is_dir():
+                raise IsADirectoryError(0, f"{name} is a folder")
+        staging = Path(tempfile.mkdtemp(prefix=".build-", dir=folder))
+        for name, content in files.items():
+            (staging / name).parent.mkdir(parents=True, exist_ok=True)
+            (staging / name).write_bytes(content)
+        for path in needed:
+            path.mkdir(parents=True, exist_ok=True)
+        for name in files:
+            os.replace(staging / name, folder / name)
+    except OSError as error:
+        if staging is not None:
+            shutil.rmtree(staging, ignore_errors=True)
+        for path in sorted(missing, key=lambda path: -len(path.parts)):  # those that were made, if they are empty
+            with suppress(OSError):
+                path.rmdir()
+        reason = error.strerror or str(error).splitlines()[0]
+        raise RunError(f"{shown(folder)}: cannot be written: {reason}; choose another folder with -o") from None
+    finally:
+        if staging is not None:
+            shutil.rmtree(staging, ignore_errors=True)
