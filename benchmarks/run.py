@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent
-JOBS = ("w1", "w4", "memory", "startup")
+JOBS = ("w1", "w2", "w3", "w4", "memory", "startup")
 
 GAZEBO_RTF, GAZEBO_BESIDE = 16.2, 140.0
 """W1 in Gazebo classic, and MuJoCo with cylinder wheels on that same machine: RTF of both."""
@@ -86,6 +86,16 @@ def _measure_job(job: str, options: argparse.Namespace) -> dict[str, Any]:
             steps = {"point": (0.005,), "hydroelastic": (0.005,)}
         result = w1.run_w1(duration=duration, parked=parked, repeat=repeat, steps=steps)
         return result | {"peers": peers.run_peers(duration=duration, parked=parked, repeat=repeat)}
+    if job == "w2":
+        from benchmarks import w2
+
+        short = options.quick or options.smoke
+        duration, collected = (0.2, 0.4) if options.smoke else (w2.DURATION, 10.0 if short else 60.0)
+        return w2.run_w2(duration=duration, collected=collected, repeat=repeat)
+    if job == "w3":
+        from benchmarks import w3
+
+        return w3.run_w3(scans=3 if options.smoke else 200)
     if job == "w4":
         from benchmarks import w4
 
@@ -103,6 +113,9 @@ def _measure_job(job: str, options: argparse.Namespace) -> dict[str, Any]:
 MUJOCO_POOL = 4.8
 """Job W4 by MuJoCo in a process pool where the targets were set [ms per simulated second]."""
 
+W3_MS = {"360x1": (0.2, 0.086), "16x900": (1.9, 1.9)}
+"""Job W3: what a scan may take, and what it took MuJoCo where that was set [ms]."""
+
 DEFAULT_STEP_MS = 5.0
 """Plant step of a diagram file that does not name one [ms]; there the overhead is judged."""
 
@@ -115,6 +128,14 @@ def targets(jobs: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if "w1" in jobs:
         found |= _w1_targets(jobs["w1"])
+    if "w2" in jobs:
+        w2 = jobs["w2"]
+        found["w2_ms_per_frame"] = _at_most(w2["color_and_depth"]["ms_per_frame"], must=18.0, aim=12.0)
+        found["w2_frames_missing"] = _at_most(w2["color_and_depth"]["missing"], must=0.0)
+        found["w2_collect_rtf"] = _at_least(w2["collect"]["rtf"], must=1.5, aim=2.0)
+        found["w2_collect_pictures_missing"] = _at_most(w2["collect"]["missing"], must=0.0)
+    if "w3" in jobs:
+        found |= _w3_targets(jobs["w3"])
     if "w4" in jobs:
         mujoco = jobs["w4"].get("mujoco_pool")
         scale = mujoco["wall_ms_per_simulated_s"] / MUJOCO_POOL if mujoco else 1.0
@@ -131,6 +152,19 @@ def targets(jobs: dict[str, Any]) -> dict[str, Any]:
         startup = jobs["startup"]
         found["import_mirdrake_s"] = _at_most(startup["import_mirdrake_s"], must=0.3)
         found["first_step_s"] = _at_most(max(startup["first_step_s"].values()), must=3.0)
+    return found
+
+
+def _w3_targets(w3: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for size, (must, mujoco_there) in W3_MS.items():
+        scan, mujoco = w3[size], w3[size].get("mujoco")
+        scale = mujoco["ms_per_scan"] / mujoco_there if mujoco else 1.0
+        found[f"w3_{size}_ms_per_scan"] = _at_most(scan["ms_per_scan"], must=must * scale)
+        found[f"w3_{size}_worst_error_mm"] = _at_most(scan["worst_error_mm"], must=1.0)
+        found[f"w3_{size}_rays_that_differ"] = _at_most(scan["rays_that_differ"], must=0.0)
+        if mujoco:
+            found[f"w3_{size}_note"] = _note(f"{must:g} ms scaled by {scale:.2f}, as MuJoCo to {mujoco_there:g} ms")
     return found
 
 

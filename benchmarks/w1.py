@@ -33,6 +33,7 @@ def make_spec(contact: str, step: float, *, approximation: str = "similar", left
     spec = load_diagram("w1", overrides=overrides)
     if not left:
         rows = spec.control["ego"].rows  # type: ignore[union-attr]
+        assert rows is not None
         rows[-1].steering = -rows[-1].steering
     return spec
 

@@ -31,12 +31,14 @@ from mirdrake.controllers.drivers import OwnDriverSpec
 from mirdrake.controllers.vectors import COMMAND
 from mirdrake.diagram_spec import DiagramSpec, Place, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
+from mirdrake.perception import add_cloud_overlays
 from mirdrake.plant import PlantParts, VehicleInPlant, make_plant, set_start
-from mirdrake.sensors import SENSORS, Camera, GroundTruth, make_sensor, sensor_feeds
+from mirdrake.sensors import SENSORS, Camera, GroundTruth, Lidar, make_sensor, sensor_feeds
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.signals import Signal, signals_of
 from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.mounts import PictureMount
 from mirdrake.wiring import JOIN, SPLIT, Wiring
 from mirdrake.worlds import Start
 from mirdrake.yaml_io import Source, where
@@ -73,6 +75,7 @@ class Assembly:
         unread: outputs that nothing reads, by name.
         visualizer: draws in Meshcat, if a Meshcat was given.
         cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
+        arrays: sensors whose samples are arrays and shall be recorded, by name.
     """
 
     spec: DiagramSpec
@@ -84,6 +87,7 @@ class Assembly:
     unread: tuple[str, ...] = ()
     visualizer: MeshcatVisualizer | None = None
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
+    arrays: dict[str, System] = field(default_factory=dict)
 
     def own_systems(self) -> dict[str, System]:
         """The user's own systems, those written as ``module:Class``, by name."""
@@ -156,6 +160,8 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     if meshcat is not None:
         params = MeshcatVisualizerParams(publish_period=1.0 / 32.0, delete_on_initialization_event=False)
         visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
+        lidars = {name: system for name, system in wiring.systems.items() if isinstance(system, Lidar)}
+        add_cloud_overlays(builder, meshcat, lidars)
     taps = _add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
     unread = wiring.export(parts)
     idle = [f"{vehicle}.{sensor}" for vehicle, sensor in _cameras(spec, vehicles)]
@@ -170,7 +176,12 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         for vehicle, sensor in _cameras(spec, vehicles)
         if spec.record.cameras
     }
-    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras)
+    arrays = {
+        name: wiring.systems[name]
+        for name in _sensors(spec)
+        if spec.record.arrays and _records(wiring, name) == "array"
+    }
+    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras, arrays)
 
 
 # --- the parts ---------------------------------------------------------------------------------------------------
@@ -230,9 +241,19 @@ def _check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
 
 
 def _cameras(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> list[tuple[str, str]]:
-    """(vehicle, sensor) of the cameras that a diagram names."""
+    """(vehicle, sensor) of the cameras of all kinds that a diagram names."""
     named = [(name, sensor) for name, sensors in spec.sensors.items() for sensor in sensors]
-    return [(name, sensor) for name, sensor in named if vehicles[name].sensors.mounts[sensor].kind == "camera"]
+    return [(name, sensor) for name, sensor in named if isinstance(vehicles[name].sensors.mounts[sensor], PictureMount)]
+
+
+def _sensors(spec: DiagramSpec) -> list[str]:
+    """``<vehicle>.<sensor>`` of all sensors that a diagram names."""
+    return [f"{name}.{sensor}" for name, sensors in spec.sensors.items() for sensor in sensors]
+
+
+def _records(wiring: Wiring, name: str) -> str | None:
+    """How a sensor wants to be recorded: "pictures", "array", or None as a vector among the signals."""
+    return getattr(wiring.systems.get(name), "record", None)
 
 
 def _add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
@@ -332,7 +353,7 @@ def _add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: 
                 f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}"
             )
         unread = not any(source.startswith(f"{name}.") for source, _ in spec.connect)
-        if part.vehicle.sensors.mounts[sensor].kind == "camera" and unread and not spec.record.cameras:
+        if isinstance(part.vehicle.sensors.mounts[sensor], PictureMount) and unread and not spec.record.cameras:
             continue
         system = make_sensor(sensor, parts=parts, part=part, seed=spec.seed)
         wiring.add(name, system)
@@ -353,15 +374,17 @@ def _add_taps(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spe
         "other_contacts": (rolling.other_contacts, signals_of(rolling.other_contacts)),
     }
     for name in parts.vehicles:
-        for port in ("status", "command", "joint_torques", *spec.sensors.get(name, ())):
+        sensors = [sensor for sensor in spec.sensors.get(name, ()) if _records(wiring, f"{name}.{sensor}") is None]
+        for port in ("status", "command", "joint_torques", *sensors):
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
-    for name in spec.systems:
-        wanted |= {
-            full: source
-            for full, source in wiring.sources.items()
-            if full.startswith(f"{name}.") and source[0].get_data_type() == PortDataType.kVectorValued
-        }
+    inner = [f"{full}." for full in wiring.systems if full in _sensors(spec) and _records(wiring, full) is None]
+    inner += [f"{name}." for name in spec.systems]
+    for full, (port, contents) in wiring.sources.items():
+        stamp = port.get_name() == "stamp"  # -inf before the first sample
+        vector = port.get_data_type() == PortDataType.kVectorValued
+        if vector and full.startswith(tuple(inner)) and not (stamp and full.split(".")[0] in parts.vehicles):
+            wanted[full] = (port, contents)
     taps = {}
     for name, (port, contents) in wanted.items():
         sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))

@@ -6,14 +6,17 @@ A diagram file replaces a launch file. It names things and sets numbers; what it
 import json
 import os
 from collections.abc import Iterable, Mapping
+from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
 from mirdrake.controllers.drivers import DriverSpec
+from mirdrake.controllers.spec import ScheduleSpec
 from mirdrake.paths import find
 from mirdrake.plant import PlantSpec
+from mirdrake.recording.pictures import parse_start
 from mirdrake.vehicles.vehicle import VARIANT_MARK
 from mirdrake.worlds import World, load_world
 from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate
@@ -59,9 +62,26 @@ class RecordSpec(Schema):
     signals: bool = Field(True, description="signals.parquet [-]")
     rate: Frequency = Field(50.0, gt=0.0, le=2000.0, description="samples of the signals per second [Hz]")
     cameras: bool = Field(False, description="pictures of the cameras in use, with a driving log [-]")
+    arrays: bool = Field(True, description="scans of the laser scanners and lidars in use [-]")
+    start_time: str | None = Field(
+        None, description="date and time that pictures are named after, as 2026-05-31 12:00; 1970-01-01 if left out [-]"
+    )
     meshcat: bool = Field(True, description="recording.html [-]")
     frames: Frequency = Field(20.0, gt=0.0, le=120.0, description="frames of the recording per second [Hz]")
     report: bool = Field(True, description="report.html [-]")
+
+    @field_validator("start_time", mode="before")
+    @classmethod
+    def _is_a_time(cls, value: Any) -> Any:
+        text = value.isoformat() if isinstance(value, date) else value  # YAML knows dates of its own
+        if isinstance(text, str):
+            parse_start(text)
+        return text
+
+    @property
+    def start(self) -> datetime:
+        """Date and time of the start."""
+        return parse_start(self.start_time)
 
 
 class WorldEntry(Schema):
@@ -143,6 +163,10 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     for entry in spec.vehicles.values():
         model, mark, variant = entry.model.partition(VARIANT_MARK)
         entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"
+    for driver in spec.control.values():
+        if isinstance(driver, ScheduleSpec) and driver.file is not None:
+            beside = path.parent / driver.file
+            driver.file = str((beside if beside.exists() else Path(driver.file)).resolve())
     return spec
 
 

@@ -7,23 +7,19 @@
       signals.parquet    time [s] and named signals; units in the column metadata
       events.jsonl       what happened, one JSON object a line
       ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
+      ego.lidar.parquet  scans of a sensor whose samples are arrays, one a row
       summary.json       figures of the run
       recording.html     Meshcat replay        report.html, diagram.svg
 
-While a run goes on, ``signals.parquet`` is a folder of finished parts, which pandas and pyarrow read like a file; at
-the end, also after Ctrl-C, it becomes one file. Whatever kills the process, all parts written so far can be read.
+While a run goes on, a Parquet table is a folder of finished parts, which pandas and pyarrow read like a file; at the
+end, also after Ctrl-C, it becomes one file. Whatever kills the process, all parts written so far can be read.
 """
 
 import hashlib
-import io
 import json
-import os
-import shutil
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -34,20 +30,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 from numpy.typing import NDArray
-from PIL import Image
 
 from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.recording.arrays import RunArrays
+from mirdrake.recording.files import told
+from mirdrake.recording.files import write_file as write_file  # with `as`: also public here
+from mirdrake.recording.parts import PartedTable, read_part, stored
+from mirdrake.recording.pictures import Picture, parse_start, picture_folders, read_pictures
+from mirdrake.recording.pictures import picture_name as picture_name
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
-DRIVING_LOG = "driving_log.txt"
-_PARTS = f".{SIGNALS}.parts"
-
-FLUSH_AFTER = 0.25
-"""Time for which samples stay in memory before they are written [s]: what a kill can lose."""
-
-JPEG_QUALITY = 90
-"""Of pictures, 1 .. 95."""
-
 ROWS = 5_000
 """Rows of a row group of signals.parquet."""
 
@@ -76,6 +68,21 @@ class Run:
     def signals(self) -> pd.DataFrame:
         """Samples by name, index ``time`` [s]; read from the folder when first asked for."""
         return self.table if self.table is not None else read_signals(self.folder)
+
+    @property
+    def start(self) -> datetime:
+        """Date and time of the start, which pictures are named after."""
+        return parse_start(self.spec.get("record", {}).get("start_time"))
+
+    @cached_property
+    def arrays(self) -> RunArrays:
+        """Samples of laser scanners and lidars: ``run.arrays["ego.front_lidar"]["ranges"]``."""
+        return RunArrays(self.folder, signals=SIGNALS)
+
+    @cached_property
+    def pictures(self) -> dict[str, list[Picture]]:
+        """Recorded pictures in the order of time, by camera: ``run.pictures["ego.front_camera"][0].pixels``."""
+        return {path.name: read_pictures(path, self.start) for path in picture_folders(self.folder)}
 
     def __getitem__(self, name: str) -> pd.Series:
         """One signal by name."""
@@ -112,32 +119,18 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         folder: the run folder; None gives an empty table.
         columns: only these, as far as they exist.
     """
-    stored = _stored(folder) if folder is not None else []
-    if not stored:
+    parts = stored(folder / SIGNALS) if folder is not None else []
+    if not parts:
         return pd.DataFrame(index=pd.Index([], name="time"))
-    known = pq.read_schema(stored[0]).names
+    known = pq.read_schema(parts[0]).names
     wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
-    table: pd.DataFrame = pa.concat_tables([_read(part, wanted) for part in stored]).to_pandas()
+    table: pd.DataFrame = pa.concat_tables([read_part(part, wanted) for part in parts]).to_pandas()
     return table.set_index("time")
 
 
-def _stored(folder: Path) -> list[Path]:
-    """The Parquet files that hold a run's samples: one, or the parts of a run that did not end."""
-    if (folder / SIGNALS).is_file():
-        return [folder / SIGNALS]
-    parts = folder / SIGNALS if (folder / SIGNALS).is_dir() else folder / _PARTS  # killed between two renames
-    return sorted(parts.glob("part-*.parquet"))
-
-
-def _read(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """A Parquet file, read in this thread: the reader's own pool would keep some ten megabytes for good."""
-    with pq.ParquetFile(path) as file:
-        return file.read(columns=columns, use_threads=False)
-
-
 def _stored_schema(folder: Path) -> pa.Schema:
-    stored = _stored(folder)
-    return pq.read_schema(stored[0]) if stored else pa.schema([])
+    parts = stored(folder / SIGNALS)
+    return pq.read_schema(parts[0]) if parts else pa.schema([])
 
 
 def _read_events(folder: Path) -> list[dict[str, Any]]:
@@ -150,33 +143,6 @@ def _read_events(folder: Path) -> list[dict[str, Any]]:
 def spec_hash(spec: Mapping[str, Any]) -> str:
     """SHA-256 of a spec as canonical JSON: equal specs, equal hash."""
     return hashlib.sha256(json.dumps(spec, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
-def write_file(path: Path, content: str | bytes) -> None:
-    """Write a whole file or nothing: to a temporary name, then renamed.
-
-    Raises:
-        RunError: it cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with _told(path):
-            temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-            os.replace(temporary, path)
-    except RunError:
-        with suppress(OSError):  # below a file, or in a folder that is not there
-            temporary.unlink(missing_ok=True)
-        raise
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Failures of the file system as RunError."""
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error).splitlines()[0]
-        raise RunError(f"{path}: cannot be written: {reason}; choose another folder with --out") from None
 
 
 class RunWriter:
@@ -192,9 +158,7 @@ class RunWriter:
 
     def __init__(self, folder: Path, spec: Mapping[str, Any]) -> None:
         self.folder = folder
-        self._parts = 0
-        self._pending: list[pa.Table] = []
-        self._flushed = time.monotonic()
+        self._signals = PartedTable(folder / SIGNALS, rows=ROWS)
         new = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -213,29 +177,16 @@ class RunWriter:
         """Add a block of samples; it is on disk within a quarter of a second."""
         if not len(times):
             return
-        self._pending.append(make_table(times, columns, units))
-        if time.monotonic() - self._flushed > FLUSH_AFTER:
-            self.flush()
+        self._signals.add(make_table(times, columns, units))
 
     def flush(self) -> None:
-        """Write the blocks that are still in memory, as a part of their own."""
-        self._flushed = time.monotonic()
-        if not self._pending:
-            return
-        folder = self.folder / SIGNALS
-        part = folder / f"part-{self._parts:06d}.parquet"
-        temporary = folder / f".{part.name}.tmp"
-        with _told(part):
-            folder.mkdir(exist_ok=True)
-            pq.write_table(pa.concat_tables(self._pending), temporary)
-            os.replace(temporary, part)
-        self._parts += 1
-        self._pending = []
+        """Write the blocks that are still in memory."""
+        self._signals.flush()
 
     def write_event(self, at: float, kind: str, text: str) -> None:
         """Add a line to events.jsonl."""
         path = self.folder / EVENTS
-        with _told(path), path.open("a", encoding="utf-8") as file:
+        with told(path), path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"time": round(at, 6), "kind": kind, "text": text}) + "\n")
 
     def finish(self, summary: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
@@ -246,78 +197,11 @@ class RunWriter:
         Args:
             summary: called when all samples are on disk.
         """
-        self.flush()
-        parts = self.folder / SIGNALS
-        if parts.is_dir():
-            whole = self.folder / f".{SIGNALS}.tmp"
-            stored = _stored(self.folder)
-            with _told(parts):
-                with pq.ParquetWriter(whole, pq.read_schema(stored[0])) as writer:
-                    for table in _regroup(stored):
-                        writer.write_table(table)
-                os.replace(parts, self.folder / _PARTS)
-                os.replace(whole, parts)
-                shutil.rmtree(self.folder / _PARTS)
+        self._signals.finish()
         figures = dict(summary())
         pa.default_memory_pool().release_unused()
         write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
         return figures
-
-
-class PictureLog:
-    """Writes the pictures of one camera, and what the vehicle did at each, while the run goes on.
-
-    Pictures are called ``YYYY-mm-dd-HH-MM-SS-ffffff.jpg``: 1970-01-01 plus the simulated time, so that equal runs give
-    equal files. ``driving_log.txt`` has a line for each picture that is on disk: its name, the steering angle [rad] and
-    the speed [m/s], separated by tabs.
-
-    Args:
-        folder: is made.
-
-    Raises:
-        RunError: the folder cannot be written.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        with _told(folder):
-            folder.mkdir()
-
-    def write(self, at: float, pixels: NDArray[np.uint8], *, steering: float, speed: float) -> None:
-        """Add a picture.
-
-        Args:
-            at: simulated time [s].
-            pixels: red, green, blue (height, width, 3).
-            steering: measured bicycle steering angle, positive to the left [rad].
-            speed: measured speed of the vehicle frame's origin, forward [m/s].
-        """
-        name = f"{picture_name(at)}.jpg"
-        jpeg = io.BytesIO()
-        Image.fromarray(pixels).save(jpeg, "JPEG", quality=JPEG_QUALITY)
-        write_file(self._folder / name, jpeg.getvalue())
-        path = self._folder / DRIVING_LOG
-        with _told(path), path.open("a", encoding="utf-8") as file:
-            file.write(f"{name}\t{steering:.6f}\t{speed:.6f}\n")
-
-
-def picture_name(at: float) -> str:
-    """A simulated time [s] as date and time, counted from 1970-01-01, to the microsecond."""
-    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=round(1e6 * at))
-    return moment.strftime("%Y-%m-%d-%H-%M-%S-%f")
-
-
-def _regroup(parts: Sequence[Path]) -> Iterator[pa.Table]:
-    """The rows of many files in groups of the same size, few at a time in memory."""
-    rest: pa.Table | None = None
-    for part in parts:
-        table = _read(part)
-        rest = table if rest is None else pa.concat_tables([rest, table])
-        while rest.num_rows >= ROWS:
-            yield rest.slice(0, ROWS).combine_chunks()
-            rest = rest.slice(ROWS)
-    if rest is not None and rest.num_rows:
-        yield rest.combine_chunks()
 
 
 def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> pa.Table:

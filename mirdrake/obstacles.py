@@ -22,17 +22,11 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import RigidBody, SpatialInertia
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
-from mirdrake.worlds import PlacedProp, Prop, World
-from mirdrake.worlds.props import Color
-
-STIFFNESS = 1e6
-"""Point contact stiffness of a prop [N/m]; that of a car's body, so that a bump of 1 m/s stops within 5 cm."""
-
-DISSIPATION = 1.0
-"""Hunt-Crossley dissipation [s/m]: a bump hardly bounces."""
+from mirdrake.worlds import PlacedProp, World
+from mirdrake.worlds.props import DISSIPATION, STIFFNESS, Color
 
 _GREY = (0.72, 0.71, 0.68, 1.0)  # of a prop without mesh and colour
 
@@ -89,7 +83,7 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
             body, X_BP = plant.world_body(), placed.X_WP
         else:
             instance = plant.AddModelInstance(f"prop/{placed.name}")
-            body, X_BP = plant.AddRigidBody(placed.name, instance, _inertia(prop)), RigidTransform()
+            body, X_BP = plant.AddRigidBody(placed.name, instance, prop.inertia), RigidTransform()
             found.bodies[placed.name], found.poses[placed.name] = body, placed.X_WP
         for index, solid in enumerate(prop.solids):
             name = f"prop/{placed.name}/{index}"
@@ -125,15 +119,3 @@ def _painted(path: Path, material: str, color: Color) -> InMemoryMesh:
     uris = [item["uri"] for key in ("buffers", "images") for item in data.get(key, ()) if "uri" in item]
     beside = {uri: path.parent / uri for uri in uris if not uri.startswith("data:")}
     return InMemoryMesh(mesh_file=MemoryFile(json.dumps(data), ".gltf", path.stem), supporting_files=beside)
-
-
-def _inertia(prop: Prop) -> SpatialInertia:
-    """Inertia about P: the mass spread evenly over the boxes around the solids, by their volumes."""
-    total = sum(solid.volume for solid in prop.solids)
-    result = SpatialInertia.Zero()
-    for solid in prop.solids:
-        corners = solid.corners
-        size, middle = np.ptp(corners, axis=0), 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-        part = SpatialInertia.SolidBoxWithMass(prop.mass * solid.volume / total, *size)
-        result += part.Shift(-middle)
-    return result

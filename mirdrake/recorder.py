@@ -1,7 +1,10 @@
 """What a run keeps while it goes on: blocks of samples, events, pictures."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +15,11 @@ from pydrake.systems.framework import Context
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.vectors import STATE
 from mirdrake.diagram import Assembly
-from mirdrake.logs import PictureLog, RunWriter
-from mirdrake.sensors import Camera, GroundTruth
+from mirdrake.errors import RunError
+from mirdrake.logs import RunWriter
+from mirdrake.recording.arrays import SUFFIX, ArrayLog
+from mirdrake.recording.pictures import PictureLog, make_pool
+from mirdrake.sensors import GroundTruth
 from mirdrake.telemetry import Array, Columns
 
 _VX = [signal.name for signal in STATE].index("vx")
@@ -81,46 +87,168 @@ class Events:
         self.add(time, kind, texts[kind])
 
 
-class Pictures:
-    """A monitor that writes each picture in the moment that its camera takes it.
+class Recorder:
+    """A monitor that writes pictures and arrays in the moment that there are new ones; use it as a context manager.
 
-    Steps of the simulator end at these moments, as they are events of the camera.
+    A sample is written once it is shown, with the moment it was taken at as its time; one that is lost or still on its
+    way is not. Steps of the simulator end at these moments, as they are events of the sensors, so that none is missed.
+
+    What it asks of a sensor: an attribute ``record`` that says "pictures" or "array", and its ``rate`` [Hz]. One of
+    pictures has ports ``stamp`` [s] and ``shot``, an object with ``pictures``, arrays by name; or a method
+    ``look(context)``, which gives an array, or several by name. One of arrays has a port ``sample`` or an abstract one
+    of a dataclass with a ``time`` [s], and may have a port ``stamp`` [s].
+
+    Args:
+        assembly: the built diagram.
+        folder: of the run.
     """
 
     def __init__(self, assembly: Assembly, folder: Path) -> None:
+        start = assembly.spec.record.start
+        self._pool = make_pool() if assembly.cameras else None
         self._cameras = [
-            _Recorded(
+            _Camera(
                 camera,
-                PictureLog(folder / name),
+                partial(PictureLog, pool=self._pool, start=start),
+                folder / name,
                 assembly.diagram.GetSubsystemByName(f"{vehicle}.truth"),
                 Ackermann(assembly.parts.vehicles[vehicle].vehicle.geometry),
             )
             for name, (camera, vehicle) in assembly.cameras.items()
         ]
+        self._arrays = [
+            _Ranging(sensor, ArrayLog(folder / f"{name}{SUFFIX}", units={"ranges": "m"}))
+            for name, sensor in assembly.arrays.items()
+        ]
+        self._streams: list[_Camera | _Ranging] = [*self._cameras, *self._arrays]
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Write what is still in memory; after a failure, as much of it as goes."""
+        fault: RunError | None = None
+        for stream in self._streams:
+            try:
+                stream.close()
+            except RunError as error:
+                fault = fault or error
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        if fault is not None and kind is None:
+            raise fault
 
     def __call__(self, context: Context) -> None:
-        """Look at every camera."""
-        for camera in self._cameras:
-            camera.look(context)
+        """Look at every camera and at every sensor whose samples are arrays."""
+        for stream in self._streams:
+            stream.look(context)
+
+    def counts(self) -> dict[str, int]:
+        """How many pictures and scans there are, by sensor."""
+        counts = {path.name: log.count for camera in self._cameras for path, log in camera.logs.items()}
+        return counts | {ranging.log.name: ranging.log.count for ranging in self._arrays}
 
 
 @dataclass
-class _Recorded:
+class _Camera:
     """A camera, where its pictures go, and who knows what its vehicle does."""
 
-    camera: Camera
-    log: PictureLog
+    camera: Any
+    make_log: Callable[[Path], PictureLog]
+    folder: Path
     truth: GroundTruth
     ackermann: Ackermann
     taken: int = 0
+    last: float = -inf
+    logs: dict[Path, PictureLog] = field(default_factory=dict)
+    _drives: deque[tuple[float, float, float]] = field(default_factory=deque)
 
     def look(self, context: Context) -> None:
-        """Write a picture if it is time for one."""
+        """Write a picture if there is a new one.
+
+        A camera with a ``stamp`` has drawn it already; to draw it here would draw some of them twice.
+        """
         time = context.get_time()
-        if time < self.taken / self.camera.rate - 1e-9:
+        due = time >= self.taken / self.camera.rate - 1e-9
+        if due:
+            self.taken += 1
+            truth = self.truth.GetMyContextFromRoot(context)
+            steering = self.ackermann.bicycle_angle(*self.truth.steering_angles.Eval(truth))
+            self._drives.append((time, steering, float(self.truth.state.Eval(truth)[_VX])))
+        if not self.camera.HasOutputPort("stamp"):
+            if due:
+                self._write(time, self.camera.look(context))
             return
-        truth = self.truth.GetMyContextFromRoot(context)
-        steering = self.ackermann.bicycle_angle(*self.truth.steering_angles.Eval(truth))
-        speed = float(self.truth.state.Eval(truth)[_VX])
-        self.log.write(time, self.camera.look(context), steering=steering, speed=speed)
-        self.taken += 1
+        own = self.camera.GetMyContextFromRoot(context)
+        stamp = float(self.camera.GetOutputPort("stamp").Eval(own)[0])
+        if stamp > self.last:
+            self.last = stamp
+            self._write(stamp, self.camera.GetOutputPort("shot").Eval(own).pictures)
+
+    def _write(self, time: float, seen: Any) -> None:
+        """Write the pictures of a moment [s], with what the vehicle did then."""
+        while len(self._drives) > 1 and self._drives[0][0] < time - 1e-6:  # those of lost pictures
+            self._drives.popleft()
+        _, steering, speed = self._drives.popleft()
+        for name, pixels in (seen if isinstance(seen, Mapping) else {"color": seen}).items():
+            path = self.folder if name == "color" else self.folder.with_name(f"{self.folder.name}.{name}")
+            if path not in self.logs:
+                self.logs[path] = self.make_log(path)
+            self.logs[path].write(time, pixels, steering=steering, speed=speed)
+
+    def close(self) -> None:
+        """All pictures to disk."""
+        _close_all(list(self.logs.values()))
+
+
+@dataclass
+class _Ranging:
+    """A sensor whose samples are arrays, and where they go."""
+
+    sensor: Any
+    log: ArrayLog
+    last: float = -inf
+
+    def __post_init__(self) -> None:
+        ports = [self.sensor.get_output_port(index) for index in range(self.sensor.num_output_ports())]
+        by_name = {port.get_name(): port for port in ports}
+        self._stamp = by_name.pop("stamp", None)
+        self._port = by_name.get("sample", next(iter(by_name.values())))
+        self._count = 0
+
+    def look(self, context: Context) -> None:
+        """Write a sample if there is a new one."""
+        self.log.flush_if_due()
+        if self._stamp is None and context.get_time() <= self._due() + 1e-9:
+            return
+        own = self.sensor.GetMyContextFromRoot(context)
+        if self._stamp is not None:
+            time = float(self._stamp.Eval(own)[0])
+            if time <= self.last:
+                return
+        sample = self._port.Eval(own)
+        if self._stamp is None:
+            time = float(getattr(sample, "time", self._count / self.sensor.rate))
+            if time <= self.last:
+                return
+        self.log.write(time, sample)
+        self._count += 1
+        self.last = time
+
+    def _due(self) -> float:
+        return self._count / float(self.sensor.rate) + float(getattr(self.sensor, "latency", 0.0))
+
+    def close(self) -> None:
+        """All samples to disk, as one file."""
+        self.log.close()
+
+
+def _close_all(logs: list[PictureLog]) -> None:
+    fault: RunError | None = None
+    for log in logs:
+        try:
+            log.close()
+        except RunError as error:
+            fault = error
+    if fault is not None:
+        raise fault

@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from pydrake.systems.framework import Context
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run, RunWriter, read_signals
-from mirdrake.recorder import Blocks, Events, Pictures
+from mirdrake.recorder import Blocks, Events, Recorder
 from mirdrake.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.telemetry import Array, Columns, Telemetry
 from mirdrake.tyres import RoadFriction
@@ -27,6 +27,9 @@ from mirdrake.yaml_io import shown, where
 
 BLOCK = 1.0
 """Simulated time between two looks at the logs [s], the grain of the progress bar."""
+
+SLOW_BLOCK = 0.25
+"""The same with cameras [s]."""
 
 LONG_BLOCK = 10.0
 """The same where nobody waits for the samples [s]."""
@@ -117,15 +120,17 @@ class Simulation:
         if self._friction.varies:
             self._friction.start()
             watchers.insert(0, self._friction.watch)
-        if writer is not None and assembly.cameras:
-            watchers.append(Pictures(assembly, writer.folder))
+        recorder = None
+        if writer is not None and (assembly.cameras or assembly.arrays):
+            recorder = Recorder(assembly, writer.folder)
+            watchers.append(recorder)
         if watchers:
             simulator.set_monitor(lambda context: _call_all(watchers, context))
         telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
         try:
-            with _interrupt() as interrupted:
+            with _interrupt() as interrupted, recorder or nullcontext():
                 simulator.Initialize()
                 reason = self._advance(context, end, telemetry, blocks, events, progress, interrupted)
         except KeyboardInterrupt:
@@ -147,9 +152,11 @@ class Simulation:
         if assembly.visualizer is not None:
             assembly.diagram.ForcedPublish(context)
         figures = partial(make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason)
+        recorded = recorder.counts() if recorder is not None else {}
         table, summary = None, {}
         if writer is not None:
-            summary = writer.finish(lambda: figures(read_signals(writer.folder, figure_columns(assembly))))
+            read = partial(read_signals, writer.folder, figure_columns(assembly))
+            summary = writer.finish(lambda: figures(read()) | ({"recorded": recorded} if recorded else {}))
         else:
             table = blocks.frame()
             summary = figures(table)
@@ -189,6 +196,8 @@ class Simulation:
         commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
         watched = blocks.written or laps is not None or progress is not None
         slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
+        if blocks.written and self.assembly.cameras:  # may be slower than real time, and a kill shall not lose more
+            slices = round(SLOW_BLOCK / SLICE)
         while context.get_time() < end - 1e-9:
             count += 1
             self._simulator.AdvanceTo(min(count * SLICE, end))

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from pydrake.systems.framework import System
 
+from mirdrake.controllers.spec import ScheduleSpec
 from mirdrake.diagram import Assembly
 from mirdrake.logs import spec_hash
 from mirdrake.telemetry import Array
@@ -39,6 +40,9 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
         for name, part in assembly.parts.vehicles.items()
     }
     content["world"] = spec_hash(world.spec.model_dump(mode="json"))
+    for name, driver in assembly.spec.control.items():
+        if isinstance(driver, ScheduleSpec) and driver.file is not None:
+            content[f"{name}.commands"] = spec_hash({"rows": driver.schedule().rows})
     for name, system in assembly.own_systems().items():
         content[name] = spec_hash({"source": _source_text(system)})
     versions = {name: version(name) for name in ("mirdrake", "drake", "numpy")} | {"python": platform.python_version()}

@@ -69,9 +69,10 @@ class Telemetry:
                 self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
         for name in ("wheel_load", "resistance", "other_contacts"):
             self._add_named(columns, assembly.taps[name], raw[name], prefix="")
-        for name in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):
-            if name in raw:
-                self._add_named(columns, assembly.taps[name], raw[name], prefix=name)
+        for sensor in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):
+            for name in raw:
+                if name == sensor or name.startswith(f"{sensor}."):
+                    self._add_named(columns, assembly.taps[name], raw[name], prefix=name)
         for system in assembly.spec.systems:
             for name, tap in assembly.taps.items():
                 if name.startswith(f"{system}."):

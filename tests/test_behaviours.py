@@ -30,7 +30,8 @@ from mirdrake.controllers.behaviours.spec import FollowPathSpec, HoldLaneSpec
 from mirdrake.controllers.drivers import DRIVERS, make_driver
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.sensors.range_scan import RangeScan
-from mirdrake.worlds.tracks import Piece, Track
+from mirdrake.worlds.pieces import Piece
+from mirdrake.worlds.tracks import Track
 from mirdrake.yaml_io import parse_tree, parse_yaml
 
 STEP, BRAKES = 0.005, 5.0

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from mirdrake.sensors.cameras import rendering
+
 RUN = Path(__file__).resolve().parent.parent / "benchmarks" / "run.py"
 
 
@@ -39,6 +41,12 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
 @pytest.mark.parametrize(
     ("job", "keys"),
     [
+        pytest.param(
+            "w2",
+            {"color_and_depth", "depth", "collect"},
+            marks=pytest.mark.skipif(rendering._egl_fault() is not None, reason="cameras cannot be drawn here"),
+        ),
+        ("w3", {"360x1", "16x900"}),
         ("w4", {"mirdrake_10_ms_spawn", "mirdrake_10_ms_fork"}),
         ("memory", {"growth_repeated_runs_mb", "growth_long_drive_mb"}),
         ("startup", {"import_mirdrake_s", "first_step_s"}),

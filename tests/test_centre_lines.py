@@ -13,7 +13,8 @@ from scipy.special import fresnel
 from mirdrake.errors import ConfigError, WorldError
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.csv_lines import read_csv_track
-from mirdrake.worlds.tracks import Piece, Track
+from mirdrake.worlds.pieces import Piece
+from mirdrake.worlds.tracks import Track
 
 
 def make(points: np.ndarray, *, closed: bool, smooth: float = 0.0, tolerance: float = 1e-3) -> Track:

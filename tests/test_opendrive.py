@@ -13,7 +13,8 @@ from scipy.special import fresnel
 
 from mirdrake.errors import ConfigError
 from mirdrake.worlds.opendrive import OpenDriveRoad, read_opendrive
-from mirdrake.worlds.tracks import Piece, Placement, Track, advance
+from mirdrake.worlds.pieces import Piece, Placement, advance
+from mirdrake.worlds.tracks import Track
 
 TWO_LANES = """<laneSection s="0">
 <left><lane id="2" type="sidewalk"><width sOffset="0" a="2" b="0" c="0" d="0"/></lane>

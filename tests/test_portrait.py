@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirdrake.errors import MissingDependencyError
-from mirdrake.sensors import camera
+from mirdrake.sensors.cameras import rendering as camera
 from mirdrake.vehicles import load_vehicle
 from mirdrake.viewer.portrait import draw_portrait, try_portrait
 

@@ -12,7 +12,7 @@ from scipy.special import fresnel
 
 from mirdrake.errors import WorldError
 from mirdrake.worlds import Piece, Track, load_world
-from mirdrake.worlds.tracks import advance
+from mirdrake.worlds.pieces import advance
 
 
 @pytest.fixture(scope="module")

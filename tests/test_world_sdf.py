@@ -19,7 +19,8 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake import obstacles
 from mirdrake.errors import WorldError
 from mirdrake.worlds import World, load_world, make_world
-from mirdrake.worlds.sdf_export import DISSIPATION, STIFFNESS, SdfExport, export_sdf, model_names
+from mirdrake.worlds.props import DISSIPATION, STIFFNESS
+from mirdrake.worlds.sdf_export import SdfExport, export_sdf, model_names
 
 WORLD: dict[str, Any] = {
     "mirdrake": "world/1",
@@ -98,8 +99,8 @@ def test_every_prop_is_where_it_was_with_the_solids_it_had(
             np.testing.assert_allclose(_numbers(shape), _numbers(solid.shape), atol=1e-6)
             friction = properties.GetProperty("material", "coulomb_friction")
             assert (friction.static_friction(), friction.dynamic_friction()) == (placed.prop.mu, placed.prop.mu)
-            assert properties.GetProperty("material", "hunt_crossley_dissipation") == obstacles.DISSIPATION
-            assert properties.GetProperty("material", "point_contact_stiffness") == obstacles.STIFFNESS
+            assert properties.GetProperty("material", "hunt_crossley_dissipation") == DISSIPATION
+            assert properties.GetProperty("material", "point_contact_stiffness") == STIFFNESS
             assert properties.HasProperty("hydroelastic", "compliance_type") == placed.prop.driven_over
 
 
@@ -212,8 +213,16 @@ def test_names_are_plain_and_all_different() -> None:
     assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and "__" not in name for name in names)
 
 
-def test_the_contact_is_that_of_the_plant() -> None:
-    assert (STIFFNESS, DISSIPATION) == (obstacles.STIFFNESS, obstacles.DISSIPATION)
+def test_the_contact_is_that_of_the_plant(world: World) -> None:
+    own = MultibodyPlant(0.001)
+    scene_graph = SceneGraph()
+    own.RegisterAsSourceForSceneGraph(scene_graph)
+    owners = obstacles.add_props(own, world).owners
+    assert set(owners.values()) == {placed.name for placed in world.props}
+    for geometry in owners:
+        properties = scene_graph.model_inspector().GetProximityProperties(geometry)
+        assert properties.GetProperty("material", "point_contact_stiffness") == STIFFNESS
+        assert properties.GetProperty("material", "hunt_crossley_dissipation") == DISSIPATION
 
 
 def test_the_test_track_is_seen(tmp_path: Path) -> None:

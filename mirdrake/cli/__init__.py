@@ -18,6 +18,8 @@ VERBS = {
     "view": "view",
     "check": "check",
     "draw": "draw",
+    "replay": "replay",
+    "export": "export",
     "import": "importing",
     "inspect": "inspect",
     "new": "new",
@@ -35,6 +37,8 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and what looks wrong
   mirdrake check my_diagram.yaml        every fault with file and line, without running
   mirdrake draw bolt_test_track         the block diagram as SVG
+  mirdrake replay runs/drive            watch a run again, with what its cameras saw beside it
+  mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
 Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of

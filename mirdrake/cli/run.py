@@ -4,15 +4,17 @@ import argparse
 import contextlib
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mirdrake.cli.verb import add_set
+from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
+    from mirdrake.diagram_spec import DiagramSpec
     from mirdrake.logs import Run
 
 HELP = "simulate a diagram and write a run folder"
@@ -22,7 +24,9 @@ Ctrl-C stops early and keeps what is done. In a terminal a Meshcat page shows th
 
 examples:
   mirdrake run bolt_test_track --set control.ego.speed=8 --set duration=60 --out runs/faster
-  mirdrake run runs/faster/spec.yaml      the same again, to the last bit"""
+  mirdrake run runs/faster/spec.yaml      the same again, to the last bit
+  mirdrake run bolt_test_track --commands log.csv       drive from recorded commands, for as long as they last:
+      a table with the header  time [s],speed [km/h],steering [deg]  , a driving_log.txt, or a run folder"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("diagram", help="name or path of a diagram file")
     add_set(parser)
     parser.add_argument("--duration", type=_positive, metavar="S", help="simulated time [s] instead of the file's")
+    parser.add_argument(
+        "--commands",
+        action="append",
+        default=[],
+        metavar="[VEHICLE=]LOG",
+        help="drive from recorded commands, instead of the file's control",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/<name>-<UTC time>)")
     parser.add_argument("--realtime", action="store_true", help="not faster than real time")
     parser.add_argument("--view", action=argparse.BooleanOptionalAction, help="live Meshcat (default: in a terminal)")
@@ -50,6 +61,10 @@ def run(options: argparse.Namespace) -> int:
         if getattr(options, name) is not None:
             overrides.append(f"record.{key}={str(getattr(options, name)).lower()}")
     spec = load_diagram(options.diagram, overrides=overrides)
+    duration = options.duration
+    if options.commands:
+        lasts = _drive_from(spec, options.commands)
+        duration = duration or lasts
     terminal = sys.stdout.isatty() and not options.quiet
     meshcat: Any = None
     if options.view or (options.view is None and terminal):
@@ -57,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
 
         meshcat = make_meshcat(world=spec.world.load())
         print(f"Meshcat: {meshcat.web_url()}", flush=True)
-    end = options.duration or spec.duration
+    end = duration or spec.duration
     bar = tqdm(
         total=end,
         unit="s",
@@ -82,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
         done = run_diagram(
             spec,
             folder=options.out,
-            duration=options.duration,
+            duration=duration,
             meshcat=meshcat,
             realtime_rate=1.0 if options.realtime else 0.0,
             progress=progress,
@@ -98,6 +113,30 @@ def run(options: argparse.Namespace) -> int:
         )
         return 1
     return 0
+
+
+def _drive_from(spec: "DiagramSpec", texts: Sequence[str]) -> float:
+    """Let recorded commands drive; returns how long they last [s]."""
+    from mirdrake.controllers.command_log import read_commands
+    from mirdrake.controllers.spec import ScheduleSpec
+
+    lasts = 0.0
+    for text in texts:
+        name, mark, file = text.partition("=")
+        if not mark or name not in spec.vehicles:
+            name, file = next(iter(spec.vehicles)), text
+            if mark and "/" not in text.partition("=")[0] and not Path(text).exists():
+                given = text.partition("=")[0]
+                raise ConfigError(f"--commands {text}: no vehicle '{given}'; {did_you_mean(given, spec.vehicles)}")
+        path = Path(file)
+        if not path.exists():
+            raise ConfigError(f"--commands {text}: no such file")
+        log = read_commands(path, vehicle=name)
+        if log.duration <= 0.0:
+            raise ConfigError(f"--commands {text}: its commands last no time; two rows are needed at least")
+        lasts = max(lasts, log.duration)
+        spec.control[name] = ScheduleSpec(kind="schedule", file=str(path.resolve()), vehicle=name)
+    return lasts
 
 
 def _print_summary(run: "Run") -> None:

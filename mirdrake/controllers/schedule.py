@@ -53,6 +53,11 @@ class Schedule:
             raise ConfigError("schedule: at least one row (time, speed, steering) is needed, got none")
         self._times = [time for time, _, _ in self._rows]
 
+    @property
+    def rows(self) -> list[tuple[float, float, float]]:
+        """(time [s], speed [m/s], steering [rad]), times rising."""
+        return list(self._rows)
+
     def at(self, time: float) -> Setpoint:
         """Speed [m/s] and steering [rad] at a time [s]."""
         after = bisect_right(self._times, time)

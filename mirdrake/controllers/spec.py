@@ -6,15 +6,18 @@
       ego: {kind: path_tracking, track: main, speed: 5 m/s}
       other: {kind: constant, speed: 3, steering: 10 deg}
       third: {kind: schedule, rows: [{time: 0, speed: 0}, {time: 4 s, speed: 18 km/h, steering: 0.1}]}
+      fourth: {kind: schedule, file: commands.csv}
 """
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal, Protocol
 
 from pydantic import Field, model_validator
 
 from mirdrake.controllers.ackermann import SteeringGeometry
+from mirdrake.controllers.command_log import read_commands
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, Schedule
@@ -139,18 +142,30 @@ class ScheduleRow(Schema):
 
 
 class ScheduleSpec(Schema):
-    """Commands over time."""
+    """Commands over time: rows, or a file of recorded commands (:mod:`mirdrake.controllers.command_log`)."""
 
     kind: Literal["schedule"] = Field(description="commands over time [-]")
-    interpolation: Literal["linear", "hold"] = Field(
-        "linear", description="straight lines between the rows, or each row until the next [-]"
+    interpolation: Literal["linear", "hold"] | None = Field(
+        None,
+        description="straight lines between the rows, or each row until the next; left out: lines, but in a table of "
+        "recorded commands hold [-]",
     )
-    rows: list[ScheduleRow] = Field(min_length=1, description="commands, times rising [s, m/s, rad]")
-    period: Duration = Field(0.02, gt=0.0, le=0.2, description="time between messages [s]")
+    rows: list[ScheduleRow] | None = Field(
+        None, min_length=1, description="commands, times rising [s, m/s, rad]; or give a file"
+    )
+    file: str | None = Field(
+        None, min_length=1, description="recorded commands: a table (.csv), a driving_log.txt or a run folder [-]"
+    )
+    vehicle: str | None = Field(None, description="whose commands of the file; left out: the only one's [-]")
+    period: Duration | None = Field(
+        None, gt=0.0, le=0.2, description="time between messages [s]; left out: 0.02, with a file 0.001"
+    )
 
     @model_validator(mode="after")
     def _times_rise(self) -> "ScheduleSpec":
-        for i, (first, second) in enumerate(zip(self.rows, self.rows[1:], strict=False), start=1):
+        if (self.rows is None) == (self.file is None):
+            raise ValueError("needs rows or a file, one of the two")
+        for i, (first, second) in enumerate(zip(self.rows or [], (self.rows or [])[1:], strict=False), start=1):
             if second.time <= first.time:
                 raise ValueError(
                     f"rows.{i}.time must be later than the row before ({first.time:g} s), got {second.time:g} s"
@@ -158,16 +173,32 @@ class ScheduleSpec(Schema):
         return self
 
     def schedule(self) -> Schedule:
-        """The table as a law."""
-        rows = ((row.time, row.speed, row.steering) for row in self.rows)
-        return Schedule(rows, interpolation=self.interpolation)
+        """The table as a law.
+
+        Raises:
+            ConfigError: the file is not there, or has faults.
+        """
+        if self.file is not None:
+            log = read_commands(Path(self.file), vehicle=self.vehicle)
+            return Schedule(log.rows, interpolation=self.interpolation or log.interpolation)
+        rows = ((row.time, row.speed, row.steering) for row in self.rows or ())
+        return Schedule(rows, interpolation=self.interpolation or "linear")
 
     def make_system(
         self,
         vehicle: DrivenVehicle | None = None,  # noqa: ARG002
         world: DrivenWorld | None = None,  # noqa: ARG002
         *,
-        where: str = "",  # noqa: ARG002
+        where: str = "",
     ) -> CommandSchedule:
-        """The driver as a system with the output port ``command``; it needs to know of no vehicle and no world."""
-        return CommandSchedule(self.schedule(), period=self.period)
+        """The driver as a system with the output port ``command``; it needs to know of no vehicle and no world.
+
+        Raises:
+            ConfigError: the file is not there, or has faults.
+        """
+        try:
+            schedule = self.schedule()
+        except ConfigError as error:
+            place = place_of(self, "file") if self._source else where or "control"
+            raise ConfigError(f"{place}: {error}") from None
+        return CommandSchedule(schedule, period=self.period or (0.02 if self.file is None else 0.001))

@@ -54,9 +54,10 @@ the goal's area or beyond its gate; laps for a goal of laps).
 """
 
 from mirdrake.requirements.judging import Finding, Requirement
-from mirdrake.requirements.observation import Event, Observation, Outline, observe, outline
+from mirdrake.requirements.observation import Event, Observation, observe, outline
 from mirdrake.requirements.parser import parse_requirement
 from mirdrake.requirements.terms import COUNTS
+from mirdrake.vehicles.outline import Outline
 
 __all__ = [
     "COUNTS", "Event", "Finding", "Observation", "Outline", "Requirement", "observe", "outline", "parse_requirement",

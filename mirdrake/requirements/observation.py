@@ -8,20 +8,18 @@ positive where the event holds.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pydrake.geometry import Role
 
 from mirdrake.controllers.vectors import STATE, WHEELS
 from mirdrake.errors import RunError
 from mirdrake.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.geometry import VehicleGeometry
-from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.vehicles.outline import Outline, measure_outline
 from mirdrake.worlds import World
 
 Array = NDArray[np.float64]
@@ -106,17 +104,6 @@ class Observation:
     corners: Array = field(default_factory=lambda: np.empty((0, 4, 2)))
 
 
-class Outline(NamedTuple):
-    """The box around all collision shapes of a vehicle, in its frame B [m]."""
-
-    rear: float
-    front: float
-    right: float
-    left: float
-    bottom: float
-    top: float
-
-
 def observe(run: Run, world: World, vehicle_name: str, vehicle: Vehicle, *, goal: str | None = None) -> Observation:
     """All signals and events of one vehicle in a run.
 
@@ -167,26 +154,9 @@ def observe(run: Run, world: World, vehicle_name: str, vehicle: Vehicle, *, goal
 
 
 def outline(vehicle: Vehicle) -> Outline:
-    """The box around all collision shapes of a vehicle that stands at its design position."""
-    return _outline(vehicle.urdf, tuple(vehicle.packages.items()), vehicle.spec.base_link)
-
-
-@lru_cache(maxsize=16)
-def _outline(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -> Outline:
-    plant, scene_graph, _ = parse_urdf(urdf, packages=dict(packages), where_line=str)
-    inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
-    base = plant.GetFrameByName(base_link)
-    points = []
-    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
-        body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        X_BG = plant.CalcRelativeTransform(context, base, body.body_frame()) @ inspector.GetPoseInFrame(geometry)
-        box = inspector.GetObbInGeometryFrame(geometry)
-        if box is not None:
-            signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).reshape(3, -1)
-            points.append((X_BG @ box.pose()).multiply(box.half_width()[:, None] * signs))
-    cloud = np.hstack(points) if points else np.zeros((3, 1))
-    (rear, right, bottom), (front, left, top) = cloud.min(axis=1).tolist(), cloud.max(axis=1).tolist()
-    return Outline(rear, front, right, left, bottom, top)
+    """The box around all collision shapes of a vehicle that stands at its design position; a point if it has none."""
+    box = measure_outline(vehicle.urdf, packages=vehicle.packages, base_link=vehicle.spec.base_link)
+    return box or Outline(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 # --- signals -----------------------------------------------------------------------------------------------------

@@ -10,21 +10,59 @@ from typing import TYPE_CHECKING, Any
 
 from pydrake.systems.framework import OutputPort, System
 
-from mirdrake.sensors.camera import Camera, make_camera
+from mirdrake.sensors.cameras import Camera, make_camera
 from mirdrake.sensors.gps import Gps, make_gps
-from mirdrake.sensors.ground_truth import GroundTruth
+from mirdrake.sensors.ground_truth import GroundTruth, TruthSensor, make_ground_truth
 from mirdrake.sensors.imu import Imu, make_imu
 from mirdrake.sensors.noise import noise_stream
+from mirdrake.sensors.ranging import (
+    LaserScanner,
+    Lidar,
+    LidarScan,
+    Radar,
+    Sonar,
+    make_laser_scanner,
+    make_lidar,
+    make_radar,
+    make_sonar,
+)
+from mirdrake.sensors.steering_angle import SteeringAngle, make_steering_angle
+from mirdrake.sensors.wheel_encoder import WheelEncoder, make_wheel_encoder
 
 if TYPE_CHECKING:
     from mirdrake.plant import PlantParts, VehicleInPlant
 
-__all__ = ["SENSORS", "Camera", "Gps", "GroundTruth", "Imu", "make_sensor", "sensor_feeds"]
+__all__ = [
+    "SENSORS",
+    "Camera",
+    "Gps",
+    "GroundTruth",
+    "Imu",
+    "LaserScanner",
+    "Lidar",
+    "LidarScan",
+    "Radar",
+    "Sonar",
+    "SteeringAngle",
+    "TruthSensor",
+    "WheelEncoder",
+    "make_sensor",
+    "sensor_feeds",
+]
 
 SENSORS: dict[str, Callable[..., System]] = {
     "camera": make_camera,
+    "depth_camera": make_camera,
     "gps": make_gps,
+    "ground_truth": make_ground_truth,
     "imu": make_imu,
+    "laser_scanner": make_laser_scanner,
+    "lidar": make_lidar,
+    "radar": make_radar,
+    "sonar": make_sonar,
+    "steering_angle": make_steering_angle,
+    "stereo_camera": make_camera,
+    "wheel_encoder": make_wheel_encoder,
 }
 """How to make a sensor, by the kind in sensors.yaml."""
 

@@ -1,52 +1,126 @@
-"""Position receiver."""
+"""Position receiver: place on the Earth and in the world, velocity, NMEA sentences."""
 
+from math import atan2, cos, hypot, inf, nan, pi, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from mirdrake.sensors.geodesy import from_geodetic as from_geodetic  # with `as`: also public here
+from mirdrake.sensors.geodesy import to_geodetic
+from mirdrake.sensors.nmea import Fix, gga, rmc
+from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
 from mirdrake.signals import signals
-from mirdrake.vehicles.mounts import GpsMount
+from mirdrake.vehicles.mounts import DatumSpec, GpsMount
 
 if TYPE_CHECKING:
     from mirdrake.plant import PlantParts, VehicleInPlant
 
-GPS = signals(("x", "m"), ("y", "m"), ("z", "m"))
-"""Position of the mount's origin in the world; no geodetic coordinates."""
+GPS = signals(
+    ("x", "m"),
+    ("y", "m"),
+    ("z", "m"),
+    ("vx", "m/s"),
+    ("vy", "m/s"),
+    ("vz", "m/s"),
+    ("latitude", "deg", "north"),
+    ("longitude", "deg", "east"),
+    ("altitude", "m", "above the WGS 84 ellipsoid"),
+)
+"""Position and velocity of the mount's origin in the world, and the same place on the Earth."""
+
+QUALITY = {"single": 1, "differential": 2, "rtk": 4}
+"""What GGA calls the kinds of a fix."""
 
 
 class Gps(SampledSensor):
-    """Position of a frame in the world.
+    """Position and velocity of a frame in the world, and its place on the Earth.
 
     Input ports:
-        body_poses: the plant's output.
+        body_poses, body_spatial_velocities: the plant's outputs of all bodies.
     Output ports:
-        sample (3) [m]: :data:`GPS`. Noise is horizontal; the height is exact. The first sample is there from the start.
+        sample (9) [m, m/s, deg]: :data:`GPS`. The first sample is there from the start; with a latency, NaN before it.
+        stamp (1) [s]: when it was taken; -inf before the first.
+        nmea: text, the sentences GGA and RMC of the sample, each with its end of line; empty before the first. Their
+            clock starts at 1970-01-01 00:00:00 UTC, as the names of pictures do.
 
     Args:
         frame: where the antenna is mounted; fixed to a body.
         rate: samples per second [Hz].
-        noise: standard deviation of a sample, each horizontal axis [m].
+        noise: standard deviation of a sample's white noise, each horizontal axis [m]; or the noise of all six: x, y,
+            z [m] and vx, vy, vz [m/s].
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        datum: where on the Earth the world's origin is; default: 0° N 0° E, x to the east.
+        fix: kind of the fix, said in the sentences: single, differential or rtk.
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost.
     """
 
-    def __init__(self, frame: Frame, *, rate: float, noise: float = 0.0, stream: int = 0) -> None:
-        super().__init__(GPS, rate=rate, noise=[noise, noise, 0.0], stream=stream, initial=[0.0, 0.0, 0.0])
+    def __init__(
+        self,
+        frame: Frame,
+        *,
+        rate: float,
+        noise: float | Noise = 0.0,
+        stream: int = 0,
+        datum: DatumSpec | None = None,
+        fix: str = "single",
+        latency: float = 0.0,
+        dropout: float = 0.0,
+    ) -> None:
+        errors = noise if isinstance(noise, Noise) else Noise.plain([noise, noise, 0.0, 0.0, 0.0, 0.0])
+        super().__init__(
+            GPS, rate=rate, noise=errors, stream=stream, initial=[nan] * 9, latency=latency, dropout=dropout
+        )
         body, X_BS = mount_pose(frame)
+        self._datum, self._quality = datum or DatumSpec(), QUALITY[fix]
         self._body, self._place = int(body.index()), X_BS.translation()
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
-        self.DeclareInitializationDiscreteUpdateEvent(self._update)
+        velocities = AbstractValue.Make([SpatialVelocity()])
+        self.body_velocities = self.DeclareAbstractInputPort("body_spatial_velocities", velocities)
+        needs = {self.discrete_state_ticket(self._held), self.discrete_state_ticket(self._held_stamp)}
+        self.nmea = self.DeclareAbstractOutputPort("nmea", lambda: AbstractValue.Make(""), self._calc_nmea, needs)
+        self.declare_first_sample()
 
     def measure(self, context: Context) -> Array:
-        """Position of the antenna in the world [m] (3)."""
-        return np.array(self.body_poses.Eval(context)[self._body].multiply(self._place))
+        """Position of the antenna [m] and its velocity [m/s], in the world (6)."""
+        X_WB, V_WB = self.body_poses.Eval(context)[self._body], self.body_velocities.Eval(context)[self._body]
+        arm = X_WB.rotation().multiply(self._place)
+        return np.concatenate((X_WB.translation() + arm, V_WB.translational() + np.cross(V_WB.rotational(), arm)))
+
+    def report(self, values: Array) -> Array:
+        """The same with the place on the Earth [deg, deg, m] (9)."""
+        return np.concatenate((values, to_geodetic(values[:3], self._datum)))
+
+    def _calc_nmea(self, context: Context, output: AbstractValue) -> None:
+        time = float(context.get_discrete_state(self._held_stamp).get_value()[0])
+        if time == -inf:
+            output.set_value("")
+            return
+        _, _, _, vx, vy, _, latitude, longitude, altitude = context.get_discrete_state(self._held).get_value().tolist()
+        # The world's x axis points `heading` clockwise from north, y a quarter turn to the left of it.
+        heading = self._datum.heading
+        north, east = vx * cos(heading) + vy * sin(heading), vx * sin(heading) - vy * cos(heading)
+        course = atan2(east, north) * 180.0 / pi % 360.0
+        fix = Fix(time, latitude, longitude, altitude, hypot(east, north), course, self._quality)
+        output.set_value(gga(fix) + rmc(fix))
 
 
 def make_gps(mount: GpsMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Gps:
     """The receiver of a vehicle as its sensors.yaml describes it."""
-    frame = parts.plant.GetFrameByName(mount.frame, part.instance)
-    return Gps(frame, rate=mount.rate, noise=mount.noise, stream=stream)
+    noise = [mount.noise, mount.noise, mount.vertical_noise, *[mount.velocity_noise] * 3]
+    return Gps(
+        parts.plant.GetFrameByName(mount.frame, part.instance),
+        rate=mount.rate,
+        noise=Noise.of(noise, mount.rate),
+        stream=stream,
+        datum=mount.datum,
+        fix=mount.fix,
+        latency=mount.latency,
+        dropout=mount.dropout,
+    )

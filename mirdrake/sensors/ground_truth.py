@@ -4,14 +4,21 @@ from collections.abc import Sequence
 from math import asin, atan2, pi, remainder, sqrt
 from typing import TYPE_CHECKING
 
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from mirdrake.controllers.vectors import PATH_ERROR, STATE, STEERING_ANGLES, WHEEL_SPEEDS
+from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
 from mirdrake.signals import declare_vector_output
+from mirdrake.vehicles.mounts import GroundTruthMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import VehicleInPlant
+    from mirdrake.plant import PlantParts, VehicleInPlant
     from mirdrake.worlds import Track
 
 
@@ -67,6 +74,53 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _calc_steering(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.plant_state.Eval(context)[self._steering])
+
+
+class TruthSensor(SampledSensor):
+    """Pose and twist of a frame, sampled as a sensor would.
+
+    Input ports:
+        body_poses, body_spatial_velocities: the plant's outputs of all bodies.
+    Output ports:
+        sample (12) [m, rad, m/s, rad/s]: :data:`mirdrake.controllers.vectors.STATE`, of the frame S in place of B. The
+            first sample is there from the start, unless there is a latency.
+        stamp (1) [s]: when it was taken; -inf before the first.
+
+    Args:
+        frame: fixed to a body.
+        rate: samples per second [Hz].
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`; only a dropout needs it.
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost.
+    """
+
+    def __init__(
+        self, frame: Frame, *, rate: float, stream: int = 0, latency: float = 0.0, dropout: float = 0.0
+    ) -> None:
+        zero = [0.0] * len(STATE)
+        super().__init__(STATE, rate=rate, noise=zero, stream=stream, initial=zero, latency=latency, dropout=dropout)
+        body, self._X_BS = mount_pose(frame)
+        self._body = int(body.index())
+        self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        velocities = AbstractValue.Make([SpatialVelocity()])
+        self.body_velocities = self.DeclareAbstractInputPort("body_spatial_velocities", velocities)
+        self.declare_first_sample()
+
+    def measure(self, context: Context) -> Array:
+        """The state of the frame (12)."""
+        X_WB, V_WB = self.body_poses.Eval(context)[self._body], self.body_velocities.Eval(context)[self._body]
+        X_WS, turn = X_WB.multiply(self._X_BS), V_WB.rotational()
+        velocity = V_WB.translational() + np.cross(turn, X_WS.translation() - X_WB.translation())
+        pose = (*X_WS.rotation().ToQuaternion().wxyz(), *X_WS.translation())
+        return np.array(vehicle_state([float(value) for value in pose], [*turn.tolist(), *velocity.tolist()]))
+
+
+def make_ground_truth(
+    mount: GroundTruthMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
+) -> TruthSensor:
+    """The exact state of a frame of a vehicle as its sensors.yaml asks for it."""
+    frame = parts.plant.GetFrameByName(mount.frame, part.instance)
+    return TruthSensor(frame, rate=mount.rate, stream=stream, latency=mount.latency, dropout=mount.dropout)
 
 
 def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:

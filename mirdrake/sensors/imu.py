@@ -8,7 +8,8 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
-from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
+from mirdrake.sensors.noise import Noise
+from mirdrake.sensors.sampling import Array, SampledSensor, aligned_period, mount_pose
 from mirdrake.signals import copy_signals, signals
 from mirdrake.vehicles.mounts import ImuMount
 from mirdrake.worlds.world import GRAVITY
@@ -30,21 +31,26 @@ IMU = signals(
 class Imu(Diagram):  # type: ignore[misc, unused-ignore]
     """Specific force and angular velocity of a frame, in that frame; lever arm and rotation follow from the motion.
 
-    Drake's Accelerometer and Gyroscope measure, without noise; samples are taken at a rate, with white noise. The
-    acceleration is that of the plant, for a discrete plant the mean over its step that begins with the sample.
+    Drake's Accelerometer and Gyroscope measure, without noise; samples are taken at a rate, with noise. The
+    acceleration is that of the plant, for a discrete plant the mean over its step that begins with the sample. A sample
+    that falls on a step of the plant is seen right after its time, by others than those that act at that time.
 
     Input ports:
         body_poses, body_spatial_velocities, body_spatial_accelerations: the plant's outputs of all bodies.
     Output ports:
         sample (6) [m/s², rad/s]: :data:`IMU`; before the first sample that of an IMU at rest on the level.
+        stamp (1) [s]: when it was taken; -inf before the first.
 
     Args:
         plant: the finalised plant.
         frame: where the IMU is mounted; fixed to a body.
         rate: samples per second [Hz].
-        acceleration_noise: standard deviation of a sample, each axis [m/s²].
+        acceleration_noise: standard deviation of a sample's white noise, each axis [m/s²].
         gyro_noise: the same of the angular velocity [rad/s].
+        noise: of the six elements, in place of these two.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost.
     """
 
     def __init__(
@@ -55,7 +61,10 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
         rate: float,
         acceleration_noise: float = 0.0,
         gyro_noise: float = 0.0,
+        noise: Noise | None = None,
         stream: int = 0,
+        latency: float = 0.0,
+        dropout: float = 0.0,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -63,8 +72,10 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
         gravity = plant.gravity_field().gravity_vector()
         force = builder.AddNamedSystem("accelerometer", Accelerometer(body, X_BS, gravity))
         rates = builder.AddNamedSystem("gyroscope", Gyroscope(body, X_BS))
-        noise = [acceleration_noise] * 3 + [gyro_noise] * 3
-        sampler = builder.AddNamedSystem("sampler", _Sampler(rate=rate, noise=noise, stream=stream))
+        noise = noise or Noise.plain([acceleration_noise] * 3 + [gyro_noise] * 3)
+        period = aligned_period(rate, plant.time_step())
+        sampler = _Sampler(rate=rate, noise=noise, stream=stream, latency=latency, dropout=dropout, period=period)
+        builder.AddNamedSystem("sampler", sampler)
         builder.Connect(force.get_measurement_output_port(), sampler.force)
         builder.Connect(rates.get_measurement_output_port(), sampler.rates)
         for name, of_force, of_rates in (
@@ -75,16 +86,30 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
             builder.ConnectInput(name, of_rates)
         builder.ExportInput(force.get_body_accelerations_input_port(), "body_spatial_accelerations")
         builder.ExportOutput(sampler.sample, "sample")
+        builder.ExportOutput(sampler.stamp, "stamp")
         builder.BuildInto(self)
-        self.sample = self.GetOutputPort("sample")
+        self.sample, self.stamp = self.GetOutputPort("sample"), self.GetOutputPort("stamp")
         copy_signals(sampler.sample, self.sample)
+        copy_signals(sampler.stamp, self.stamp)
 
 
 class _Sampler(SampledSensor):
     """Samples force and rates together."""
 
-    def __init__(self, *, rate: float, noise: list[float], stream: int) -> None:
-        super().__init__(IMU, rate=rate, noise=noise, stream=stream, initial=[0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0])
+    def __init__(
+        self, *, rate: float, noise: Noise, stream: int, latency: float, dropout: float, period: float
+    ) -> None:
+        at_rest = [0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0]
+        super().__init__(
+            IMU,
+            rate=rate,
+            noise=noise,
+            stream=stream,
+            initial=at_rest,
+            latency=latency,
+            dropout=dropout,
+            period=period,
+        )
         self.force = self.DeclareVectorInputPort("specific_force", 3)
         self.rates = self.DeclareVectorInputPort("angular_velocity", 3)
 
@@ -98,7 +123,8 @@ def make_imu(mount: ImuMount, *, parts: "PlantParts", part: "VehicleInPlant", st
         parts.plant,
         parts.plant.GetFrameByName(mount.frame, part.instance),
         rate=mount.rate,
-        acceleration_noise=mount.acceleration_noise,
-        gyro_noise=mount.gyro_noise,
+        noise=Noise.of([mount.acceleration_noise] * 3 + [mount.gyro_noise] * 3, mount.rate),
         stream=stream,
+        latency=mount.latency,
+        dropout=mount.dropout,
     )

@@ -2,12 +2,25 @@
 
 A counter-based generator (Philox 4x64, Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3") gives the
 numbers of sample k directly. So no sensor keeps a generator: a Context holds all there is to repeat a run, a sample
-drawn twice is the same, and one more sensor changes nothing about the others.
+drawn twice is the same, and one more sensor changes nothing about the others. What wanders (random walk, bias
+instability) is a sum over samples, and that sum is a state of the sensor, in the Context too.
 """
 
 import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.vehicles.noise_spec import NoiseSpec
+
+Array = NDArray[np.float64]
+
+PLATEAU = 0.6174
+"""[-] Highest Allan deviation of a first-order Gauss-Markov process over its standard deviation, at 1.89 x its
+correlation time: √(2/u (1 - (3 - 4 exp(-u) + exp(-2 u)) / (2 u))) at u = 1.89; IEEE Std 952-1997, annex C."""
 
 
 def noise_stream(seed: int, name: str) -> int:
@@ -20,6 +33,11 @@ def noise_stream(seed: int, name: str) -> int:
     return int.from_bytes(hashlib.sha256(f"{seed}/{name}".encode()).digest()[:16], "little")
 
 
+def substream(stream: int, name: str) -> int:
+    """Another stream of the same sensor, so that what is drawn from one changes nothing in the other."""
+    return noise_stream(stream, name)
+
+
 def sample_noise(stream: int, index: int) -> np.random.Generator:
     """The generator of one sample; up to 2^192 numbers until it would run into the next one.
 
@@ -28,3 +46,75 @@ def sample_noise(stream: int, index: int) -> np.random.Generator:
         index: number of the sample, 0 or more.
     """
     return np.random.Generator(np.random.Philox(key=stream, counter=index << 192))
+
+
+def is_lost(stream: int, index: int, dropout: float) -> bool:
+    """Whether a sample is lost on its way, which it is with the probability `dropout`."""
+    return dropout > 0.0 and bool(sample_noise(substream(stream, "dropout"), index).random() < dropout)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The errors of n elements, sampled at a rate.
+
+    Attributes:
+        white: standard deviation of each sample (n).
+        bias: standard deviation of the constant (n).
+        drift: standard deviation of the wandering bias, a first-order Gauss-Markov process (n).
+        memory: what is left of that from one sample to the next (n) [-].
+        walk: standard deviation of one step of the random walk (n).
+    """
+
+    white: Array
+    bias: Array
+    drift: Array
+    memory: Array
+    walk: Array
+
+    @classmethod
+    def of(cls, specs: Sequence[NoiseSpec], rate: float) -> Self:
+        """What data sheets say (n), sampled at a rate [Hz]."""
+        return cls(
+            white=np.array([spec.sample_deviation(rate) for spec in specs]),
+            bias=np.array([spec.bias for spec in specs]),
+            drift=np.array([spec.instability / PLATEAU for spec in specs]),
+            memory=np.array([np.exp(-1.0 / (rate * spec.correlation)) for spec in specs]),
+            walk=np.array([spec.walk / np.sqrt(rate) for spec in specs]),
+        )
+
+    @classmethod
+    def plain(cls, deviations: Sequence[float]) -> Self:
+        """White noise only, of these standard deviations (n)."""
+        white = np.array(deviations, dtype=float)
+        return cls(white, *(np.zeros(white.size) for _ in range(4)))
+
+    def constant(self, stream: int) -> Array:
+        """The constant part of the error (n)."""
+        return self.bias * sample_noise(substream(stream, "bias"), 0).standard_normal(self.bias.size)
+
+    def start(self, stream: int) -> Array:
+        """What wanders, at the first sample: random walk and drift (2 n), or (0) if nothing does."""
+        if not (self.walk.any() or self.drift.any()):
+            return np.zeros(0)
+        first = sample_noise(substream(stream, "drift"), 0).standard_normal(self.drift.size)
+        return np.concatenate((np.zeros(self.walk.size), self.drift * first))
+
+    def step(self, stream: int, index: int, state: Array) -> tuple[Array, Array]:
+        """The error of one sample without its constant part (n), and what wanders, at the next sample.
+
+        Args:
+            stream: from :func:`noise_stream`.
+            index: number of the sample.
+            state: what wanders, at this sample.
+        """
+        n = self.white.size
+        if not (state.size or self.white.any()):
+            return np.zeros(n), state
+        generator = sample_noise(stream, index)
+        error: Array = self.white * generator.standard_normal(n)
+        if not state.size:
+            return error, state
+        step = generator.standard_normal(2 * n)
+        kick = self.drift * np.sqrt(1.0 - self.memory**2)
+        following = np.concatenate((state[:n] + self.walk * step[:n], self.memory * state[n:] + kick * step[n:]))
+        return error + state[:n] + state[n:], following

@@ -1,56 +1,241 @@
-"""What all sensors that give a vector have in common: a rate, white noise, and a sample that is held."""
+"""What all sensors have in common: a rate, noise, a way to their reader that takes time and may lose a sample.
+
+A sample taken at time t is shown from t + latency on, exactly, and held until the next one is. However long the
+latency, every sample is shown: those on their way wait in a queue. Samples, queue and what wanders in the noise are
+states in the Context; a sensor itself remembers nothing.
+
+Sensors act a hair's breadth (1e-15 of the time) before what else happens at that time. In floating point 3 x 0.1 s
+comes after 60 x 0.005 s, and a sample would now and then see the plant one step later than it should.
+"""
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
+from math import floor, inf
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
-from mirdrake.sensors.noise import sample_noise
-from mirdrake.signals import Signals, declare_state_output
+from mirdrake.sensors.noise import Noise, is_lost
+from mirdrake.signals import Signals, declare_state_output, signals
 
 Array = NDArray[np.float64]
 
+STAMP = signals(("stamp", "s", "time at which the sample was taken; -inf: there was none yet"))
+"""When a sample that is shown was taken; its age is the time now less the stamp."""
+
 
 class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Measures at a rate and holds the sample until the next.
+    """Measures a vector at a rate and holds the sample until the next.
 
-    A sample taken at time t is at the output right after t; whoever reads at t itself still gets the one before, as
-    always with discrete states in Drake. So the output depends on no input directly and closes no algebraic loop.
+    A sample taken at time t is at the output at t + latency; without latency, that of t = 0 comes right after 0. The
+    output depends on no input directly and closes no algebraic loop. Of a lost sample nothing is seen: the one before
+    it stays.
 
     Output ports:
         sample (n): the last sample.
+        stamp (1) [s]: :data:`STAMP`.
 
     Args:
         contents: names and units of the elements.
         rate: samples per second [Hz].
-        noise: standard deviation of each element's white noise, in its unit (n).
+        noise: of what is measured (m); plain numbers are standard deviations of white noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
         initial: shown before the first sample (n).
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost.
+        period: from sample to sample [s]; default: :func:`sample_period`.
     """
 
     def __init__(
-        self, contents: Signals, *, rate: float, noise: Sequence[float], stream: int, initial: Sequence[float]
+        self,
+        contents: Signals,
+        *,
+        rate: float,
+        noise: Sequence[float] | Noise,
+        stream: int,
+        initial: Sequence[float],
+        latency: float = 0.0,
+        dropout: float = 0.0,
+        period: float | None = None,
     ) -> None:
         super().__init__()
-        self._rate, self._stream = rate, stream
-        self._noise = np.array(noise, dtype=float)
+        self._rate, self._stream, self._latency, self._dropout = rate, stream, latency, dropout
+        period = sample_period(rate) if period is None else period
+        self._noise = noise if isinstance(noise, Noise) else Noise.plain(noise)
+        self._bias, start = self._noise.constant(stream), self._noise.start(stream)
         self._held = self.DeclareDiscreteState(list(initial))
+        self._held_stamp = self.DeclareDiscreteState([-inf])
+        self._wandering = self.DeclareDiscreteState(start) if start.size else None
         self.sample = declare_state_output(self, "sample", contents, self._held)
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
+        self.stamp = declare_state_output(self, "stamp", STAMP, self._held_stamp)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        if latency > 0.0:
+            self._row, self._slots = 1 + len(initial), slots(latency, rate)
+            self._queue = self.DeclareDiscreteState(np.full(self._row * self._slots, -inf))
+            self.DeclarePeriodicDiscreteUpdateEvent(period, latency, self._show)
 
     @abstractmethod
     def measure(self, context: Context) -> Array:
-        """What a sensor without noise reads now."""
+        """What a sensor without noise reads now (m)."""
+
+    def report(self, values: Array) -> Array:
+        """What it says (n) when it reads `values` (m), noise included: for example steps of a resolution."""
+        return values
+
+    def keep(self, context: Context, state: DiscreteValues) -> None:
+        """Write down what the next measurement needs to know of this one; most sensors need nothing."""
+
+    def declare_first_sample(self) -> None:
+        """Have a sample from the start, for sensors whose inputs are known then; not with a latency."""
+        if not self._latency:
+            self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+
+    def _begin(self, context: Context, state: DiscreteValues) -> None:
+        time = context.get_time()
+        if not is_lost(self._stream, round(time * self._rate), self._dropout):
+            self._put(state, time, self._read(context)[0])
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        values = self.measure(context)
-        if self._noise.any():
-            generator = sample_noise(self._stream, round(context.get_time() * self._rate))
-            values = values + self._noise * generator.standard_normal(self._noise.size)
+        values, wandering = self._read(context)
+        if self._wandering is not None:
+            state.get_mutable_vector(self._wandering).SetFromVector(wandering)
+        self.keep(context, state)
+        index = round(context.get_time() * self._rate)
+        time = index / self._rate
+        lost = is_lost(self._stream, index, self._dropout)
+        if self._latency:
+            row = state.get_mutable_vector(self._queue).get_mutable_value()[self._slot(index)]
+            row[0], row[1:] = -inf if lost else time, values
+        elif not lost:
+            self._put(state, time, values)
+
+    def _read(self, context: Context) -> tuple[Array, Array]:
+        """The sample of now, and what wanders, at the next one."""
+        wandering = np.zeros(0)
+        if self._wandering is not None:
+            wandering = context.get_discrete_state(self._wandering).get_value()
+        error, wandering = self._noise.step(self._stream, round(context.get_time() * self._rate), wandering)
+        return self.report(self.measure(context) + error + self._bias), wandering
+
+    def _put(self, state: DiscreteValues, time: float, values: Array) -> None:
         state.get_mutable_vector(self._held).SetFromVector(values)
+        state.get_mutable_vector(self._held_stamp).SetFromVector([time])
+
+    def _slot(self, index: int) -> slice:
+        place = index % self._slots * self._row
+        return slice(place, place + self._row)
+
+    def _show(self, context: Context, state: DiscreteValues) -> None:
+        """The sample that has been on its way for the latency arrives."""
+        index = round((context.get_time() - self._latency) * self._rate)
+        row = context.get_discrete_state(self._queue).get_value()[self._slot(index)]
+        if row[0] > -inf:
+            self._put(state, row[0], row[1:])
+
+
+class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """The same for what is no vector: pictures, clouds. Derive from it, declare inputs, and write :meth:`take`.
+
+    Output ports:
+        the one named `port`: the last sample.
+        stamp (1) [s]: :data:`STAMP`.
+
+    Args:
+        port: name of the output.
+        empty: shown before the first sample; all samples are of its type.
+        rate: samples per second [Hz].
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        empty: AbstractValue,
+        *,
+        rate: float,
+        stream: int = 0,
+        latency: float = 0.0,
+        dropout: float = 0.0,
+    ) -> None:
+        super().__init__()
+        self._rate, self._stream, self._latency, self._dropout = rate, stream, latency, dropout
+        self._held = self.DeclareAbstractState(empty)
+        self._held_stamp = self.DeclareDiscreteState([-inf])
+        self.value = self.DeclareStateOutputPort(port, self._held)
+        self.stamp = declare_state_output(self, "stamp", STAMP, self._held_stamp)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period(rate), 0.0, self._update)
+        if latency > 0.0:
+            self._queue = [self.DeclareAbstractState(empty) for _ in range(slots(latency, rate))]
+            self._stamps = self.DeclareDiscreteState(np.full(len(self._queue), -inf))
+            self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period(rate), latency, self._show)
+
+    @abstractmethod
+    def take(self, context: Context, index: int, sample: AbstractValue) -> None:
+        """Write the sample of now, the one with this number, into `sample`."""
+
+    def _update(self, context: Context, state: State) -> None:
+        index = round(context.get_time() * self._rate)
+        time = index / self._rate
+        lost = is_lost(self._stream, index, self._dropout)
+        if self._latency:
+            slot = index % len(self._queue)
+            state.get_mutable_discrete_state(self._stamps).get_mutable_value()[slot] = -inf if lost else time
+            place = self._queue[slot]
+        else:
+            if not lost:
+                state.get_mutable_discrete_state(self._held_stamp).SetFromVector([time])
+            place = self._held
+        if not lost:
+            self.take(context, index, state.get_mutable_abstract_state(int(place)))
+
+    def _show(self, context: Context, state: State) -> None:
+        slot = round((context.get_time() - self._latency) * self._rate) % len(self._queue)
+        stamp = context.get_discrete_state(self._stamps).get_value()[slot]
+        if stamp > -inf:
+            state.get_mutable_discrete_state(self._held_stamp).SetFromVector([stamp])
+            arrived = context.get_abstract_state(int(self._queue[slot]))
+            state.get_mutable_abstract_state(int(self._held)).SetFrom(arrived)
+
+
+def sample_period(rate: float) -> float:
+    """Time between two samples, 1e-15 of it short, so that a sample comes before a plant's step at the same time.
+
+    Args:
+        rate: [Hz].
+
+    Returns:
+        [s].
+    """
+    return (1.0 - 1e-15) / rate
+
+
+@lru_cache(maxsize=64)
+def aligned_period(rate: float, step: float) -> float:
+    """The same for a sensor whose input is costly and is needed by the plant's step too, as accelerations are.
+
+    If the samples fall on steps of the plant in floating point too, it is exactly 1 / rate: what is computed for the
+    sample serves for the step, and the sample is seen right after its time only.
+
+    Args:
+        rate: [Hz].
+        step: of the discrete plant [s]; 0: continuous.
+    """
+    number = np.arange(1.0, 1e6)
+    steps = round(1.0 / (rate * step)) if step > 0.0 else 0
+    if steps and np.all(number * (1.0 / rate) == number * steps * step):
+        return 1.0 / rate
+    return sample_period(rate)
+
+
+def slots(latency: float, rate: float) -> int:
+    """How many samples are on their way at most, with one to spare for what arrives as another one is taken."""
+    return floor(latency * rate + 1e-6) + 2
 
 
 def mount_pose(frame: Any) -> tuple[Any, Any]:

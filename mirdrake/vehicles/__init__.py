@@ -3,11 +3,12 @@
 ::
 
     vehicle.yaml  control.yaml  variants/*.yaml       spec.py
-    sensors.yaml                                      mounts.py
+    sensors.yaml                                      mounts.py, noise_spec.py, presets.py
     main.urdf.xacro ── render_xacro ──► Urdf          xacro_render.py
     Urdf ── check_urdf, resolve_meshes ──► text       inspect_urdf.py, numbers_in_urdf.py
     text ── parse_urdf ──► throw-away plant           parse.py
     plant ── measure_geometry ──► VehicleGeometry     geometry.py
+    text ── measure_outline ──► Outline               outline.py
     all of it: load_vehicle ──► Vehicle               vehicle.py
 """
 

@@ -26,7 +26,7 @@ from pydrake.systems.sensors import CameraInfo
 
 from mirdrake.errors import MissingDependencyError
 from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.sensors.camera import add_renderer, use_plain_textures
+from mirdrake.sensors.cameras import add_renderer, use_plain_textures
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import lights, sky_colors

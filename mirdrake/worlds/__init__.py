@@ -1,11 +1,27 @@
-"""Worlds: the world language, tracks, props, starts, friction, and what they look like."""
+"""Worlds: the world language, tracks, props, starts, friction, and what they look like.
+
+::
+
+    world.yaml ── load_world ──► World                 loading.py, world.py; language: spec.py, props_spec.py
+    parameters, chance ──► values                      values.py, draw.py
+    tracks: ── make_track ──► Track                    track_layout.py
+        Piece ──► Curve ──► Track                      pieces.py, curve.py, tracks.py
+        points ──► pieces                              csv_lines.py, centre_lines.py, clothoids.py
+        .xodr ──► pieces, edges                        opendrive.py, opendrive_lanes.py, opendrive_parts.py
+    patches: ──► Patch                                 regions.py
+    props: ──► Prop, PlacedProp                        props.py, arrange.py, layouts.py
+    rules: ──► what may overlap, and keep how far      rules.py
+    World ──► what is seen of it                       scenery.py, meshes.py
+    World ──► lock file, SDF world with meshes         lock.py, sdf_export.py, obj_files.py
+"""
 
 from mirdrake.worlds.loading import load_world, make_world
+from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.track_layout import make_track
-from mirdrake.worlds.tracks import Piece, Track
+from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Ground, Start, World
 
 __all__ = [

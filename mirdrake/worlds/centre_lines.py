@@ -2,9 +2,7 @@
 
 A chain of clothoids through points, with heading and curvature continuous at the joints, is to a plane curve what a
 cubic spline is to a function: between joints the curvature is linear along the arc (do Carmo, "Differential Geometry of
-Curves and Surfaces", section 1-5). Unknown are heading and curvature at every joint and the length of every piece; each
-piece must end at the next joint with its heading, three equations. A cubic spline is the first guess, Newton's method
-does the rest; as every piece only knows its neighbours, the matrix is sparse.
+Curves and Surfaces", section 1-5). Here joints are chosen among the points; clothoids.py finds the chain through them.
 
 Noisy points are smoothed first by a cubic smoothing spline (C. H. Reinsch, "Smoothing by spline functions", Numerische
 Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression and Generalized Linear Models", section
@@ -12,7 +10,6 @@ Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression 
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,14 +18,13 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from mirdrake.errors import WorldError
-from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
+from mirdrake.worlds.clothoids import distances, solve
+from mirdrake.worlds.pieces import Array, Piece, Placement, advance
+from mirdrake.worlds.tracks import Track
 
 _TURN = 0.35  # [rad] by which the first choice of joints may turn from one to the next
 _FAR = 40.0  # [m] between joints of the first choice
-_SAMPLES = 16  # per piece of the first guess
 _GAP = (1e-6, 1e-8)  # [m], [rad] by which a closed curve may miss its start
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(20)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0  # on [0, 1]
 
 
 def pieces_through(
@@ -234,13 +230,13 @@ def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, A
     t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
     joints = _first_joints(places, t, closed)
     while True:
-        found = _solve(places[joints], t[np.append(joints, count)] if closed else t[joints], closed)
+        found = solve(places[joints], t[np.append(joints, count)] if closed else t[joints], closed)
         if found is None:
             if len(joints) == count:
                 return None
             joints = np.arange(count)
             continue
-        off = _distances(places, t, joints, found)
+        off = distances(places, t, joints, found)
         ends = np.append(joints, count) if closed else joints
         owner = np.searchsorted(joints, np.arange(count), side="right") - 1
         worst = np.zeros(len(joints))
@@ -268,157 +264,3 @@ def _first_joints(places: Array, t: Array, closed: bool) -> NDArray[np.intp]:
         spread = np.linspace(0, len(places), 4, endpoint=False) if closed else np.linspace(0, len(places) - 1, 4)
         joints += spread.astype(int).tolist()
     return np.unique(joints)
-
-
-@dataclass(frozen=True)
-class _Arcs:
-    """What the quadrature says of pieces from heading and curvature at their ends and their lengths, N each."""
-
-    chord: Array
-    """displacement [m], N x 2"""
-    by_yaw: Array
-    by_first: Array
-    by_last: Array
-    by_length: Array
-
-
-def _integrate(yaw: Array, first: Array, last: Array, length: Array) -> _Arcs:
-    """Displacement of clothoids, and its derivatives by heading, both curvatures and length, N x 2 each."""
-    u = _NODES
-    bend = first[:, None] * u + (last - first)[:, None] * u * u / 2.0  # times the length it is the heading change
-    angle = yaw[:, None] + length[:, None] * bend
-    c, s = np.cos(angle) * _WEIGHTS, np.sin(angle) * _WEIGHTS
-    size = length[:, None]
-
-    def along(factor: Array) -> Array:
-        return np.column_stack((-(s * factor).sum(axis=1), (c * factor).sum(axis=1)))
-
-    straight = np.column_stack((c.sum(axis=1), s.sum(axis=1)))
-    ones = np.ones_like(angle)
-    return _Arcs(
-        straight * size,
-        along(ones) * size,
-        along((u - u * u / 2.0) * ones) * size**2,
-        along(u * u / 2.0 * ones) * size**2,
-        straight + along(bend) * size,
-    )
-
-
-def _solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] | None:
-    """Headings [rad] and curvatures [1/m] at the joints, N, and lengths [m] of clothoids through them all.
-
-    An open curve has two unknowns more than equations: its first two pieces, and its last two, are made one clothoid.
-    """
-    nodes, parts = len(places), len(t) - 1
-    yaw, k, length = _guess(places, t, closed)
-    turn = yaw[-1] - yaw[0] if closed else 0.0
-    yaw, k = yaw[:nodes], k[:nodes]
-    ahead = (np.arange(parts) + 1) % nodes
-    chord = places[ahead] - places[:parts]
-    lap = np.where((np.arange(parts) == parts - 1) & closed, turn, 0.0)
-    size = float(length.mean())  # curvatures times it are of the order of headings
-
-    def residual(yaw: Array, k: Array, length: Array) -> tuple[Array, _Arcs]:
-        arcs = _integrate(yaw[:parts], k[:parts], k[ahead], length)
-        turned = yaw[ahead] + lap - yaw[:parts] - length * (k[:parts] + k[ahead]) / 2.0
-        rest = np.concatenate((((arcs.chord - chord) / size).T.ravel(), turned))
-        if not closed:
-            ends = [(k[b] - k[a]) * length[j] - (k[c] - k[b]) * length[i] for a, b, c, i, j in _ends(nodes)]
-            rest = np.append(rest, ends)
-        return rest, arcs
-
-    rest, arcs = residual(yaw, k, length)
-    chain = length.sum()
-    for _ in range(40):
-        step = splu(_jacobian(k, length, arcs, size, closed)).solve(-rest)
-        if not np.isfinite(step).all():
-            return None
-        by_yaw, by_k, by_length = step[:nodes], step[nodes : 2 * nodes] / size, step[2 * nodes :] * size
-        share = min(1.0, 0.7 / max(1e-12, float((-by_length / length).max())))  # a length stays positive
-        for _ in range(8):
-            trial = yaw + share * by_yaw, k + share * by_k, length + share * by_length
-            after, arcs_after = residual(*trial)
-            if np.abs(after).max() < max(np.abs(rest).max(), 1e-12):
-                break
-            share /= 2.0
-        else:
-            return None
-        done = np.abs(rest).max() < 1e-10 and np.abs(after).max() < 1e-12
-        (yaw, k, length), rest, arcs = trial, after, arcs_after
-        if done or np.abs(rest).max() < 1e-15:
-            return (yaw, k, length) if length.sum() < 1.5 * chain else None
-    return None
-
-
-def _ends(nodes: int) -> tuple[tuple[int, int, int, int, int], ...]:
-    """Three joints at either end of an open curve, and the two pieces between them."""
-    return (0, 1, 2, 0, 1), (nodes - 3, nodes - 2, nodes - 1, nodes - 3, nodes - 2)
-
-
-def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -> csc_array:
-    """Derivatives of the residual in :func:`_solve` by headings, curvatures times `size` and lengths over `size`."""
-    nodes, parts = len(k), len(length)
-    i = np.arange(parts)
-    ahead = (i + 1) % nodes
-    rows: list[Array] = []
-    columns: list[Array] = []
-    values: list[Array] = []
-
-    def put(row: ArrayLike, column: ArrayLike, value: ArrayLike) -> None:
-        for store, part in ((rows, row), (columns, column), (values, value)):
-            store.append(np.atleast_1d(np.asarray(part)))
-
-    for axis in (0, 1):
-        row = axis * parts + i
-        put(row, i, arcs.by_yaw[:, axis] / size)
-        put(row, nodes + i, arcs.by_first[:, axis] / size**2)
-        put(row, nodes + ahead, arcs.by_last[:, axis] / size**2)
-        put(row, 2 * nodes + i, arcs.by_length[:, axis])
-    row = 2 * parts + i
-    put(row, i, -np.ones(parts))
-    put(row, ahead, np.ones(parts))
-    put(row, nodes + i, -length / 2.0 / size)
-    put(row, nodes + ahead, -length / 2.0 / size)
-    put(row, 2 * nodes + i, -(k[:parts] + k[ahead]) / 2.0 * size)
-    if not closed:
-        for at, (a, b, c, one, two) in enumerate(_ends(nodes), start=3 * parts):
-            put(
-                [at] * 3,
-                [nodes + a, nodes + b, nodes + c],
-                np.array([-length[two], length[one] + length[two], -length[one]]) / size,
-            )
-            put([at] * 2, [2 * nodes + two, 2 * nodes + one], np.array([k[b] - k[a], k[b] - k[c]]) * size)
-    shape = (2 * nodes + parts,) * 2
-    return coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape).tocsc()
-
-
-def _guess(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array]:
-    """Headings and curvatures at the joints, of a closed curve also at the end of the lap, and lengths: of a spline."""
-    ring = np.vstack((places, places[:1])) if closed else places
-    spline = CubicSpline(t, ring, bc_type="periodic" if closed else "not-a-knot")
-    fine = np.interp(np.arange((len(t) - 1) * _SAMPLES + 1) / _SAMPLES, np.arange(len(t)), t)
-    velocity = spline(fine, 1)
-    speed = np.hypot(*velocity.T)
-    yaw = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))[::_SAMPLES]
-    if closed:
-        yaw[-1] = yaw[0] + 2.0 * math.pi * round((yaw[-1] - yaw[0]) / (2.0 * math.pi))
-    second = spline(t, 2)
-    cross = velocity[::_SAMPLES, 0] * second[:, 1] - velocity[::_SAMPLES, 1] * second[:, 0]
-    length = np.add.reduceat((speed[:-1] + speed[1:]) / 2.0 * np.diff(fine), np.arange(0, len(fine) - 1, _SAMPLES))
-    return yaw, cross / np.maximum(speed[::_SAMPLES], 1e-9) ** 3, length
-
-
-def _distances(places: Array, t: Array, joints: NDArray[np.intp], found: tuple[Array, Array, Array]) -> Array:
-    """Distance [m] of every point from the piece between its neighbouring joints; no less than that from the curve."""
-    yaw, k, length = found
-    i = np.minimum(np.searchsorted(joints, np.arange(len(places)), side="right") - 1, len(length) - 1)
-    last = k[(i + 1) % len(k)]
-    ends = np.append(t[joints], t[-1])
-    u = (t[: len(places)] - t[joints[i]]) / (ends[i + 1] - ends[i]) * length[i]
-    for _ in range(3):
-        end = k[i] + (last - k[i]) * u / length[i]
-        rest = places - places[joints[i]] - _integrate(yaw[i], k[i], end, u).chord
-        heading = yaw[i] + u * (k[i] + end) / 2.0
-        u = np.clip(u + rest[:, 0] * np.cos(heading) + rest[:, 1] * np.sin(heading), 0.0, length[i])
-    end = k[i] + (last - k[i]) * u / length[i]
-    return np.asarray(np.hypot(*(places - places[joints[i]] - _integrate(yaw[i], k[i], end, u).chord).T))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.worlds.tracks import Array
+from mirdrake.worlds.pieces import Array
 from mirdrake.yaml_io import shown
 
 _LARGEST = 20_000_000  # bytes

@@ -5,11 +5,18 @@ its own pose and length. Lines, arcs and spirals are pieces of linear curvature,
 `paramPoly3` are sampled and fitted, and so is a reference line whose geometries do not meet. Lanes lie side by side
 from the reference line, shifted by `laneOffset`, with widths or borders that are cubic in s. Heights, junctions,
 signals and objects are left out; what was there is listed.
+
+::
+
+    .xodr ── parse_opendrive ──► elements, their lines       opendrive_parts.py
+    <geometry> ── read_leg ──► Leg                           opendrive_parts.py
+    <road> ──► Part: legs, edges of its lanes                opendrive_lanes.py
+    parts end to end ── read_opendrive ──► OpenDriveRoad     here
 """
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -18,8 +25,10 @@ import numpy as np
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
-from mirdrake.worlds.opendrive_parts import LONGEST, Leg, Places, number_of, parse_opendrive, read_leg
-from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
+from mirdrake.worlds.opendrive_lanes import Part
+from mirdrake.worlds.opendrive_parts import LONGEST, Leg, parse_opendrive
+from mirdrake.worlds.pieces import Array, Piece, Placement, advance
+from mirdrake.worlds.tracks import Track
 from mirdrake.yaml_io import shown
 
 _EXACT = (1e-4, 1e-4)  # [m], [rad] by which geometries may miss one another and still be laid end to end
@@ -27,7 +36,7 @@ _APART = (0.5, 0.5)  # [m], [rad]; more is a gap or a corner, not rounding
 _TOLERANCE = 2e-4  # [m] of fitted curves
 _RAMP = 0.1  # [m] over which a step in width is spread
 _THINNEST = 0.01  # [m] least width to either side
-_SHORTEST, _WIDEST = 1e-3, 500.0  # [m]
+_WIDEST = 500.0  # [m]
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     if not roads:
         raise ConfigError(f"{places[root]}: no road in it")
     ids = _choose(road, roads, shown(path))
-    parts = [_Part(roads[key], lane, places) for key in ids]
+    parts = [Part(roads[key], lane, places) for key in ids]
     legs, (s, top, bottom), closed = _join(parts)
     where = parts[0].where
     if sum(leg.length for leg in legs) > LONGEST:
@@ -165,131 +174,6 @@ def _links(road: Element, among: Sequence[str]) -> Iterator[tuple[str, str]]:
             yield key, other
 
 
-# --- lanes -------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Lane:
-    """A lane of a section: what it answers to, and the records of its width or its outer border."""
-
-    names: set[str | None]
-    widths: Array
-    borders: Array
-
-
-class _Part:
-    """A road of the file: its legs, and the t coordinates [m, + left] of the edges of its lanes over s."""
-
-    def __init__(self, road: Element, lane: str, places: Places) -> None:
-        self.where = places[road]
-        self.name = road.get("name", "") or road.get("id", "")
-        self._lane, self._places = lane, places
-        geometries = sorted(road.iterfind("planView/geometry"), key=lambda part: number_of(part, "s", places))
-        legs = [(number_of(part, "s", places), read_leg(part, places)) for part in geometries]
-        self.legs = [leg for _, leg in legs if leg is not None]
-        if not self.legs:
-            raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
-        self.length = math.fsum(leg.length for leg in self.legs)
-        if self.length < _SHORTEST:
-            raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; leave it out")
-        declared = np.array([s for s, leg in legs if leg is not None])
-        declared = np.append(declared - declared[0], declared[-1] - declared[0] + self.legs[-1].length)
-        real = np.cumsum([0.0] + [leg.length for leg in self.legs])
-        for leg, given, travelled in zip(self.legs, declared, real, strict=False):
-            if abs(given - travelled) > 1.0 + 0.01 * travelled:
-                raise ConfigError(
-                    f"{leg.where}: <geometry> begins at s = {given:g} m after the first, but the parts before are "
-                    f"{travelled:g} m long; correct s or the lengths"
-                )
-        s, self.top, self.bottom = self._edges(road, float(declared[-1]))
-        self.s = np.interp(s, declared, real)
-
-    def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
-        """Stations, and the left and right edge there; twice the same station where they may jump."""
-        offsets = self._records(road.iterfind("lanes/laneOffset"), "s", 0.0)
-        sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: number_of(part, "s", self._places))
-        if not sections:
-            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection>; it has no width")
-        sides: dict[str, list[tuple[float, list[_Lane]]]] = {"left": [], "right": []}
-        breaks = {0.0, length, *offsets[:, 0]}
-        for section in sections:
-            begin = number_of(section, "s", self._places)
-            breaks.add(begin)
-            for side, found in sides.items():
-                if section.get("singleSide") == "true" and section.find(side) is None:
-                    continue
-                lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(number_of(e, "id", self._places)))
-                rows = [
-                    _Lane(
-                        {element.get("type"), element.get("id")},
-                        self._records(element.iterfind("width"), "sOffset", begin),
-                        self._records(element.iterfind("border"), "sOffset", begin),
-                    )
-                    for element in lanes
-                ]
-                breaks.update(float(s) for row in rows for s in (*row.widths[:, 0], *row.borders[:, 0]))
-                found.append((begin, rows))
-        stations: list[Array] = []
-        tops: list[Array] = []
-        bottoms: list[Array] = []
-        knots = sorted(s for s in breaks if 0.0 <= s <= length)
-        knots = [knots[0]] + [b for a, b in itertools.pairwise(knots) if b - a > 1e-6]
-        for begin, end in itertools.pairwise(knots):
-            s = np.linspace(begin, end, max(2, math.ceil(end - begin) + 1))
-            middle = _cubic(offsets, s)
-            edges = [
-                edge
-                for sign, side in ((1.0, "left"), (-1.0, "right"))
-                for edge in self._lane_edges(sides[side], s, middle, sign)
-            ]
-            if not edges:
-                section = [e for e in sections if number_of(e, "s", self._places) <= begin + 1e-6 or e is sections[0]][
-                    -1
-                ]
-                types = [e.get("type", "") for e in section.iter("lane") if e.get("id") != "0"]
-                raise ConfigError(
-                    f"{self._places[section]}: no lane '{self._lane}' here; {did_you_mean(self._lane, types)}"
-                )
-            stations.append(s)
-            tops.append(np.max(edges, axis=0))
-            bottoms.append(np.min(edges, axis=0))
-        return np.concatenate(stations), np.concatenate(tops), np.concatenate(bottoms)
-
-    def _lane_edges(
-        self, sections: Sequence[tuple[float, list[_Lane]]], s: Array, middle: Array, sign: float
-    ) -> Iterator[Array]:
-        """Inner and outer edges of the chosen lanes on one side, at stations between two breaks."""
-        lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + 1e-6), [])
-        inner = middle
-        for lane in lanes:
-            if len(lane.widths) or not len(lane.borders):  # widths count when both are there
-                outer = inner + sign * np.maximum(_cubic(lane.widths, s), 0.0)
-            else:
-                outer = middle + _cubic(lane.borders, s)
-            if self._lane in lane.names:
-                yield inner
-                yield outer
-            inner = outer
-
-    def _records(self, elements: Iterable[Element], key: str, begin: float) -> Array:
-        """Cubic polynomials: where each begins [m], then a, b, c and d, N x 5, sorted."""
-        rows = [
-            [begin + number_of(e, key, self._places), *(number_of(e, name, self._places) for name in "abcd")]
-            for e in elements
-        ]
-        return np.array(sorted(rows), dtype=float).reshape(-1, 5)
-
-
-def _cubic(records: Array, s: Array) -> Array:
-    """Values at stations between two breaks: the record that holds there counts; 0 where there is none."""
-    holding = np.flatnonzero(records[:, 0] <= s[0] + 1e-6)
-    if not holding.size:
-        return np.zeros_like(s)
-    begin, a, b, c, d = records[holding[-1]]
-    u = s - begin
-    return np.asarray(a + u * (b + u * (c + u * d)))
-
-
 # --- roads end to end --------------------------------------------------------------------------------------------
 
 
@@ -298,7 +182,7 @@ def _miss(a: Placement, b: Placement) -> tuple[float, float]:
     return math.hypot(a[0] - b[0], a[1] - b[1]), abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
 
 
-def _join(parts: Sequence[_Part]) -> tuple[list[Leg], tuple[Array, Array, Array], bool]:
+def _join(parts: Sequence[Part]) -> tuple[list[Leg], tuple[Array, Array, Array], bool]:
     """Legs and edges of all roads, each turned to go on from the one before, and whether the end meets the start.
 
     Raises:

@@ -15,7 +15,8 @@ from xml.parsers import expat
 import numpy as np
 
 from mirdrake.errors import ConfigError
-from mirdrake.worlds.tracks import Array, Piece, Placement, Track, advance
+from mirdrake.worlds.pieces import Array, Piece, Placement, advance
+from mirdrake.worlds.tracks import Track
 from mirdrake.yaml_io import shown
 
 _LARGEST = 100_000_000  # bytes

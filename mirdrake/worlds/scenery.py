@@ -27,8 +27,9 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.paths import data_root
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
+from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.spec import MarkingSpec
-from mirdrake.worlds.tracks import Array, Offset, Track, offset_at
+from mirdrake.worlds.tracks import Offset, Track, offset_at
 from mirdrake.worlds.world import World, verge
 
 TILES = {"asphalt": 4.0, "grass": 6.0, "concrete": 4.0, "gravel": 3.0, "ice": 8.0}

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import TrackSpec, WorldSpec
-from mirdrake.worlds.tracks import Array, Track
+from mirdrake.worlds.tracks import Track
 
 if TYPE_CHECKING:
     from mirdrake.worlds.rules import Rules

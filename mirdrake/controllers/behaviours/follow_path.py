@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from mirdrake.errors import ConfigError
-from mirdrake.worlds.tracks import Piece, Track
+from mirdrake.worlds.pieces import Piece
+from mirdrake.worlds.tracks import Track
 
 
 def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Track:

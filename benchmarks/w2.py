@@ -1,0 +1,146 @@
+"""Job W2: colours and depths of 640 x 480 pixels at 30 Hz among 36 obstacles, and pictures collected while driving."""
+
+import tempfile
+from collections.abc import Sequence
+from math import radians
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import yaml
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from benchmarks.timing import Times, timed
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import load_diagram
+from mirdrake.paths import find
+from mirdrake.plant import add_world
+from mirdrake.sensors.cameras import Camera, add_renderer, camera_params, use_plain_textures
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles.mounts import DepthCameraMount
+from mirdrake.worlds import load_world
+
+WIDTH, HEIGHT, RATE, DURATION = 640, 480, 30.0, 4.0
+EYE, SPEED = 1.2, 0.5  # height of the camera [m]; how fast it moves ahead [m/s]
+
+COLLECTED_RATE = 25.0
+"""Pictures per second of the drive that collects them [Hz]."""
+
+
+class Scene:
+    """A camera that moves slowly towards 36 obstacles on asphalt; nobody touches anything.
+
+    Args:
+        color: colours as well as depths.
+    """
+
+    def __init__(self, *, color: bool = True) -> None:
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=1.0 / 300.0), builder)
+        eye = plant.AddRigidBody("eye", SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
+        self._rail = plant.AddJoint(PrismaticJoint("rail", plant.world_frame(), eye.body_frame(), [1.0, 0.0, 0.0]))
+        frame = plant.AddFrame(FixedOffsetFrame("mount", eye.body_frame(), RigidTransform([0.0, 0.0, EYE])))
+        world = load_world("obstacles_36")
+        add_world(plant, world)
+        plant.Finalize()
+        use_plain_textures(plant, scene_graph)
+        add_renderer(scene_graph, "w2", camera_params(world))
+        mount = DepthCameraMount(
+            kind="depth_camera", frame="mount", rate=RATE, width=WIDTH, height=HEIGHT, horizontal_fov=radians(60.0),
+            depth_near=0.3, depth_far=60.0, color=color,
+        )  # fmt: skip
+        self.camera = builder.AddSystem(Camera(plant, frame, mount, renderer="w2"))
+        builder.Connect(scene_graph.get_query_output_port(), self.camera.query_object)
+        self._plant, self._diagram = plant, builder.Build()
+
+    def run(self, duration: float) -> list[dict[str, Any]]:
+        """The pictures of a run, taken as the recorder takes them."""
+        context = self._diagram.CreateDefaultContext()
+        self._rail.set_translation_rate(self._plant.GetMyMutableContextFromRoot(context), SPEED)
+        simulator = Simulator(self._diagram, context)
+        pictures: list[dict[str, Any]] = []
+
+        def look(context: Context) -> None:
+            if context.get_time() > len(pictures) / RATE - 1e-9:
+                pictures.append(self.camera.look(context))
+
+        simulator.set_monitor(look)
+        simulator.Initialize()
+        simulator.AdvanceTo(duration)
+        return pictures
+
+
+def run_w2(*, duration: float = DURATION, collected: float = 20.0, repeat: int = 5) -> dict[str, Any]:
+    """Time of a frame, and of a drive that collects pictures.
+
+    Args:
+        duration: simulated time of the scene [s].
+        collected: simulated time of the drive [s].
+        repeat: how often; medians are given.
+    """
+    frames = {"color_and_depth": _frames(duration, repeat), "depth": _frames(duration, repeat, color=False)}
+    return frames | {"collect": _collect(collected, min(repeat, 3))}
+
+
+def _frames(duration: float, repeat: int, *, color: bool = True) -> dict[str, Any]:
+    """Time of a frame [ms], and whether all of them are there and show something."""
+    scene = Scene(color=color)
+    scene.run(2.0 / RATE)  # compiles the shaders
+    taken: list[dict[str, Any]] = []
+    times = [timed(lambda: taken.extend(scene.run(duration))) for _ in range(repeat)]
+    count = len(taken) // repeat
+    depth = taken[-1]["depth"]
+    return {
+        **_per(times, count, "frame"),
+        "frames": count,
+        "missing": round(duration * RATE) + 1 - count,
+        "nearest_m": float(depth[np.isfinite(depth)].min()),
+    }
+
+
+def _collect(duration: float, repeat: int) -> dict[str, Any]:
+    """``mirdrake run`` on the test track, with the driving log and every picture on disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        # A folder beside that of the Bolt, with a camera of its own.
+        model = Path(folder) / "bolt"
+        model.mkdir()
+        for path in find("models", "bolt").iterdir():
+            (model / path.name).symlink_to(path)
+        sensors = model / "sensors.yaml"
+        data = yaml.safe_load(sensors.read_text(encoding="utf-8"))
+        data["mounts"]["front_camera"] |= {"width": WIDTH, "height": HEIGHT, "rate": COLLECTED_RATE}
+        sensors.unlink()
+        sensors.write_text(yaml.safe_dump(data), encoding="utf-8")
+        overrides = [
+            f"vehicles.ego.model={model}",
+            "sensors={ego: [front_camera]}",
+            "record={cameras: true, meshcat: false, report: false}",
+        ]
+        spec = load_diagram("bolt_test_track", overrides=overrides)
+        simulation = Simulation(assemble(spec))
+        times = []
+        for number in range(repeat):
+            run = Path(folder) / f"run{number}"
+            times.append(timed(lambda run=run: simulation.run(duration=duration, folder=run)))  # type: ignore[misc]
+        pictures = list((run / "ego.front_camera").glob("*.jpg"))
+        size = sum(path.stat().st_size for path in pictures)
+    count = round(duration * COLLECTED_RATE) + 1
+    return {
+        "rtf": duration / median(time.wall for time in times),
+        **_per(times, count, "picture"),
+        "pictures": len(pictures),
+        "missing": count - len(pictures),
+        "kb_per_picture": size / 1e3 / max(len(pictures), 1),
+    }
+
+
+def _per(times: Sequence[Times], count: int, what: str) -> dict[str, float]:
+    return {
+        f"ms_per_{what}": 1e3 * median(time.wall for time in times) / count,
+        f"cpu_ms_per_{what}": 1e3 * median(time.cpu for time in times) / count,
+    }

@@ -1,0 +1,59 @@
+"""``mirdrake export``: a run in formats of other tools."""
+
+import argparse
+from pathlib import Path
+
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import shown
+
+HELP = "write a run as MCAP (Foxglove), CSV or video"
+MORE = """\
+mcap    run.mcap: signals, poses, pictures, scans and events, for Foxglove and other readers of MCAP
+csv     signals.csv: all signals, with units in the header:  time [s],ego.x [m],ego.lap
+video   <camera>.mp4: the pictures of each camera, each frame at the time it was taken
+They are written into the run folder, unless --out says where. A run that was killed can be exported as well.
+
+examples:
+  mirdrake export runs/drive --to mcap
+  mirdrake export runs/drive --to video --out /tmp/films"""
+
+FORMATS = ("mcap", "csv", "video")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("run", metavar="RUN", help="a run folder")
+    parser.add_argument("--to", required=True, choices=FORMATS, help="the format")
+    parser.add_argument("--out", type=Path, metavar="PATH", help="the file; for video the folder")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Export."""
+    from mirdrake.logs import load_run
+
+    done = load_run(options.run)
+    folder = Path(options.run)
+    if options.to == "video":
+        from mirdrake.export.video import write_videos
+
+        target = options.out or folder
+        if not target.is_dir():
+            raise ConfigError(f"--out {target}: is no folder; make it first")
+        for path, frames in write_videos(done, target).items():
+            print(f"{shown(path)}  {frames} frames")
+        return 0
+    path = options.out or folder / {"mcap": "run.mcap", "csv": "signals.csv"}[options.to]
+    if path.is_dir():
+        raise ConfigError(f"--out {path}: is a folder; a file is expected")
+    if options.to == "csv":
+        from mirdrake.export.tables import write_csv
+
+        print(f"{shown(path)}  {write_csv(done, path)} rows")
+        return 0
+    from mirdrake.export.mcap import write_mcap
+
+    counts = write_mcap(done, path)
+    print(shown(path))
+    for topic, count in sorted(counts.items()):
+        print(f"  {topic:32} {count} messages")
+    return 0

@@ -1,0 +1,43 @@
+"""``mirdrake replay``: watch a run again, with what its cameras saw beside it."""
+
+import argparse
+import contextlib
+from pathlib import Path
+
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import shown
+
+HELP = "watch a run again in Meshcat, with what its cameras saw beside it"
+MORE = """\
+The page has play controls; pictures follow the recording. --out writes a page that opens offline, with smaller pictures
+and at most 2400 of them. A run that was killed can be watched as well.
+
+examples:
+  mirdrake replay runs/drive
+  mirdrake replay runs/drive --out replay.html"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("run", metavar="RUN", help="a run folder")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
+    parser.add_argument("--port", type=int, default=0, help="of localhost to listen on (default: any free one)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show."""
+    from mirdrake.logs import load_run
+    from mirdrake.viewer.replay import Replay, write_replay
+
+    done = load_run(options.run)
+    if options.out is not None:
+        if options.out.is_dir():
+            raise ConfigError(f"--out {options.out}: is a folder; a file is expected")
+        write_replay(done, options.out)
+        print(shown(options.out))
+        return 0
+    replay = Replay(done, port=options.port)
+    print(f"Replay: {replay.url}  (Ctrl-C ends)", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        replay.serve()
+    return 0

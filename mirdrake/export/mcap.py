@@ -1,0 +1,288 @@
+"""A run as an MCAP file that Foxglove opens: its standard schemas in Protobuf, and the signals as JSON.
+
+=========================  ===========================  ===========================================================
+topic                      schema                       what
+=========================  ===========================  ===========================================================
+/tf                        foxglove.FrameTransforms     vehicles and loose props in ``world``, sensors on vehicles
+/<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle, units in the schema
+/<vehicle>/<camera>        foxglove.CompressedImage     JPEG of colours, PNG of 16 bits of depths (mm) and labels
+/<vehicle>/<camera>/info   foxglove.CameraCalibration   once a picture, as the picture's
+/<vehicle>/<scanner>       foxglove.LaserScan           a scan; inf: no return
+/<vehicle>/<lidar>         foxglove.PointCloud          returns in the frame of the sensor
+/<vehicle>/<gps>           foxglove.LocationFix         each new position
+/log                       foxglove.Log                 events of the run
+=========================  ===========================  ===========================================================
+
+Times are those of the recording, counted from the start time of the run: 1970-01-01 if none was given.
+"""
+
+import heapq
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mirdrake.errors import MissingDependencyError
+from mirdrake.export.frames import Pose, eyes_of, frame_poses, optical_name, sensor_frames, sensor_mounts
+from mirdrake.logs import SIGNALS, Run
+from mirdrake.recording.arrays import Samples
+from mirdrake.recording.files import told
+from mirdrake.recording.parts import read_groups, stored
+from mirdrake.recording.pictures import EPOCH, Picture
+
+SECOND = 10**9  # ns
+_FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations
+
+
+class Message(NamedTuple):
+    """A message of an MCAP file; sorted by time, then topic.
+
+    Attributes:
+        time: since 1970-01-01 [ns].
+        topic: name.
+        content: a Protobuf message, or a mapping that becomes JSON.
+    """
+
+    time: int
+    topic: str
+    content: Any
+
+
+def write_mcap(run: Run, path: Path) -> dict[str, int]:
+    """Write a run as MCAP.
+
+    Args:
+        run: with a folder.
+        path: of the file.
+
+    Returns:
+        number of messages by topic.
+
+    Raises:
+        MissingDependencyError: the packages for MCAP are not installed.
+        RunError: the file cannot be written.
+    """
+    writing = _import("mcap.writer")
+    streams = _Streams(run)
+    temporary = path.with_name(f".{path.name}.tmp")
+    counts: Counter[str] = Counter()
+    channels: dict[str, int] = {}
+    try:
+        with told(path):
+            with temporary.open("wb") as file:
+                writer = writing.Writer(file)
+                writer.start("", library="mirdrake")
+                for message in heapq.merge(*streams.all(), key=lambda entry: entry[:2]):
+                    topic = message.topic
+                    if topic not in channels:
+                        channels[topic] = _register(writer, message, streams.schemas.get(topic))
+                    data = _bytes(message.content)
+                    writer.add_message(channels[topic], message.time, data, message.time, counts[topic])
+                    counts[topic] += 1
+                writer.finish()
+            os.replace(temporary, path)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    return dict(counts)
+
+
+def _register(writer: Any, message: Message, schema: dict[str, Any] | None) -> int:
+    """A channel for a topic; its number."""
+    if schema is not None:
+        number = writer.register_schema("mirdrake.Signals", "jsonschema", json.dumps(schema).encode())
+        return int(writer.register_channel(message.topic, "json", number))
+    number = _import("mcap_protobuf.schema").register_schema(writer, type(message.content))
+    return int(writer.register_channel(message.topic, "protobuf", number))
+
+
+def _bytes(content: Any) -> bytes:
+    data: bytes = json.dumps(content).encode() if isinstance(content, dict) else content.SerializeToString()
+    return data
+
+
+def _import(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        raise MissingDependencyError("MCAP needs some packages: pip install 'mirdrake[mcap]'") from None
+
+
+def _make(kind: str) -> Any:
+    """A message class of Foxglove's schemas."""
+    return getattr(_import(f"foxglove_schemas_protobuf.{kind}_pb2"), kind)
+
+
+class _Streams:
+    """The messages of a run, a stream of rising times for each topic."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._start = round((run.start - EPOCH).total_seconds() * 1e6) * 1000
+        self.schemas: dict[str, dict[str, Any]] = {}
+        self._mounts = sensor_mounts(run)
+        self._eyes = {
+            eye: (mount, y) for name, mount in self._mounts.items() for eye, y in eyes_of(name, mount).items()
+        }
+
+    def all(self) -> list[Iterator[Message]]:
+        """All streams."""
+        run, streams = self._run, [self._events()]
+        if run.folder is not None and stored(run.folder / SIGNALS):
+            for vehicle in run.spec["vehicles"]:
+                streams.append(self._signals(vehicle))
+                sensors = run.spec.get("sensors", {}).get(vehicle, ())
+                receivers = [one for one in sensors if f"{vehicle}.{one}.latitude" in run.units]
+                streams += [self._fixes(vehicle, sensor) for sensor in receivers]
+            streams.append(self._transforms())
+        for name, pictures in run.pictures.items():
+            streams.append(self._images(name, pictures))
+            if name in self._eyes:
+                streams.append(self._infos(name, pictures))
+        streams += [self._scans(name, samples) for name, samples in run.arrays.items()]
+        return streams
+
+    def _stamp(self, time: float) -> int:
+        return self._start + round(time * SECOND)
+
+    def _message(self, time: float, topic: str, kind: str, **fields: Any) -> Message:
+        at = self._stamp(time)
+        content = _make(kind)(**fields)
+        content.timestamp.FromNanoseconds(at)
+        return Message(at, topic, content)
+
+    def _rows(self, columns: list[str]) -> Iterator[tuple[float, ...]]:
+        assert self._run.folder is not None
+        for group in read_groups(self._run.folder / SIGNALS, ["time", *columns]):
+            yield from zip(*(group[name].to_pylist() for name in ("time", *columns)), strict=True)
+
+    def _signals(self, vehicle: str) -> Iterator[Message]:
+        topic, names = f"/{vehicle}/signals", [name for name in self._run.units if name.startswith(f"{vehicle}.")]
+        keys = [name.removeprefix(f"{vehicle}.").replace(".", "_") for name in names]
+        numbers = {
+            key: {"type": "number", "description": f"[{self._run.units[name] or '-'}]"}
+            for key, name in zip(keys, names, strict=True)
+        }
+        self.schemas[topic] = {"title": "mirdrake.Signals", "type": "object", "properties": numbers}
+        for time, *values in self._rows(names):
+            finite = (value if math.isfinite(value) else None for value in values)
+            yield Message(self._stamp(time), topic, dict(zip(keys, finite, strict=True)))
+
+    def _fixes(self, vehicle: str, sensor: str) -> Iterator[Message]:
+        name, before = f"{vehicle}.{sensor}", None
+        keys = [f"{name}.{key}" for key in ("latitude", "longitude", "altitude")]
+        degrees = 180.0 / math.pi if self._run.units[keys[0]] == "rad" else 1.0
+        for time, latitude, longitude, altitude in self._rows(keys):
+            place = (latitude * degrees, longitude * degrees, altitude)
+            if place == before or not all(map(math.isfinite, place)):
+                continue
+            before = place
+            where = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
+            yield self._message(time, f"/{vehicle}/{sensor}", "LocationFix", frame_id=name, **where)
+
+    def _transforms(self) -> Iterator[Message]:
+        """Poses of what moves at each sample, and of the sensors on their vehicles once a second: they do not move."""
+        transform, many = _make("FrameTransform"), _make("FrameTransforms")
+        fixed, next_fixed = sensor_frames(self._run), 0.0
+        for time, poses in frame_poses(self._run):
+            entries = list(poses)
+            if time >= next_fixed - 1e-9:
+                entries += fixed
+                next_fixed += 1.0
+            content, at = many(), self._stamp(time)
+            for parent, child, pose in entries:
+                entry = transform(parent_frame_id=parent, child_frame_id=child)
+                entry.timestamp.FromNanoseconds(at)
+                _put_pose(entry.translation, entry.rotation, pose)
+                content.transforms.append(entry)
+            yield Message(at, "/tf", content)
+
+    def _images(self, name: str, pictures: list[Picture]) -> Iterator[Message]:
+        frame, topic = optical_name(name if name in self._eyes else self._mounted(name)), _topic(name)
+        for picture in pictures:
+            kind = {".jpg": "jpeg", ".png": "png"}[picture.path.suffix]
+            data = picture.path.read_bytes()
+            yield self._message(picture.time, topic, "CompressedImage", frame_id=frame, data=data, format=kind)
+
+    def _infos(self, name: str, pictures: list[Picture]) -> Iterator[Message]:
+        (mount, y), frame, topic = self._eyes[name], optical_name(name), f"{_topic(name)}/info"
+        focal = 0.5 * mount.width / math.tan(0.5 * mount.horizontal_fov)
+        u, v = 0.5 * (mount.width - 1), 0.5 * (mount.height - 1)
+        fields: dict[str, Any] = {"width": mount.width, "height": mount.height, "distortion_model": "plumb_bob"}
+        lens = getattr(mount, "distortion", None)
+        coefficients = [float(getattr(lens, key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3")]
+        shift = 2.0 * focal * min(y, 0.0)  # of the right eye of a pair, against the left one
+        fields |= {"D": coefficients, "K": [focal, 0.0, u, 0.0, focal, v, 0.0, 0.0, 1.0]}
+        fields |= {"R": np.eye(3).ravel().tolist()}
+        fields |= {"P": [focal, 0.0, u, shift, 0.0, focal, v, 0.0, 0.0, 0.0, 1.0, 0.0]}
+        for picture in pictures:
+            yield self._message(picture.time, topic, "CameraCalibration", frame_id=frame, **fields)
+
+    def _mounted(self, name: str) -> str:
+        """The sensor that a stream of pictures comes from: ``ego.kinect`` of ``ego.kinect.depth``."""
+        sensors = [f"{vehicle}.{one}" for vehicle, names in self._run.spec["sensors"].items() for one in names]
+        return next((one for one in sensors if name == one or name.startswith(f"{one}.")), name)
+
+    def _scans(self, name: str, samples: Samples) -> Iterator[Message]:
+        """A cloud of a lidar, a fan of a laser scanner; anything else as it is, in JSON."""
+        topic, make = _topic(name), self._values
+        if {"azimuths", "elevations"} <= set(samples):
+            make = self._cloud
+        elif hasattr(self._mounts.get(name), "start_angle"):
+            make = self._fan
+        if make == self._values:
+            shapes = {key: {"type": "array", "items": {"type": "number"}} for key in samples}
+            self.schemas[topic] = {"title": "mirdrake.Signals", "type": "object", "properties": shapes}
+        convert: Callable[..., Message] = make
+        for time, arrays in samples.each():
+            yield convert(time, topic, name, arrays)
+
+    def _fan(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+        mount = self._mounts[name]
+        fields: dict[str, Any] = {"start_angle": mount.start_angle, "end_angle": mount.end_angle}
+        fields["ranges"] = arrays["ranges"].ravel().tolist()
+        message = self._message(time, topic, "LaserScan", frame_id=name, **fields)
+        message.content.pose.orientation.w = 1.0
+        return message
+
+    def _cloud(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+        azimuths, elevations = np.broadcast_arrays(arrays["azimuths"][None, :], arrays["elevations"][:, None])
+        ways = [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)]
+        found = np.isfinite(arrays["ranges"])
+        points = np.stack([way[found] * arrays["ranges"][found] for way in ways], axis=-1).astype("<f4")
+        element = _make("PackedElementField")
+        parts = [element(name=axis, offset=4 * index, type=_FLOAT32) for index, axis in enumerate("xyz")]
+        fields = {"frame_id": name, "point_stride": 12, "fields": parts, "data": points.tobytes()}
+        message = self._message(time, topic, "PointCloud", **fields)
+        message.content.pose.orientation.w = 1.0
+        return message
+
+    def _values(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+        del name
+        flat = {
+            key: [value if math.isfinite(value) else None for value in np.ravel(values).tolist()]
+            for key, values in arrays.items()
+        }
+        return Message(self._stamp(time), topic, flat)
+
+    def _events(self) -> Iterator[Message]:
+        for event in sorted(self._run.events, key=lambda event: float(event["time"])):
+            level = _ERROR if event["kind"] == "failure" else _INFO
+            text, kind = str(event["text"]), str(event["kind"])
+            yield self._message(event["time"], "/log", "Log", level=level, message=text, name=kind)
+
+
+def _topic(name: str) -> str:
+    return "/" + name.replace(".", "/")
+
+
+def _put_pose(translation: Any, rotation: Any, pose: Pose) -> None:
+    translation.x, translation.y, translation.z = pose[:3]
+    rotation.w, rotation.x, rotation.y, rotation.z = pose[3:]

@@ -1,0 +1,63 @@
+"""Signals as a CSV table with units in its header.
+
+The header has ``name [unit]`` for each column, ``name`` alone for pure numbers: ``time [s],ego.x [m],ego.lap``. Numbers
+are in full precision; what is no number is empty. ``mirdrake run --commands`` reads such a table.
+"""
+
+import csv
+import math
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from mirdrake.errors import RunError
+from mirdrake.logs import SIGNALS, Run
+from mirdrake.recording.files import told
+from mirdrake.recording.parts import read_groups, stored
+
+
+def title(name: str, units: Mapping[str, str]) -> str:
+    """A column's name with its unit in brackets."""
+    unit = units.get(name, "")
+    return f"{name} [{unit}]" if unit else name
+
+
+def write_csv(run: Run, path: Path) -> int:
+    """Write the signals of a run.
+
+    Args:
+        run: with a folder.
+        path: of the table.
+
+    Returns:
+        number of rows.
+
+    Raises:
+        RunError: no signals were recorded, or the file cannot be written.
+    """
+    table = _table_of(run)
+    names = pq.read_schema(stored(table)[0]).names
+    temporary, count = path.with_name(f".{path.name}.tmp"), 0
+    with told(path):
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([title(name, run.units) for name in names])
+            for row in _rows(table):
+                writer.writerow(row)
+                count += 1
+        os.replace(temporary, path)
+    return count
+
+
+def _rows(table: Path) -> Iterator[list[str]]:
+    for group in read_groups(table):
+        for row in zip(*(column.to_pylist() for column in group.columns), strict=True):
+            yield [repr(value) if math.isfinite(value) else "" for value in row]
+
+
+def _table_of(run: Run) -> Path:
+    if run.folder is None or not stored(run.folder / SIGNALS):
+        raise RunError(f"{run.folder}: no signals were recorded; there is nothing to export")
+    return run.folder / SIGNALS

@@ -1,0 +1,89 @@
+"""The pictures of a camera as a video: MP4 with H.264, each frame at the time it was taken."""
+
+import os
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirdrake.errors import MissingDependencyError, RunError
+from mirdrake.logs import Run
+from mirdrake.recording.files import told
+from mirdrake.recording.pictures import Picture
+
+TICKS = 90_000
+"""Of the video's clock per second [Hz]; times are kept to 11 µs."""
+
+QUALITY = 20
+"""Constant rate factor of H.264: less is better and larger."""
+
+
+def write_videos(run: Run, folder: Path) -> dict[Path, int]:
+    """A video for each camera of a run, ``<camera>.mp4``; depths and labels are left out.
+
+    Args:
+        run: with pictures.
+        folder: for the videos.
+
+    Returns:
+        number of frames, by file.
+
+    Raises:
+        MissingDependencyError: PyAV is not installed.
+        RunError: no pictures were recorded, or a file cannot be written.
+    """
+    _import_av()
+    cameras = {name: [p for p in pictures if p.path.suffix == ".jpg"] for name, pictures in run.pictures.items()}
+    cameras = {name: pictures for name, pictures in cameras.items() if pictures}
+    if not cameras:
+        raise RunError(f"{run.folder}: has no pictures; record them with record: {{cameras: true}}")
+    return {folder / f"{name}.mp4": write_video(p, folder / f"{name}.mp4") for name, p in cameras.items()}
+
+
+def write_video(pictures: list[Picture], path: Path) -> int:
+    """A video of pictures.
+
+    Args:
+        pictures: of one camera, in the order of time.
+        path: of the file, .mp4.
+
+    Returns:
+        number of frames.
+
+    Raises:
+        MissingDependencyError: PyAV is not installed.
+        RunError: the file cannot be written.
+    """
+    av = _import_av()
+    gaps = np.diff([picture.time for picture in pictures])
+    rate = Fraction(round(1.0 / float(np.median(gaps)))) if gaps.size else Fraction(1)
+    temporary = path.with_name(f".{path.name}")
+    try:
+        with told(path):
+            with av.open(str(temporary), "w", format="mp4", options={"video_track_timescale": str(TICKS)}) as container:
+                stream = container.add_stream("libx264", rate=max(rate, Fraction(1)))
+                height, width = pictures[0].pixels.shape[:2]
+                stream.width, stream.height, stream.pix_fmt = width // 2 * 2, height // 2 * 2, "yuv420p"
+                stream.options = {"crf": str(QUALITY), "preset": "veryfast"}
+                stream.codec_context.time_base = Fraction(1, TICKS)
+                for picture in pictures:
+                    pixels = picture.pixels[: stream.height, : stream.width]
+                    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
+                    frame.time_base, frame.pts = Fraction(1, TICKS), round(TICKS * (picture.time - pictures[0].time))
+                    container.mux(stream.encode(frame))
+                container.mux(stream.encode())
+            os.replace(temporary, path)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    return len(pictures)
+
+
+def _import_av() -> Any:
+    try:
+        import av
+    except ImportError:
+        raise MissingDependencyError("videos need PyAV: pip install 'mirdrake[video]'") from None
+    return av

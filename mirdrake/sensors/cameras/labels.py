@@ -1,0 +1,63 @@
+"""Which object a pixel shows: a number for each, and a table of their names."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from pydrake.geometry import GeometryId, PerceptionProperties, RenderLabel, Role
+from pydrake.multibody.tree import BodyIndex
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts
+
+SKY = 0
+"""Label where nothing is."""
+
+
+def label_names(parts: "PlantParts") -> dict[int, str]:
+    """Names by label: ``sky`` (0), ``ground``, ``road``, ``line``, ``patch/<name>``, ``vehicle/<name>``, ``prop/...``.
+
+    Roads share a label, and so do painted lines. The numbers follow from the world and the vehicles alone.
+    """
+    return {SKY: "sky"} | {number: name for name, number in _numbers(parts).items()}
+
+
+def assign_labels(parts: "PlantParts") -> None:
+    """Give every visual geometry the label of the object it belongs to, before a renderer is added."""
+    numbers, plant, scene_graph = _numbers(parts), parts.plant, parts.scene_graph
+    for geometry, name in _owners(parts):
+        look = PerceptionProperties(scene_graph.model_inspector().GetPerceptionProperties(geometry))
+        look.UpdateProperty("label", "id", RenderLabel(numbers[name]))
+        scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kPerception)
+        scene_graph.AssignRole(plant.get_source_id(), geometry, look)
+
+
+def _numbers(parts: "PlantParts") -> dict[str, int]:
+    return {name: number for number, name in enumerate(dict.fromkeys(name for _, name in _owners(parts)), start=1)}
+
+
+def _owners(parts: "PlantParts") -> Iterator[tuple[GeometryId, str]]:
+    """Visual geometries and the object that each belongs to."""
+    plant, inspector = parts.plant, parts.scene_graph.model_inspector()
+    vehicles = {part.instance: f"vehicle/{name}" for name, part in parts.vehicles.items()}
+    props = {body.index(): f"prop/{name}" for name, body in parts.props.bodies.items()}
+    for index in range(plant.num_bodies()):
+        body = plant.get_body(BodyIndex(index))
+        for geometry in plant.GetVisualGeometriesForBody(body):
+            if inspector.GetPerceptionProperties(geometry) is None:
+                continue
+            name = inspector.GetName(geometry).rpartition("::")[2]
+            owner = vehicles.get(body.model_instance()) or props.get(body.index())
+            yield geometry, owner or _fixed(name) or body.name()
+
+
+def _fixed(name: str) -> str | None:
+    """The object that a geometry fixed in the world belongs to, by its name."""
+    kind, _, rest = name.partition("/")
+    if kind == "prop":
+        return f"prop/{rest.rpartition('/')[0]}"
+    if kind != "scenery":
+        return None
+    thing = rest.removeprefix("world/")
+    if thing.startswith("patch."):
+        return f"patch/{thing.removeprefix('patch.')}"
+    return {"ground": "ground", "road": "road", "lines": "line"}.get(thing.rpartition("/")[2])

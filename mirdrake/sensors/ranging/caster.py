@@ -1,0 +1,138 @@
+"""What laser, radar and sonar have in common: they cast rays from a moving frame, and read what comes back."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from mirdrake.sensors.noise import sample_noise, substream
+from mirdrake.sensors.ranging.faces import Array
+from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state
+from mirdrake.sensors.ranging.world import Beams, Hits, RayWorld, instance_bodies, ray_world
+from mirdrake.sensors.sampling import mount_pose
+from mirdrake.vehicles.mounts import Ranging
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+
+class Caster:
+    """Rays of a sensor into the world; it gives the system of the sensor its inputs and the states it needs.
+
+    Where bodies were at the sample before is a discrete state of the system, so that beams of a turning sensor can be
+    cast from where it was when they left.
+
+    Args:
+        system: of the sensor; receives the inputs ``body_poses`` and ``body_spatial_velocities`` and a state.
+        world: what can be seen.
+        frame: where the sensor is mounted, x ahead, z up; fixed to a body.
+        mount: rate, limits and noise.
+        beams: in that frame.
+        stream: of random numbers.
+        without: model instances that are not seen.
+        hidden: bodies that are not seen.
+        ground: whether the ground is seen.
+    """
+
+    def __init__(
+        self,
+        system: LeafSystem,
+        world: RayWorld,
+        frame: Frame,
+        mount: Ranging,
+        beams: Beams,
+        *,
+        stream: int = 0,
+        without: tuple[int, ...] = (),
+        hidden: tuple[int, ...] = (),
+        ground: bool = True,
+    ) -> None:
+        self.world, self.beams, self.rate = world, beams, mount.rate
+        self._mount, self._ground, self._stream = mount, ground, stream
+        body, self.X_BS = mount_pose(frame)
+        self.carrier = int(body.index())
+        self._movers = world.movers(without=without, hidden=hidden)
+        self._bodies = [self.carrier, *self._movers]
+        self._rolling = bool(beams.times.any())
+        self._poses = system.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._velocities = system.DeclareAbstractInputPort(
+            "body_spatial_velocities", AbstractValue.Make([SpatialVelocity.Zero()])
+        )
+        self._before = None
+        if self._rolling:
+            self._before = system.DeclareDiscreteState(np.full(1 + NUMBERS * len(self._bodies), -np.inf))
+
+    def states(self, context: Context) -> dict[int, BodyState]:
+        """Present poses and velocities of the carrier and of all that may be seen, by body."""
+        poses, velocities = self._poses.Eval(context), self._velocities.Eval(context)
+        return {
+            body: BodyState(
+                poses[body].rotation().matrix(),
+                poses[body].translation(),
+                velocities[body].rotational(),
+                velocities[body].translational(),
+            )
+            for body in self._bodies
+        }
+
+    def look(self, context: Context, states: dict[int, BodyState] | None = None) -> Hits:
+        """What the rays meet that are complete now."""
+        now = self.states(context) if states is None else states
+        before: dict[int, BodyState] = {}
+        if self._before is not None:
+            numbers = context.get_discrete_state(self._before).get_value()
+            if abs(context.get_time() - 1.0 / self.rate - numbers[0]) < 1e-6:
+                rows = numbers[1:].reshape(-1, NUMBERS)
+                before = {body: body_state(row) for body, row in zip(self._bodies, rows, strict=True)}
+        return self.world.cast(
+            self.beams,
+            self.X_BS,
+            (before.get(self.carrier), now[self.carrier]),
+            {body: (before.get(body), now[body]) for body in self._movers},
+            period=1.0 / self.rate,
+            far=self._mount.far,
+            ground=self._ground,
+        )
+
+    def keep(self, context: Context, state: DiscreteValues) -> None:
+        """Write down where everything is now, for the next sample."""
+        if self._before is not None:
+            now = [body.numbers() for body in self.states(context).values()]
+            state.get_mutable_vector(self._before).SetFromVector(np.concatenate(([context.get_time()], *now)))
+
+    def reading(self, distance: Array, index: int) -> Array:
+        """What is read of distances (...) [m] at the sample with this number: limits, noise, steps, lost beams.
+
+        Whether there is a return depends on the true distance; the reading then stays within the limits.
+        """
+        mount = self._mount
+        seen = (distance >= mount.near) & (distance <= mount.far)
+        if not (mount.noise or mount.resolution or mount.lost_beams):
+            return np.where(seen, distance, np.inf)
+        generator = sample_noise(substream(self._stream, "beams"), index)
+        if mount.lost_beams:
+            seen &= generator.random(distance.shape) >= mount.lost_beams
+        values = distance
+        if mount.noise:
+            values = values + mount.noise * generator.standard_normal(distance.shape)
+        if mount.resolution:
+            values = mount.resolution * np.rint(values / mount.resolution)
+        return np.where(seen, np.clip(values, mount.near, mount.far), np.inf)
+
+
+def mounted(mount: Any, parts: "PlantParts", part: "VehicleInPlant") -> dict[str, Any]:
+    """World, frame and what is not seen, for a sensor of a vehicle.
+
+    The own vehicle is not seen, as the sensor would stand in its housing and look through its mounting; with
+    ``own_vehicle`` it is, but for the link that carries the sensor's frame (unless that is the vehicle's base).
+    """
+    frame = parts.plant.GetFrameByName(mount.frame, part.instance)
+    carrier = int(frame.body().index())
+    hidden: tuple[int, ...] = (carrier,) if carrier != int(part.base.index()) else ()
+    if not mount.own_vehicle:
+        hidden = tuple(instance_bodies(parts.plant, part.instance))
+    return {"world": ray_world(parts), "frame": frame, "hidden": hidden}

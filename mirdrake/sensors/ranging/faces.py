@@ -1,0 +1,76 @@
+"""Triangles that know the exact surface they stand for.
+
+A flat face is exact as it is. Round things are wrapped in triangles from outside, and each such triangle names the
+:class:`Quadric` that it wraps; a ray that hits the wrapping is then cut with the quadric itself. What stands out of a
+round thing by less than its wrapping, a thousandth of its radius, may be missed there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Quadric:
+    """The round surface of all p for which F (p - c) has the length 1, between two planes across its axis."""
+
+    factor: Array
+    """F (3, 3) [1/m]: scales the surface to a unit sphere, or to a unit cylinder if one of its rows is 0"""
+    centre: Array
+    """c (3) [m]"""
+    axis: Array
+    """unit vector (3)"""
+    low: float
+    """where the surface begins along the axis, from c [m]"""
+    high: float
+    """where it ends [m]"""
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Triangles with the surfaces that they stand for."""
+
+    corners: Array
+    """(m, 3, 3) [m], counter-clockwise seen from outside"""
+    curve: Ints
+    """(m) index of the quadric that a triangle wraps, -1 for a flat face that is exact"""
+    cap: Bools
+    """(m) whether it lies in an end of its quadric; the corners then reach beyond the edge of the end"""
+    quadrics: tuple[Quadric, ...] = ()
+
+    def moved(self, X: RigidTransform) -> "Faces":
+        """The same, its frame placed at X in another frame."""
+        R, p = X.rotation().matrix(), X.translation()
+        quadrics = tuple(Quadric(q.factor @ R.T, R @ q.centre + p, R @ q.axis, q.low, q.high) for q in self.quadrics)
+        return Faces(self.corners @ R.T + p, self.curve, self.cap, quadrics)
+
+
+def flat(points: Array, triangles: Any) -> Faces:
+    """Faces of a mesh: points (n, 3) [m], indices (m, 3)."""
+    corners = np.asarray(points, dtype=float)[np.asarray(triangles, dtype=int)]
+    count = len(corners)
+    return Faces(corners, np.full(count, -1), np.zeros(count, dtype=bool))
+
+
+def joined(parts: Sequence[Faces]) -> Faces:
+    """All faces of some things that do not move against one another."""
+    if not parts:
+        return flat(np.empty((0, 3)), np.empty((0, 3), dtype=int))
+    first = np.cumsum([0, *(len(part.quadrics) for part in parts)])
+    curve = [
+        np.where(part.curve < 0, -1, part.curve + shift) for part, shift in zip(parts, first[:-1].tolist(), strict=True)
+    ]
+    return Faces(
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate(curve),
+        np.concatenate([part.cap for part in parts]),
+        tuple(quadric for part in parts for quadric in part.quadrics),
+    )

@@ -1,0 +1,94 @@
+"""Rotating laser in one plane: SICK LMS, Hokuyo and their like."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, DiscreteValues
+
+from mirdrake.sensors.ranging.beams import turning
+from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.faces import Array
+from mirdrake.sensors.ranging.world import RayWorld
+from mirdrake.sensors.sampling import SampledSensor
+from mirdrake.signals import Signal
+from mirdrake.vehicles.mounts import LaserScannerMount
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+
+class LaserScanner(SampledSensor):
+    """Distances along beams in the plane z = 0 of its frame.
+
+    A scan is complete at the time of the sample, when the last beam leaves. The mirror makes one turn in a period, so
+    that the beams before it left earlier and are cast from where the sensor was then; see :attr:`times`.
+
+    Input ports:
+        body_poses: the plant's output.
+        body_spatial_velocities: the plant's output.
+    Output ports:
+        sample (beams) [m]: distance along each beam, inf: no return, nearer than the near limit or beyond the far one.
+        stamp (1) [s]: when the sample was taken.
+
+    Args:
+        world: what can be seen.
+        frame: where the scanner is mounted; fixed to a body.
+        mount: beams, limits, rate and noise.
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        without: model instances that are not seen.
+        hidden: bodies that are not seen.
+
+    Attributes:
+        angles: of the beams, positive to the left (beams) [rad].
+        times: of the beams after the stamp, 0 or negative (beams) [s].
+        record: how samples are recorded.
+    """
+
+    record = "array"
+
+    def __init__(
+        self,
+        world: RayWorld,
+        frame: Frame,
+        mount: LaserScannerMount,
+        *,
+        stream: int = 0,
+        without: tuple[int, ...] = (),
+        hidden: tuple[int, ...] = (),
+    ) -> None:
+        super().__init__(
+            tuple(Signal(f"beam{index}", "m") for index in range(mount.beams)),
+            rate=mount.rate,
+            noise=np.zeros(mount.beams).tolist(),
+            stream=stream,
+            initial=np.full(mount.beams, np.inf).tolist(),
+            latency=mount.latency,
+            dropout=mount.dropout,
+        )
+        self.mount, self.rate = mount, mount.rate
+        self.angles = np.linspace(mount.start_angle, mount.end_angle, mount.beams)
+        beams = turning(self.angles, [0.0], rate=mount.rate, rolling=mount.rolling)
+        self.times = beams.times
+        self.caster = Caster(self, world, frame, mount, beams, stream=stream, without=without, hidden=hidden)
+
+    def measure(self, context: Context) -> Array:
+        """The scan that is complete now [m] (beams), with its noise."""
+        distance = self.caster.look(context).distance[:, 0]
+        return self.caster.reading(distance, round(context.get_time() * self.rate))
+
+    def keep(self, context: Context, state: DiscreteValues) -> None:
+        """Where everything is now."""
+        self.caster.keep(context, state)
+
+
+def make_laser_scanner(
+    mount: LaserScannerMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
+) -> LaserScanner:
+    """The scanner of a vehicle as its sensors.yaml describes it.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+    arguments: dict[str, Any] = mounted(mount, parts, part)
+    return LaserScanner(mount=mount, stream=stream, **arguments)

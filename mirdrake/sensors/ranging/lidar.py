@@ -1,0 +1,170 @@
+"""Laser with several planes: Velodyne and its like."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, State
+
+from mirdrake.sensors.ranging.beams import grid, turning
+from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.faces import Array
+from mirdrake.sensors.ranging.motion import rotations
+from mirdrake.sensors.ranging.world import RayWorld
+from mirdrake.sensors.sampling import SampledValue
+from mirdrake.vehicles.mounts import LidarMount
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+
+@dataclass(frozen=True)
+class LidarScan:
+    """One turn of a lidar.
+
+    Attributes:
+        time: when it was complete [s]; -inf before the first one.
+        ranges: distance along each beam (rows, columns) [m], inf: no return. Rows from the lowest to the highest as
+            the mount names them, columns in the order in which they leave.
+        beam_times: when the columns left (columns) [s].
+        azimuths: of the columns, positive to the left (columns) [rad].
+        elevations: of the rows, positive upwards (rows) [rad].
+        pose: true pose X_WS of the sensor at `time` as a matrix (3, 4), which no lidar knows.
+        twist: its true angular velocity [rad/s] and velocity [m/s] at `time`, in the world (6).
+    """
+
+    time: float
+    ranges: NDArray[np.float32]
+    beam_times: Array
+    azimuths: Array
+    elevations: Array
+    pose: Array
+    twist: Array
+
+    def points(self) -> Array:
+        """Where the beams ended, in the frame of the sensor at the time that each of them left (n, 3) [m].
+
+        They are not corrected for the motion of the vehicle, as those of the real sensor are not. Beams without return
+        are left out.
+        """
+        places = grid(self.azimuths, self.elevations).transpose(1, 0, 2) * self.ranges[:, :, None]
+        found: Array = places[np.isfinite(self.ranges)]
+        return found
+
+    def points_in_world(self) -> Array:
+        """Where the beams ended, in the world (n, 3) [m], each column seen from where the sensor was when it left.
+
+        The true pose and twist are used, and the twist is taken for constant over the turn, as on a circle.
+        """
+        if not np.isfinite(self.time):
+            return np.empty((0, 3))
+        ago = self.beam_times - self.time
+        R = rotations(ago[:, None] * self.twist[:3]) @ self.pose[:, :3]
+        places = grid(self.azimuths, self.elevations) * self.ranges.T[:, :, None]
+        with np.errstate(invalid="ignore"):  # inf of beams without return
+            places = np.einsum("cij,crj->cri", R, places)
+        chord = rotations(0.5 * ago[:, None] * self.twist[:3]) @ self.twist[3:]
+        places += (self.pose[:, 3] + ago[:, None] * chord)[:, None]
+        found: Array = places.transpose(1, 0, 2)[np.isfinite(self.ranges)]
+        return found
+
+
+class Lidar(SampledValue):
+    """A cloud of distances, by planes and columns.
+
+    A turn is complete at the time of the sample, when the last column leaves; columns before it left earlier and are
+    cast from where the sensor was then. Other bodies are where they were then, too.
+
+    Input ports:
+        body_poses: the plant's output.
+        body_spatial_velocities: the plant's output.
+    Output ports:
+        cloud: the last :class:`LidarScan`.
+        stamp (1) [s]: when it was complete.
+
+    Args:
+        world: what can be seen.
+        frame: where the lidar is mounted; fixed to a body.
+        mount: planes, columns, limits, rate and noise.
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        without: model instances that are not seen.
+        hidden: bodies that are not seen.
+
+    Attributes:
+        azimuths: of the columns, positive to the left (columns) [rad].
+        elevations: of the rows, positive upwards (rows) [rad].
+        empty: what is shown before the first turn is complete.
+        record: how samples are recorded.
+    """
+
+    record = "array"
+
+    def __init__(
+        self,
+        world: RayWorld,
+        frame: Frame,
+        mount: LidarMount,
+        *,
+        stream: int = 0,
+        without: tuple[int, ...] = (),
+        hidden: tuple[int, ...] = (),
+    ) -> None:
+        self.mount, self.rate = mount, mount.rate
+        self.azimuths = np.linspace(mount.horizontal_start, mount.horizontal_end, mount.columns)
+        self.elevations = np.linspace(mount.vertical_start, mount.vertical_end, mount.rows)
+        beams = turning(self.azimuths, self.elevations, rate=mount.rate, rolling=mount.rolling)
+        nothing = np.full((mount.rows, mount.columns), np.inf, dtype=np.float32)
+        never, nowhere = np.full(mount.columns, -np.inf), np.eye(3, 4)
+        self.empty = LidarScan(-np.inf, nothing, never, self.azimuths, self.elevations, nowhere, np.zeros(6))
+        super().__init__(
+            "cloud",
+            AbstractValue.Make(self.empty),
+            rate=mount.rate,
+            stream=stream,
+            latency=mount.latency,
+            dropout=mount.dropout,
+        )
+        self.cloud = self.value
+        self.caster = Caster(self, world, frame, mount, beams, stream=stream, without=without, hidden=hidden)
+
+    def look(self, context: Context) -> LidarScan:
+        """The turn that is complete now, with its noise.
+
+        Args:
+            context: of this system.
+        """
+        time, states = context.get_time(), self.caster.states(context)
+        ranges = self.caster.reading(self.caster.look(context, states).distance, round(time * self.rate))
+        own, X_BS = states[self.caster.carrier], self.caster.X_BS
+        arm = own.R @ X_BS.translation()
+        return LidarScan(
+            time,
+            np.ascontiguousarray(ranges.T, dtype=np.float32),
+            time + self.caster.beams.times,
+            self.azimuths,
+            self.elevations,
+            np.column_stack((own.R @ X_BS.rotation().matrix(), own.p + arm)),
+            np.concatenate((own.w, own.v + np.cross(own.w, arm))),
+        )
+
+    def take(self, context: Context, index: int, sample: AbstractValue) -> None:
+        """The turn that is complete now."""
+        del index  # it follows from the time
+        sample.set_value(self.look(context))
+
+    def _update(self, context: Context, state: State) -> None:
+        super()._update(context, state)
+        self.caster.keep(context, state.get_mutable_discrete_state())
+
+
+def make_lidar(mount: LidarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Lidar:
+    """The lidar of a vehicle as its sensors.yaml describes it.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+    arguments: dict[str, Any] = mounted(mount, parts, part)
+    return Lidar(mount=mount, stream=stream, **arguments)

@@ -1,0 +1,150 @@
+"""Radar: range, azimuth and range rate of the nearest objects."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context
+
+from mirdrake.sensors.noise import sample_noise, substream
+from mirdrake.sensors.ranging.beams import field
+from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.faces import Array, Ints
+from mirdrake.sensors.ranging.motion import BodyState
+from mirdrake.sensors.ranging.world import GROUND, RayWorld
+from mirdrake.sensors.sampling import SampledSensor
+from mirdrake.signals import Signal, Signals
+from mirdrake.vehicles.mounts import RadarMount
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+NOTHING = (np.inf, 0.0, 0.0)
+"""Range, azimuth and range rate of a target that is not there."""
+
+
+def radar_signals(targets: int) -> Signals:
+    """Names of what a radar tells about each of its targets."""
+    return tuple(
+        Signal(f"{name}{index}", unit, meaning)
+        for index in range(targets)
+        for name, unit, meaning in (
+            ("range", "m", "inf: no target"),
+            ("azimuth", "rad", "positive to the left"),
+            ("range_rate", "m/s", "positive when it moves away"),
+        )
+    )
+
+
+class Radar(SampledSensor):
+    """Targets within a field of view, the nearest first.
+
+    Each object that rays meet is one target: a vehicle with all its parts, a prop, a geometry that is neither. Its
+    returns are those in the range cell of its nearest one. Range is that of the nearest; azimuth and range rate are the
+    means over the cell. Objects are told apart by what they are, not by how near they stand, and none is hidden by the
+    clutter of the ground, which gives no return unless the mount says so; strength of returns, ambiguity of range and
+    range rate, and paths over several surfaces are not modelled.
+
+    Input ports:
+        body_poses: the plant's output.
+        body_spatial_velocities: the plant's output.
+    Output ports:
+        sample (3 targets) [m, rad, m/s]: :func:`radar_signals`.
+        stamp (1) [s]: when the sample was taken.
+
+    Args:
+        world: what can be seen.
+        frame: where the radar is mounted; fixed to a body.
+        mount: field of view, limits, rate and noise.
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        without: model instances that are not seen.
+        hidden: bodies that are not seen.
+    """
+
+    record = None
+
+    def __init__(
+        self,
+        world: RayWorld,
+        frame: Frame,
+        mount: RadarMount,
+        *,
+        stream: int = 0,
+        without: tuple[int, ...] = (),
+        hidden: tuple[int, ...] = (),
+    ) -> None:
+        super().__init__(
+            radar_signals(mount.targets),
+            rate=mount.rate,
+            noise=[0.0] * (3 * mount.targets),
+            stream=stream,
+            initial=NOTHING * mount.targets,
+            latency=mount.latency,
+            dropout=mount.dropout,
+        )
+        self.mount, self.rate = mount, mount.rate
+        beams = field(mount.horizontal_fov, mount.vertical_fov, mount.columns, mount.rows)
+        self.caster = Caster(
+            self,
+            world,
+            frame,
+            mount,
+            beams,
+            stream=stream,
+            without=without,
+            hidden=hidden,
+            ground=mount.ground,
+        )
+
+    def measure(self, context: Context) -> Array:
+        """The targets now, with their noise (3 targets)."""
+        states = self.caster.states(context)
+        hits = self.caster.look(context, states)
+        distance, thing, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
+        found: list[Array] = []
+        for number in np.unique(thing[thing >= GROUND]).tolist():
+            rays = np.flatnonzero(thing == number)
+            nearest = distance[rays].min()
+            if nearest >= self.mount.near:
+                rays = rays[distance[rays] <= nearest + self.mount.range_cell]
+                directions = self.caster.beams.directions[0, rays]
+                azimuth = np.arctan2(directions[:, 1], directions[:, 0]).mean()
+                rate = self._range_rates(states, directions, distance[rays], body[rays]).mean()
+                found.append(np.array([nearest, azimuth, rate]))
+        found = sorted(found, key=lambda target: float(target[0]))[: self.mount.targets]
+        sample = np.array([*found, *([NOTHING] * (self.mount.targets - len(found)))], dtype=float)
+        return self._reading(sample, round(context.get_time() * self.rate)).ravel()
+
+    def _range_rates(self, states: dict[int, BodyState], directions: Array, distance: Array, body: Ints) -> Array:
+        """How fast the points where rays ended move away along them (n) [m/s]."""
+        own, X_BS = states[self.caster.carrier], self.caster.X_BS
+        arm = own.R @ X_BS.translation()
+        start, ways = own.p + arm, directions @ (own.R @ X_BS.rotation().matrix()).T
+        ends = start + distance[:, None] * ways
+        velocity = np.zeros_like(ends)
+        for index in np.unique(body[body > 0]).tolist():
+            state, rays = states[index], body == index
+            velocity[rays] = state.v + np.cross(state.w, ends[rays] - state.p)
+        rates: Array = np.einsum("ij,ij->i", velocity - own.v - np.cross(own.w, arm), ways)
+        return rates
+
+    def _reading(self, targets: Array, index: int) -> Array:
+        """Noise of targets (n, 3); those lost are moved to the end."""
+        mount, there = self.mount, np.isfinite(targets[:, 0])
+        targets[:, 0] = self.caster.reading(targets[:, 0], index)
+        generator = sample_noise(substream(self._stream, "targets"), index)
+        deviations = np.array([mount.azimuth_noise, mount.range_rate_noise])
+        targets[there, 1:] += (deviations * generator.standard_normal((len(targets), 2)))[there]
+        targets[~np.isfinite(targets[:, 0])] = NOTHING
+        ordered: Array = targets[np.argsort(targets[:, 0], kind="stable")]
+        return ordered
+
+
+def make_radar(mount: RadarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Radar:
+    """The radar of a vehicle as its sensors.yaml describes it.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+    arguments: dict[str, Any] = mounted(mount, parts, part)
+    return Radar(mount=mount, stream=stream, **arguments)

@@ -1,0 +1,202 @@
+"""Rays against things that do not move against one another: Embree finds the face, formulas give the distance.
+
+Embree (Wald et al. 2014, "Embree: a kernel framework for efficient CPU ray tracing"; Apache 2.0; Python binding
+embreex) works in single precision. So it only tells which face a ray hits first; the distance comes from the plane or
+the quadric of that face in double precision.
+"""
+
+from hashlib import blake2b
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.errors import MissingDependencyError
+from mirdrake.sensors.ranging.faces import Array, Bools, Faces, Ints
+
+_ROUNDS = 64  # wrappings that one ray may graze, at most
+_STEP = 1e-4  # [m] beyond a wrapping that was grazed
+_EDGE_ON = 1e-9  # sine of the angle between a ray and a face
+
+
+class RayScene:
+    """Faces that rays are cast against.
+
+    Args:
+        faces: in the frame of the scene.
+
+    Attributes:
+        centre: middle of the box around all faces (3) [m].
+        radius: of the sphere about it that holds them [m]; 0 without faces.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+
+    def __init__(self, faces: Faces) -> None:
+        points = faces.corners.reshape(-1, 3)
+        self.centre = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
+        self._corners = (faces.corners - self.centre).astype(np.float32)  # from the centre of the scene
+        outermost = np.einsum("nij,nij->ni", self._corners, self._corners).max(initial=0.0)
+        self.radius = 1.000001 * float(np.sqrt(outermost))
+        self.count = len(faces.corners)
+        edge1 = faces.corners[:, 1] - faces.corners[:, 0]
+        edge2 = faces.corners[:, 2] - faces.corners[:, 0]
+        normal = np.cross(edge1, edge2)
+        length = np.linalg.norm(normal, axis=1)
+        self._normal = normal / np.where(length > 0.0, length, 1.0)[:, None]
+        self._offset = np.einsum("ij,ij->i", self._normal, faces.corners[:, 0])
+        self._curve, self._cap = faces.curve, faces.cap
+        quadrics = faces.quadrics
+        self._factor = np.array([quadric.factor for quadric in quadrics]).reshape(-1, 3, 3)
+        self._middle = np.array([quadric.centre for quadric in quadrics]).reshape(-1, 3)
+        self._axis = np.array([quadric.axis for quadric in quadrics]).reshape(-1, 3)
+        self._low = np.array([quadric.low for quadric in quadrics])
+        self._high = np.array([quadric.high for quadric in quadrics])
+        self._embree = _make_embree(self._corners) if self.count else None
+
+    def cast(self, origins: Array, directions: Array, far: float) -> tuple[Array, Ints]:
+        """Where rays hit first.
+
+        Args:
+            origins: in the frame of the scene (n, 3) or (1, 3) [m].
+            directions: unit vectors (n, 3).
+            far: how far to look [m].
+
+        Returns:
+            distances (n) [m], inf where nothing is hit, and the faces that are hit (n), -1 for none. A ray that starts
+            in a round thing does not see it from within.
+        """
+        count = len(directions)
+        distance = np.full(count, np.inf)
+        if self._embree is None or count == 0:
+            return distance, np.full(count, -1)
+        face = self._first(origins - self.centre, directions, far)
+        rays = np.flatnonzero(face >= 0)
+        hit = face[rays]
+        for _ in range(_ROUNDS):
+            if not rays.size:
+                break
+            o = origins if len(origins) == 1 else origins[rays]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                along, missed = self._exact(o, directions[rays], hit)
+            distance[rays], face[rays] = along, hit
+            if missed is None:
+                break
+            # Rays between a wrapping and the round thing in it go on behind that face.
+            rays, passed = rays[missed], along[missed] + _STEP
+            distance[rays], face[rays] = np.inf, -1
+            o = origins if len(origins) == 1 else origins[rays]
+            again = self._first(o + passed[:, None] * directions[rays] - self.centre, directions[rays], far)
+            seen = again >= 0
+            rays, hit = rays[seen], again[seen]
+        return distance, face
+
+    def _first(self, origins: Array, directions: Array, far: float) -> Ints:
+        """The face that each ray meets first (n), -1: none; origins (n, 3) or (1, 3) from the centre of the scene."""
+        start = np.empty(directions.shape, dtype=np.float32)
+        start[:] = origins
+        limit = np.full(len(directions), far, dtype=np.float32)
+        assert self._embree is not None
+        found: Ints = self._embree.run(start, directions.astype(np.float32), dists=limit, query="INTERSECT")
+        return found
+
+    def _exact(self, origins: Array, directions: Array, faces: Ints) -> tuple[Array, Bools | None]:
+        """Distances (n) [m] to what faces stand for, and which rays only graze a wrapping (n), None: none of them."""
+        normal = self._normal[faces]
+        towards, from_origin = _dot(normal, directions), _dot(normal, origins)
+        distance = (self._offset[faces] - from_origin) / towards
+        if np.abs(towards).min() < _EDGE_ON:
+            edge_on = np.abs(towards) < _EDGE_ON
+            distance[edge_on] = self._nearest_corner(origins, directions, faces, edge_on)
+        if not self._low.size:
+            return distance, None
+        curve = self._curve[faces]
+        which = np.flatnonzero(curve >= 0)
+        if not which.size:
+            return distance, None
+        o = origins if len(origins) == 1 else origins[which]
+        near, inside = self._enter(o, directions[which], curve[which])
+        cap = self._cap[faces[which]]
+        if cap.any():  # within the edge of an end the flat face counts
+            ends = which[cap]
+            o = origins if len(origins) == 1 else origins[ends]
+            at_end = self._within(o + distance[ends, None] * directions[ends], curve[ends])
+            near[cap] = np.where(at_end, distance[ends], near[cap])
+            inside[cap] |= at_end
+        if inside.all():
+            distance[which] = near
+            return distance, None
+        distance[which[inside]] = near[inside]
+        missed = np.zeros(len(faces), dtype=bool)
+        missed[which] = ~inside
+        return distance, missed
+
+    def _enter(self, origins: Array, directions: Array, curve: Ints) -> tuple[Array, Bools]:
+        """Distances (n) [m] at which rays enter quadrics, and whether they do so between the ends."""
+        factor = self._factor[curve]
+        fd = np.einsum("nij,nj->ni", factor, directions)
+        if len(origins) == 1:  # few quadrics, many rays
+            all_from = origins - self._middle
+            from_middle, fo = all_from[curve], np.einsum("qij,qj->qi", self._factor, all_from)[curve]
+        else:
+            from_middle = origins - self._middle[curve]
+            fo = np.einsum("nij,nj->ni", factor, from_middle)
+        a, b, c = _dot(fd, fd), _dot(fd, fo), _dot(fo, fo) - 1.0
+        near = (-b - np.sqrt(b * b - a * c)) / a  # nan: passes by
+        along = _dot(self._axis[curve], from_middle + near[:, None] * directions)
+        inside: Bools = (near >= 0.0) & (along >= self._low[curve]) & (along <= self._high[curve])
+        return near, inside
+
+    def _within(self, points: Array, curve: Ints) -> Bools:
+        """Whether points (n, 3) are within quadrics that go on beyond their ends."""
+        local = np.einsum("nij,nj->ni", self._factor[curve], points - self._middle[curve])
+        within: Bools = _dot(local, local) <= 1.0
+        return within
+
+    def _nearest_corner(self, origins: Array, directions: Array, faces: Ints, edge_on: Bools) -> Array:
+        """Distances (n) [m] along rays to the nearest corners of faces that they meet edge-on."""
+        o = origins if len(origins) == 1 else origins[edge_on]
+        corners = self._corners[faces[edge_on]] + (self.centre - o)[:, None]
+        nearest: Array = np.einsum("nij,nj->ni", corners, directions[edge_on]).min(axis=1)
+        return nearest
+
+
+_scenes: "WeakValueDictionary[bytes, RayScene]" = WeakValueDictionary()
+
+
+def ray_scene(faces: Faces) -> RayScene:
+    """The scene of some faces; the same one for the same faces as long as somebody has it.
+
+    So a world or a vehicle that is built again is not prepared again, and takes no more memory.
+    """
+    digest = blake2b(faces.corners.tobytes())
+    digest.update(faces.curve.tobytes() + faces.cap.tobytes())
+    for quadric in faces.quadrics:
+        digest.update(
+            np.array([*quadric.factor.flat, *quadric.centre, *quadric.axis, quadric.low, quadric.high]).tobytes()
+        )
+    scene = _scenes.get(digest.digest())
+    if scene is None:
+        scene = _scenes[digest.digest()] = RayScene(faces)
+    return scene
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors (n, 3) with as many or with one (1, 3)."""
+    product: Array = a @ b[0] if len(b) == 1 else np.einsum("ij,ij->i", a, b)
+    return product
+
+
+def _make_embree(corners: NDArray[np.float32]) -> Any:
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError:
+        raise MissingDependencyError(
+            "lasers, radars and sonars need embreex to cast rays: pip install embreex, or leave those sensors out"
+        ) from None
+    scene = EmbreeScene(robust=True)
+    TriangleMesh(scene, np.ascontiguousarray(corners))
+    return scene

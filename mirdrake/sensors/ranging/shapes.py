@@ -1,0 +1,193 @@
+"""What rays can hit: Drake's shapes as faces.
+
+Box, cylinder, capsule, sphere and ellipsoid are exact; a cone is faceted, and lies within 0.5 mm of the true one.
+Imported when the first ray world is made, as what reads meshes takes a while to load.
+"""
+
+import io
+from functools import lru_cache
+from math import acos, ceil, cos, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    GeometryId,
+    Mesh,
+    MeshcatCone,
+    SceneGraphInspector,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+
+from mirdrake.sensors.ranging.faces import Array, Faces, Quadric, flat, joined
+
+_UP = np.array([0.0, 0.0, 1.0])
+_SIDES = 64  # of the prism around a cylinder
+_CHORD = 5e-4  # [m] by which a faceted cone may miss the true one
+_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # glTF's y up to Drake's z up
+_READABLE = {".obj", ".gltf", ".glb", ".stl", ".ply"}
+
+
+def faces_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Faces | None:
+    """Faces of a geometry in its own frame; None for a half space and for a mesh that cannot be read.
+
+    A mesh is taken triangle by triangle as it is seen, with its scale; a Convex is its hull.
+    """
+    shape = inspector.GetShape(geometry)
+    faces = _primitive(shape)
+    if faces is None and isinstance(shape, Mesh):
+        faces = _mesh(shape)
+    if faces is None:
+        hull = inspector.GetConvexHull(geometry)
+        if hull is not None:
+            points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+            solid = trimesh.convex.convex_hull(points)
+            faces = flat(solid.vertices, solid.faces)
+    return faces
+
+
+def _primitive(shape: Shape) -> Faces | None:
+    if isinstance(shape, Box):
+        box = trimesh.creation.box(extents=shape.size())
+        return flat(box.vertices, box.faces)
+    if isinstance(shape, Cylinder):
+        return _tube(shape.radius(), 0.5 * shape.length(), closed=True)
+    if isinstance(shape, Sphere):
+        return _ball(np.full(3, shape.radius()))
+    if isinstance(shape, Ellipsoid):
+        return _ball(np.array([shape.a(), shape.b(), shape.c()]))
+    if isinstance(shape, Capsule):
+        radius, half = shape.radius(), 0.5 * shape.length()
+        ball = np.full(3, radius)
+        bottom = _ball(ball, high=0.0).moved(RigidTransform([0.0, 0.0, -half]))
+        top = _ball(ball, low=0.0).moved(RigidTransform([0.0, 0.0, half]))
+        return joined([_tube(radius, half, closed=False), bottom, top])
+    if isinstance(shape, MeshcatCone):
+        return _cone(shape.height(), shape.a(), shape.b())
+    return None
+
+
+def _tube(radius: float, half: float, *, closed: bool) -> Faces:
+    """A cylinder about z, wrapped in a prism; its ends if closed."""
+    angle = 2.0 * pi / _SIDES * np.arange(_SIDES)
+    outer = radius / cos(pi / _SIDES)
+    ring = outer * np.column_stack((np.cos(angle), np.sin(angle)))
+    low, high = (np.column_stack((ring, np.full(_SIDES, z))) for z in (-half, half))
+    low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+    sides = [np.stack((low, low_next, high_next), axis=1), np.stack((low, high_next, high), axis=1)]
+    ends = []
+    if closed:
+        bottom, top = np.broadcast_to([0.0, 0.0, -half], low.shape), np.broadcast_to([0.0, 0.0, half], low.shape)
+        ends = [np.stack((bottom, low_next, low), axis=1), np.stack((top, high, high_next), axis=1)]
+    corners = np.concatenate(sides + ends)
+    cap = np.arange(len(corners)) >= 2 * _SIDES
+    mantle = Quadric(np.diag([1.0 / radius, 1.0 / radius, 0.0]), np.zeros(3), _UP, -half, half)
+    return Faces(corners, np.zeros(len(corners), dtype=int), cap, (mantle,))
+
+
+@lru_cache(maxsize=1)
+def _wrapped_sphere() -> Array:
+    """Triangles (m, 3, 3) around a unit sphere, none of them inside it."""
+    corners = np.asarray(trimesh.creation.icosphere(subdivisions=4).triangles)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    wrapped: Array = corners / float(np.einsum("ij,ij->i", normal, corners[:, 0]).min())
+    return wrapped
+
+
+def _ball(radii: Array, *, low: float = -np.inf, high: float = np.inf) -> Faces:
+    """An ellipsoid with three radii [m] along x, y, z, cut off at two heights [m]; its wrapping is not."""
+    corners = _wrapped_sphere() * radii
+    count = len(corners)
+    ball = Quadric(np.diag(1.0 / radii), np.zeros(3), _UP, low, high)
+    return Faces(corners, np.zeros(count, dtype=int), np.zeros(count, dtype=bool), (ball,))
+
+
+def _cone(height: float, a: float, b: float) -> Faces:
+    """Drake's cone: its tip at the origin, its elliptic base at z = height."""
+    sides = max(16, ceil(pi / acos(max(1.0 - _CHORD / max(a, b), 0.9))))
+    angle = 2.0 * pi / sides * np.arange(sides)
+    ring = np.column_stack((a * np.cos(angle), b * np.sin(angle), np.full(sides, height)))
+    points = np.vstack((ring, [0.0, 0.0, 0.0], [0.0, 0.0, height]))
+    here, after = np.arange(sides), np.roll(np.arange(sides), -1)
+    mantle = np.column_stack((after, here, np.full(sides, sides)))
+    base = np.column_stack((here, after, np.full(sides, sides + 1)))
+    return flat(points, np.concatenate((mantle, base)))
+
+
+# --- meshes ------------------------------------------------------------------------------------------------------
+
+
+def _mesh(shape: Mesh) -> Faces | None:
+    source = shape.source()
+    if source.is_path():
+        path = Path(source.path())
+        corners = _read_file(path) if path.suffix.lower() in _READABLE else None
+    else:
+        memory = source.in_memory()
+        file, beside = memory.mesh_file, memory.supporting_files
+        corners = _read(io.BytesIO(_contents(file)), file.extension().lower(), _Beside(beside))
+    if corners is None:
+        return None
+    corners = corners * np.asarray(shape.scale3())
+    count = len(corners)
+    return Faces(corners, np.full(count, -1), np.zeros(count, dtype=bool))
+
+
+@lru_cache(maxsize=256)
+def _read_file(path: Path) -> Array | None:
+    """Triangles (m, 3, 3) of a mesh file, z up; None if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return _read(file, path.suffix.lower(), trimesh.resolvers.FilePathResolver(str(path)))
+    except OSError:
+        return None
+
+
+def _read(file: Any, extension: str, resolver: Any) -> Array | None:
+    if extension not in _READABLE:
+        return None
+    try:
+        options: dict[str, Any] = {"skip_materials": True} if extension in {".obj", ".gltf", ".glb"} else {}
+        scene = trimesh.load_scene(file, file_type=extension[1:], resolver=resolver, **options)
+        parts = [part.triangles for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    except Exception:  # whatever a reader of foreign files raises; then the hull is taken
+        return None
+    if not parts:
+        return None
+    corners: Array = np.concatenate([np.asarray(part, dtype=float) for part in parts])
+    return corners @ _UPRIGHT.T if extension in {".gltf", ".glb"} else corners
+
+
+class _Beside(trimesh.resolvers.Resolver):
+    """Files that go with a mesh in memory."""
+
+    def __init__(self, files: Any) -> None:
+        self._files = dict(files)
+
+    def get(self, name: str) -> bytes:
+        """Contents of a file by the name that the mesh has for it."""
+        return _contents(self._files[name])
+
+    def write(self, name: str, data: bytes) -> None:
+        """Nothing is written."""
+
+    def namespaced(self, namespace: str) -> "_Beside":  # noqa: ARG002
+        """There is one space of names."""
+        return self
+
+    def keys(self) -> list[str]:
+        """Names of the files."""
+        return list(self._files)
+
+
+def _contents(file: Any) -> bytes:
+    data = file.read_bytes() if isinstance(file, Path) else file.contents()
+    return data if isinstance(data, bytes) else data.encode()

@@ -1,0 +1,95 @@
+"""Ultrasonic range finder: the nearest echo in a cone."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context
+
+from mirdrake.sensors.ranging.beams import cone
+from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.faces import Array
+from mirdrake.sensors.ranging.world import RayWorld
+from mirdrake.sensors.sampling import SampledSensor
+from mirdrake.signals import signals
+from mirdrake.vehicles.mounts import SonarMount
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+SONAR = signals(("range", "m", "distance of the nearest echo, inf: none"))
+"""What a sonar tells."""
+
+
+class Sonar(SampledSensor):
+    """The distance of the nearest surface in a cone about the x axis of its frame.
+
+    The cone is a bundle of rays that leave at once; something smaller than the gaps between them may be missed. What is
+    nearer than the near limit hides the rest along its rays. The echo does not depend on how a surface is turned. The
+    ground, which throws sound forward, gives no echo unless the mount says so.
+
+    Input ports:
+        body_poses: the plant's output.
+        body_spatial_velocities: the plant's output.
+    Output ports:
+        sample (1) [m]: :data:`SONAR`.
+        stamp (1) [s]: when the sample was taken.
+
+    Args:
+        world: what can be seen.
+        frame: where the sonar is mounted; fixed to a body.
+        mount: cone, limits, rate and noise.
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        without: model instances that are not seen.
+        hidden: bodies that are not seen.
+    """
+
+    record = None
+
+    def __init__(
+        self,
+        world: RayWorld,
+        frame: Frame,
+        mount: SonarMount,
+        *,
+        stream: int = 0,
+        without: tuple[int, ...] = (),
+        hidden: tuple[int, ...] = (),
+    ) -> None:
+        super().__init__(
+            SONAR,
+            rate=mount.rate,
+            noise=[0.0],
+            stream=stream,
+            initial=[np.inf],
+            latency=mount.latency,
+            dropout=mount.dropout,
+        )
+        self.mount, self.rate = mount, mount.rate
+        self.caster = Caster(
+            self,
+            world,
+            frame,
+            mount,
+            cone(mount.cone, mount.rays),
+            stream=stream,
+            without=without,
+            hidden=hidden,
+            ground=mount.ground,
+        )
+
+    def measure(self, context: Context) -> Array:
+        """The nearest echo now [m] (1), with its noise."""
+        distance = self.caster.look(context).distance.ravel()
+        nearest = distance[distance >= self.mount.near].min(initial=np.inf)
+        return self.caster.reading(np.array([nearest]), round(context.get_time() * self.rate))
+
+
+def make_sonar(mount: SonarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Sonar:
+    """The sonar of a vehicle as its sensors.yaml describes it.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+    arguments: dict[str, Any] = mounted(mount, parts, part)
+    return Sonar(mount=mount, stream=stream, **arguments)

@@ -1,0 +1,314 @@
+"""What the rays of a vehicle can meet: the visible surfaces of a plant, and the ground.
+
+Rays see what a camera sees: geometry with the perception role, meshes triangle by triangle. What is fixed in the world
+is one scene that is built once and shared by all sensors; every body that can move has a small scene of its own, and
+rays are taken into its frame. The ground is the plane z = 0 on which the wheels stand, without end; what is painted on
+it and the few millimetres by which it lies lower beside a road are not seen. A slope tilts gravity and not the frame,
+so there it is z = 0 as well; ramps are props.
+"""
+
+from collections.abc import Container
+from dataclasses import dataclass
+from math import hypot
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from pydrake.geometry import Role, SceneGraph, SceneGraphInspector
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
+
+from mirdrake.sensors.ranging.faces import Array, Faces, Ints, joined
+from mirdrake.sensors.ranging.motion import BodyState, poses_at
+from mirdrake.sensors.ranging.scene import RayScene, ray_scene
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts
+
+GROUND = 0
+"""Number of the ground among the objects that rays meet."""
+
+NOTHING = -1
+"""Object of a ray that meets nothing."""
+
+States = tuple[BodyState | None, BodyState]
+"""Of a body one period ago, if known, and now."""
+
+_SCENERY = "scenery/"  # names of the ground, the roads and their paint
+_MARGIN = 1e-3  # [m] around a body, for roundings
+_STILL = 2e-4  # [m] that the surface of a body at rest may move in a period
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Rays in the frame S of a sensor, by columns; those of one column leave at the same time.
+
+    Args:
+        directions: unit vectors (columns, rows, 3).
+        times: of the columns after the sample is complete, 0 or negative (columns) [s].
+    """
+
+    directions: Array
+    times: Array
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What the rays met.
+
+    Attributes:
+        distance: (columns, rows) [m]; inf: nothing.
+        thing: number of the object (columns, rows), :data:`GROUND` or :data:`NOTHING`. All parts of a vehicle are one
+            object, and so are those of a prop.
+        body: index of the body (columns, rows), 0 for the world, -1 for nothing.
+    """
+
+    distance: Array
+    thing: Ints
+    body: Ints
+
+
+@dataclass(frozen=True)
+class _Mover:
+    """A body that can move, with its own scene."""
+
+    body: int
+    instance: int
+    thing: int
+    scene: RayScene
+
+    @property
+    def size(self) -> float:
+        """How far it reaches from the origin of its frame [m]."""
+        return hypot(*self.scene.centre.tolist()) + self.scene.radius
+
+
+class RayWorld:
+    """The visible surfaces of a finalised plant.
+
+    Args:
+        plant: the plant.
+        scene_graph: its scene graph.
+        ground: whether the plane z = 0 is the ground.
+
+    Attributes:
+        things: names of the objects that rays can meet, by their numbers; the first is the ground.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+
+    def __init__(self, plant: MultibodyPlant, scene_graph: SceneGraph, *, ground: bool = True) -> None:
+        self.things = ["ground"]
+        self._ground = ground
+        inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
+        fixed: list[Faces] = []
+        owners: list[Ints] = []
+        welded = plant.GetBodiesWeldedTo(plant.world_body())
+        for body in welded:
+            X_WB = plant.EvalBodyPoseInWorld(context, body)
+            for name, faces in _looks(plant, inspector, body):
+                fixed.append(faces.moved(X_WB))
+                owners.append(np.full(len(faces.corners), self._number(name)))
+        self._fixed = ray_scene(joined(fixed))
+        self._fixed_thing = np.concatenate([*owners, [NOTHING]])  # the last one for "no face"
+        self._movers: list[_Mover] = []
+        for index in sorted(set(range(plant.num_bodies())) - {int(body.index()) for body in welded}):
+            body = plant.get_body(BodyIndex(index))
+            looks = [faces for _, faces in _looks(plant, inspector, body)]
+            if looks:
+                thing = self._number(plant.GetModelInstanceName(body.model_instance()))
+                self._movers.append(_Mover(index, int(body.model_instance()), thing, ray_scene(joined(looks))))
+
+    def _number(self, name: str) -> int:
+        if name not in self.things:
+            self.things.append(name)
+        return self.things.index(name)
+
+    def movers(self, *, without: Container[int] = (), hidden: Container[int] = ()) -> list[int]:
+        """Bodies that can move and be seen, by their indices.
+
+        Args:
+            without: model instances that are left out.
+            hidden: bodies that are left out.
+        """
+        return [mover.body for mover in self._movers if mover.instance not in without and mover.body not in hidden]
+
+    def cast(
+        self,
+        beams: Beams,
+        X_BS: RigidTransform,
+        carrier: States,
+        movers: dict[int, States],
+        *,
+        period: float,
+        far: float,
+        ground: bool = True,
+    ) -> Hits:
+        """What the beams of a sensor meet.
+
+        Args:
+            beams: in the frame S of the sensor.
+            X_BS: pose of S in the body B that carries it.
+            carrier: state of B one period ago, if known, and now.
+            movers: the same of the bodies that may be seen, by their indices.
+            period: between the two states [s].
+            far: how far to look [m].
+            ground: whether the ground is seen.
+        """
+        columns, rows = beams.directions.shape[:2]
+        local, times = beams.directions, beams.times
+        seen = [mover for mover in self._movers if mover.body in movers]
+        moving = not _rests(*carrier, period, far) or not all(
+            _rests(*movers[mover.body], period, mover.size) for mover in seen
+        )
+        if times.any() and moving:
+            R_WB, p_WB = poses_at(times, *carrier, period)
+        else:  # one pose for all columns
+            local, times = local.reshape(1, -1, 3), np.zeros(1)
+            R_WB, p_WB = carrier[1].R[None], carrier[1].p[None]
+        R_WS = R_WB @ X_BS.rotation().matrix()
+        origins = p_WB + R_WB @ X_BS.translation()
+        directions = np.matmul(local, R_WS.transpose(0, 2, 1))
+        rays = _Rays(origins, directions.reshape(-1, 3), times, period, far)
+
+        distance, face = self._fixed.cast(rays.starts(), rays.directions, far)
+        hits = Hits(distance, self._fixed_thing[face], np.where(face >= 0, 0, NOTHING))
+        if ground and self._ground:
+            _meet_ground(rays, hits)
+        reach = _travel(*carrier) + _spin(*carrier) * hypot(*X_BS.translation())
+        for mover in seen:
+            _meet(mover, movers[mover.body], reach, rays, hits)
+        shape = (columns, rows)
+        return Hits(hits.distance.reshape(shape), hits.thing.reshape(shape), hits.body.reshape(shape))
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """Rays in the world, by columns that leave at the same time.
+
+    Attributes:
+        origins: of the columns (c, 3) [m].
+        directions: column by column (n, 3).
+        times: of the columns (c) [s].
+        period: back to the other state of all bodies [s].
+        far: how far to look [m].
+    """
+
+    origins: Array
+    directions: Array
+    times: Array
+    period: float
+    far: float
+
+    def column(self, rays: Ints) -> Ints:
+        """The column of each ray."""
+        return rays // (len(self.directions) // len(self.times))
+
+    def starts(self) -> Array:
+        """Where each ray starts (n, 3), or (1, 3) if all start at one place [m]."""
+        if len(self.origins) == 1:
+            return self.origins
+        return np.repeat(self.origins, len(self.directions) // len(self.times), axis=0)
+
+
+def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) -> None:
+    """Take the hits on a moving body into `hits`, where they are the nearest.
+
+    Args:
+        mover: the body.
+        states: of the body.
+        reach: speed of the rays' origin, at most [m/s].
+        rays: what is cast.
+        hits: (n) each, changed.
+    """
+    # Which rays can meet the sphere around the body, wherever both were during the turn.
+    now, centre = states[1], mover.scene.centre
+    middle = now.p + now.R @ centre - rays.origins[-1]
+    speed = _travel(*states) + _spin(*states) * hypot(*centre.tolist())
+    radius = mover.scene.radius - 1.2 * (reach + speed) * float(rays.times[0]) + _MARGIN
+    away = hypot(*middle.tolist())
+    if away - radius > rays.far:
+        return
+    if away <= radius:
+        seen = np.arange(len(rays.directions))
+    else:
+        seen = np.flatnonzero(rays.directions @ (middle / away) >= np.sqrt(1.0 - (radius / away) ** 2))
+    if not seen.size:
+        return
+    column = rays.column(seen)
+    if _rests(*states, rays.period, mover.size):
+        ways, starts = rays.directions[seen] @ now.R, (rays.origins - now.p) @ now.R
+        starts = starts if len(starts) == 1 else starts[column]
+    else:
+        first = int(column.min())
+        times, column = rays.times[first : int(column.max()) + 1], column - first
+        R_WM, p_WM = poses_at(times, *states, rays.period)
+        origins = rays.origins if len(rays.origins) == 1 else rays.origins[first : first + len(times)]
+        ways = np.einsum("nij,ni->nj", R_WM[column], rays.directions[seen])
+        starts = np.einsum("nij,ni->nj", R_WM, np.broadcast_to(origins - p_WM, p_WM.shape))[column]
+    found, _ = mover.scene.cast(starts, ways, rays.far)
+    nearer = found < hits.distance[seen]
+    seen = seen[nearer]
+    hits.distance[seen], hits.thing[seen], hits.body[seen] = found[nearer], mover.thing, mover.body
+
+
+def _meet_ground(rays: _Rays, hits: Hits) -> None:
+    """Take the hits on the plane z = 0 into `hits`, where they are the nearest."""
+    down = rays.directions[:, 2]
+    seen = np.flatnonzero(down < 0.0)
+    if not seen.size:
+        return
+    height = rays.origins[0, 2] if len(rays.origins) == 1 else rays.origins[rays.column(seen), 2]
+    along = height / -down[seen]
+    nearer = (along < hits.distance[seen]) & (along >= 0.0) & (along <= rays.far)
+    seen = seen[nearer]
+    hits.distance[seen], hits.thing[seen], hits.body[seen] = along[nearer], GROUND, 0
+
+
+def _travel(before: BodyState | None, now: BodyState) -> float:
+    """Speed [m/s], the higher one of both."""
+    return max((before or now).speed, now.speed)
+
+
+def _spin(before: BodyState | None, now: BodyState) -> float:
+    """Rate of turn [rad/s], the higher one of both."""
+    return max((before or now).spin, now.spin)
+
+
+def _rests(before: BodyState | None, now: BodyState, period: float, size: float) -> bool:
+    """Whether what is within `size` [m] of a body's origin hardly moves in the time between two samples."""
+    return period * (_travel(before, now) + size * _spin(before, now)) < _STILL
+
+
+def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[tuple[str, Faces]]:
+    """What is seen of a body: the object that each geometry belongs to and its faces in the body's frame."""
+    from mirdrake.sensors.ranging.shapes import faces_of
+
+    found = []
+    frame = plant.GetBodyFrameIdOrThrow(body.index())
+    for geometry in inspector.GetGeometries(frame, Role.kPerception):
+        name = inspector.GetName(geometry).rpartition("::")[2]
+        if name.startswith(_SCENERY):
+            continue
+        faces = faces_of(inspector, geometry)
+        if faces is not None:
+            thing = "/".join(name.split("/")[:2])  # prop/<name> of its parts
+            found.append((thing, faces.moved(inspector.GetPoseInFrame(geometry))))
+    return found
+
+
+_worlds: "WeakKeyDictionary[MultibodyPlant, RayWorld]" = WeakKeyDictionary()
+
+
+def ray_world(parts: "PlantParts") -> RayWorld:
+    """The ray world of a plant; made at the first call, then the same for all its sensors."""
+    if parts.plant not in _worlds:
+        _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph)
+    return _worlds[parts.plant]
+
+
+def instance_bodies(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[int]:
+    """Indices of the bodies of a model."""
+    return [int(index) for index in plant.GetBodyIndices(instance)]

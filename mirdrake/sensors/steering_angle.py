@@ -1,0 +1,107 @@
+"""Steering angle sensor."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint
+from pydrake.systems.framework import Context
+
+from mirdrake.sensors.noise import Noise
+from mirdrake.sensors.sampling import Array, SampledSensor
+from mirdrake.signals import signals
+from mirdrake.vehicles.mounts import SteeringAngleMount
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+STEERING_ANGLE = signals(
+    ("angle", "rad", "positive to the left, in whole steps"),
+    ("counts", "", "the same in steps; 0 for a sensor without steps"),
+)
+"""What a steering angle sensor shows."""
+
+
+class SteeringAngle(SampledSensor):
+    """Angle of the steering: mean of the joints x ratio + offset + noise, rounded to whole steps.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+    Output ports:
+        sample (2) [rad, -]: :data:`STEERING_ANGLE`. The first is there from the start, unless there is a latency.
+        stamp (1) [s]: when it was taken; -inf before the first.
+
+    Args:
+        plant: the finalised plant.
+        joints: one steering joint, or both.
+        rate: samples per second [Hz].
+        ratio: of the angle that it measures over that of the joints [-].
+        resolution: step of the reading [rad]; 0: none.
+        offset: reading with the wheels straight ahead [rad].
+        noise: of the angle; a plain number is the standard deviation of white noise [rad].
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        joints: Sequence[Joint],
+        *,
+        rate: float,
+        ratio: float = 1.0,
+        resolution: float = 0.0,
+        offset: float = 0.0,
+        noise: float | Noise = 0.0,
+        stream: int = 0,
+        latency: float = 0.0,
+        dropout: float = 0.0,
+    ) -> None:
+        errors = noise if isinstance(noise, Noise) else Noise.plain([noise])
+        super().__init__(
+            STEERING_ANGLE,
+            rate=rate,
+            noise=errors,
+            stream=stream,
+            initial=[0.0, 0.0],
+            latency=latency,
+            dropout=dropout,
+        )
+        self._angles = [joint.position_start() for joint in joints]
+        self._ratio, self._resolution, self._offset = ratio, resolution, offset
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.declare_first_sample()
+
+    def measure(self, context: Context) -> Array:
+        """The angle before it is rounded (1) [rad]."""
+        angle = self._ratio * self.plant_state.Eval(context)[self._angles].mean() + self._offset
+        return np.array([angle])
+
+    def report(self, values: Array) -> Array:
+        """The angle in whole steps [rad], and how many (2)."""
+        if not self._resolution:
+            return np.array([values[0], 0.0])
+        steps = float(np.rint(values[0] / self._resolution))
+        return np.array([steps * self._resolution, steps])
+
+
+def make_steering_angle(
+    mount: SteeringAngleMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
+) -> SteeringAngle:
+    """The steering angle sensor of a vehicle as its sensors.yaml describes it."""
+    left, right = part.steering
+    joints = {"left": [left], "right": [right]}.get(mount.of, [left, right])
+    return SteeringAngle(
+        parts.plant,
+        joints,
+        rate=mount.rate,
+        ratio=part.vehicle.spec.steering.ratio if mount.of == "hand_wheel" else 1.0,
+        resolution=mount.step(),
+        offset=mount.offset,
+        noise=Noise.of([mount.noise], mount.rate),
+        stream=stream,
+        latency=mount.latency,
+        dropout=mount.dropout,
+    )

@@ -1,0 +1,110 @@
+"""Wheel encoder: counts of a wheel's rotation."""
+
+from math import floor, pi
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint
+from pydrake.systems.framework import Context, DiscreteValues
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.sensors.sampling import Array, SampledSensor
+from mirdrake.signals import signals
+from mirdrake.vehicles.mounts import WheelEncoderMount
+from mirdrake.yaml_io import where
+
+if TYPE_CHECKING:
+    from mirdrake.plant import PlantParts, VehicleInPlant
+
+COUNTS = signals(("counts", "", "of the counter, 0 where the wheel's angle is 0"))
+"""What an encoder shows."""
+
+
+class WheelEncoder(SampledSensor):
+    """Counter of the edges that pass on a wheel; rolling forward counts up.
+
+    The count is the whole number of steps in the wheel's angle. Without quadrature, an encoder cannot tell the
+    direction: what the wheel has turned from sample to sample is added, either way.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+    Output ports:
+        sample (1) [-]: :data:`COUNTS`. The first sample is there from the start, unless there is a latency.
+        stamp (1) [s]: when it was taken; -inf before the first.
+
+    Args:
+        plant: the finalised plant.
+        joint: of the wheel.
+        rate: samples per second [Hz].
+        counts: per revolution.
+        quadrature: whether it counts down when the wheel rolls back.
+        wrap: the counter shows the count modulo this; None: the whole count.
+        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        latency: from the time of a sample until it is shown [s].
+        dropout: probability that a sample is lost; the count goes on.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        joint: Joint,
+        *,
+        rate: float,
+        counts: float,
+        quadrature: bool = True,
+        wrap: int | None = None,
+        stream: int = 0,
+        latency: float = 0.0,
+        dropout: float = 0.0,
+    ) -> None:
+        super().__init__(COUNTS, rate=rate, noise=[0.0], stream=stream, initial=[0.0], latency=latency, dropout=dropout)
+        self._angle, self._per_radian, self._wrap = joint.position_start(), counts / (2.0 * pi), wrap
+        self._seen = None if quadrature else self.DeclareDiscreteState([0.0, 0.0])  # position and total, in steps
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.declare_first_sample()
+
+    def _steps(self, context: Context) -> int:
+        return floor(float(self.plant_state.Eval(context)[self._angle]) * self._per_radian + 1e-9)
+
+    def measure(self, context: Context) -> Array:
+        """The count (1) [-]."""
+        steps = self._steps(context)
+        if self._seen is not None:
+            before, total = context.get_discrete_state(self._seen).get_value()
+            steps = int(total) + abs(steps - int(before))
+        return np.array([float(steps if self._wrap is None else steps % self._wrap)])
+
+    def keep(self, context: Context, state: DiscreteValues) -> None:
+        """Without quadrature: where the wheel stands and what it has turned."""
+        if self._seen is not None:
+            steps = self._steps(context)
+            before, total = context.get_discrete_state(self._seen).get_value()
+            state.get_mutable_vector(self._seen).SetFromVector([steps, total + abs(steps - before)])
+
+
+def make_wheel_encoder(
+    mount: WheelEncoderMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
+) -> WheelEncoder:
+    """The encoder of a vehicle as its sensors.yaml describes it.
+
+    Raises:
+        ConfigError: it is mounted on what is no wheel.
+    """
+    plant = parts.plant
+    body = plant.GetFrameByName(mount.frame, part.instance).body()
+    joints = {joint.child_body().name(): joint for joint in part.wheels}
+    if body.name() not in joints:
+        place = where(mount, "frame")
+        raise ConfigError(f"{place}: '{mount.frame}' is on no wheel; {did_you_mean(mount.frame, joints)}")
+    return WheelEncoder(
+        plant,
+        joints[body.name()],
+        rate=mount.rate,
+        counts=mount.counts,
+        quadrature=mount.quadrature,
+        wrap=mount.wrap,
+        stream=stream,
+        latency=mount.latency,
+        dropout=mount.dropout,
+    )

@@ -1,0 +1,105 @@
+"""Lens distortion after Brown and Conrady, with the coefficients that OpenCV and ROS use.
+
+A point x = right/ahead, y = down/ahead of the camera is seen at
+
+    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
+    y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y,    r² = x² + y²
+
+Source: D. C. Brown, "Decentering distortion of lenses", Photogrammetric Engineering 32 (1966) 444-462.
+"""
+
+from math import radians, tan
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mirdrake.yaml_io import Schema
+
+Array = NDArray[np.float64]
+
+WIDEST = radians(85.0)
+"""From the middle of a distorted picture to its border, as it is drawn on a plane [rad]."""
+
+_STEPS, _EXACT = 40, 1e-9
+
+
+class LensSpec(Schema):
+    """Distortion coefficients [-]; all zero: a pinhole."""
+
+    k1: float = Field(default=0.0, ge=-10, le=10, description="[-] radial, below 0 for a barrel")
+    k2: float = Field(default=0.0, ge=-100, le=100, description="[-] radial")
+    p1: float = Field(default=0.0, ge=-1, le=1, description="[-] tangential")
+    p2: float = Field(default=0.0, ge=-1, le=1, description="[-] tangential")
+    k3: float = Field(default=0.0, ge=-100, le=100, description="[-] radial")
+
+    def distort(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Where directions x, y [-] are seen: x', y' [-], of the same shape."""
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        return (
+            x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x),
+            y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y,
+        )
+
+    def undistort(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The directions [-] that are seen at x', y' [-], by Newton's method.
+
+        Raises:
+            ValueError: nothing is seen there, or the picture is folded over on the way there.
+        """
+        u, v = np.array(x, dtype=float), np.array(y, dtype=float)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for _ in range(_STEPS):
+                seen_x, seen_y = self.distort(u, v)
+                off_x, off_y = seen_x - x, seen_y - y
+                xx, xy, yy = self._slopes(u, v)
+                det = xx * yy - xy * xy
+                u, v = u - (yy * off_x - xy * off_y) / det, v - (xx * off_y - xy * off_x) / det
+            seen_x, seen_y = self.distort(u, v)
+            good = np.hypot(seen_x - x, seen_y - y) < _EXACT * (1.0 + np.hypot(x, y))
+            for part in (0.25, 0.5, 0.75, 1.0):
+                xx, xy, yy = self._slopes(part * u, part * v)
+                good &= (xx * yy - xy * xy > 0.0) & (xx + yy > 0.0)
+        if not np.all(good):
+            raise ValueError("the picture folds over before its border; use smaller distortion coefficients")
+        return u, v
+
+    def _slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """dx'/dx, dx'/dy = dy'/dx and dy'/dy."""
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        bend = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + r2 * 3.0 * self.k3))  # of radial, by r² / 2
+        return (
+            radial + x * x * bend + 2.0 * self.p1 * y + 6.0 * self.p2 * x,
+            x * y * bend + 2.0 * self.p1 * x + 2.0 * self.p2 * y,
+            radial + y * y * bend + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
+        )
+
+
+def view_of(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -> tuple[float, float]:
+    """Greatest |right/ahead| and |down/ahead| [-] that a picture [pixel] shows, looking at its border and within.
+
+    Args:
+        lens: what distorts it.
+        width: of the picture [pixel].
+        height: of the picture [pixel].
+        horizontal_fov: without the lens [rad].
+
+    Raises:
+        ValueError: part of the picture shows nothing.
+    """
+    edge = tan(0.5 * horizontal_fov)
+    across, down = np.meshgrid(np.linspace(-edge, edge, 33), np.linspace(-edge, edge, 33) * height / width)
+    x, y = lens.undistort(across, down)
+    return float(np.abs(x).max()), float(np.abs(y).max())
+
+
+def check_lens(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -> None:
+    """Refuse a lens through which a picture [pixel] cannot be seen.
+
+    Raises:
+        ValueError: the reason.
+    """
+    if max(view_of(lens, width=width, height=height, horizontal_fov=horizontal_fov)) > tan(WIDEST):
+        raise ValueError("the lens sees more than 170 deg, which cannot be drawn; use smaller distortion coefficients")

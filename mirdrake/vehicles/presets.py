@@ -1,0 +1,93 @@
+"""Sensors that one can buy, by product name: ``front_lidar: {preset: sick_lms291, frame: front_lidar}``.
+
+Presets are data: every ``sensors/*.yaml`` in a models folder (see :mod:`mirdrake.paths`), the first of a name wins.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from mirdrake.errors import did_you_mean
+from mirdrake.paths import search_folders
+from mirdrake.yaml_io import Schema, load_yaml
+
+_PLACE = {"frame", "preset"}  # what a mount says for itself
+
+
+class PresetSpec(Schema):
+    """The numbers of one product."""
+
+    name: str = Field(min_length=1, description="maker and product")
+    grade: Literal["A", "B", "C"] = Field(description="A: measured; B: data sheet or publication; C: mostly assumed")
+    sources: dict[str, str] = Field(description="dotted path of a number in `mount` -> where it is from, or assumed")
+    mount: dict[str, Any] = Field(description="as in sensors.yaml, without a frame")
+
+    @model_validator(mode="after")
+    def _a_kind_and_no_place(self) -> Self:
+        if "kind" not in self.mount or _PLACE & self.mount.keys():
+            raise ValueError("mount needs a kind, and neither frame nor preset")
+        return self
+
+    def numbers_without_source(self) -> list[str]:
+        """Dotted paths of the numbers in `mount` that `sources` does not explain."""
+        return [path for path in _paths(self.mount) if path not in self.sources]
+
+    def sources_without_number(self) -> list[str]:
+        """What `sources` explains and `mount` does not have."""
+        return [path for path in self.sources if path not in set(_paths(self.mount))]
+
+
+class PresetsSpec(Schema):
+    """A file of presets."""
+
+    presets: dict[str, PresetSpec]
+
+
+def presets() -> dict[str, PresetSpec]:
+    """All presets by name.
+
+    Raises:
+        ConfigError: a file of presets is wrong.
+    """
+    files = [path for folder in search_folders("models") for path in sorted(folder.glob("sensors/*.yaml"))]
+    found: dict[str, PresetSpec] = {}
+    for path in files:
+        for name, preset in _load(path, path.stat().st_mtime_ns).items():
+            found.setdefault(name, preset)
+    return found
+
+
+def with_preset(mount: Any) -> Any:
+    """A mount as written, laid over the preset that it names; its keys replace those of the preset.
+
+    Raises:
+        ConfigError: a file of presets is wrong.
+        ValueError: no such preset, or of another kind.
+    """
+    if not isinstance(mount, dict) or "preset" not in mount:
+        return mount
+    name, known = mount["preset"], presets()
+    if not isinstance(name, str) or name not in known:
+        raise ValueError(f"unknown preset '{str(name)[:40]}'; {did_you_mean(name, known)}")
+    below = known[name].mount
+    if mount.get("kind", below["kind"]) != below["kind"]:
+        raise ValueError(f"preset '{name}' is a {below['kind']}; leave `kind` out, or the preset")
+    return {**below, **mount}
+
+
+@lru_cache(maxsize=64)
+def _load(path: Path, _changed: int) -> dict[str, PresetSpec]:
+    """The presets of a file, read anew when it has changed."""
+    return load_yaml(path, PresetsSpec).presets
+
+
+def _paths(data: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """Dotted paths of what is a quantity: all but kinds and switches."""
+    for key, value in data.items():
+        if isinstance(value, dict):
+            yield from _paths(value, f"{prefix}{key}.")
+        elif key not in {"kind", "fix", "of"} and not isinstance(value, bool):
+            yield f"{prefix}{key}"

@@ -1,0 +1,227 @@
+"""A run again: the Meshcat recording, and beside it what its cameras saw, in step.
+
+The page is the Meshcat recording with a panel. For a look on this machine a small server gives each picture when it is
+asked for; a page that opens offline has pictures in itself: smaller ones, and so few that the file stays handy.
+"""
+
+import base64
+import io
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from mirdrake.diagram_spec import WorldEntry
+from mirdrake.errors import RunError
+from mirdrake.logs import Run, write_file
+from mirdrake.recording.pictures import Picture
+from mirdrake.viewer.meshcat import make_meshcat
+from mirdrake.viewer.recording import draw_run
+
+WIDTH = 400
+"""Of pictures in a page that opens offline [pixel]."""
+
+QUALITY = 75
+"""Of these pictures, as JPEG."""
+
+MOST = 2400
+"""Pictures in a page that opens offline; of a longer run every second one is left out, or more."""
+
+_PANEL = """
+<style>
+  #cameras { position: fixed; left: 12px; bottom: 12px; width: 32vw; max-height: 94vh; overflow: hidden; z-index: 2;
+    font: 13px/1.4 system-ui, sans-serif; color: #fff; text-shadow: 0 0 3px #000; }
+  #cameras figure { margin: 8px 0 0 0; background: rgba(20, 24, 30, .82); border-radius: 6px; overflow: hidden; }
+  #cameras img { display: block; width: 100%; }
+  #cameras figcaption { padding: 3px 8px; font-variant-numeric: tabular-nums; }
+</style>
+<div id="cameras"></div>
+<script id="pictures" type="application/json">DATA</script>
+<script>
+(() => {
+  const cameras = JSON.parse(document.getElementById("pictures").textContent);
+  const panel = document.getElementById("cameras");
+  for (const camera of cameras) {
+    const figure = document.createElement("figure");
+    camera.image = document.createElement("img");
+    camera.image.alt = camera.name;
+    camera.caption = document.createElement("figcaption");
+    figure.append(camera.image, camera.caption);
+    panel.append(figure);
+    camera.shown = -1;
+  }
+  const now = () => Math.max(0, ...viewer.animator.actions.map(action => action.time));
+  function last(times, time) {  // the last one that is not later
+    let low = 0, high = times.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (times[middle] <= time + 1e-4) low = middle + 1; else high = middle;
+    }
+    return Math.max(low - 1, 0);
+  }
+  function follow() {
+    const time = now();
+    for (const camera of cameras) {
+      const index = last(camera.times, time);
+      if (index === camera.shown) continue;
+      camera.shown = index;
+      camera.image.src = camera.sources[index];
+      const degrees = camera.steering[index] * 180 / Math.PI;
+      const angle = degrees.toFixed(1).replace("-0.0", "0.0");
+      camera.caption.textContent = `${camera.name} · ${camera.times[index].toFixed(2)} s · ` +
+        `${camera.speed[index].toFixed(2)} m/s · ${angle}°`;
+    }
+    requestAnimationFrame(follow);
+  }
+  requestAnimationFrame(follow);
+})();
+</script>
+"""
+
+
+def write_replay(run: Run, path: Path, *, frames_per_second: float = 20.0) -> None:
+    """Write a page that opens offline.
+
+    Args:
+        run: a run with a folder and signals; with pictures or without.
+        path: of the page.
+        frames_per_second: of the Meshcat recording, in simulated time [Hz].
+
+    Raises:
+        RunError: the run has no samples, or the page cannot be written.
+    """
+    total = sum(len(pictures) for pictures in run.pictures.values())
+    stride = -(-total // MOST) if total else 1
+    chosen = {name: pictures[::stride] for name, pictures in run.pictures.items()}
+    write_file(path, _page(run, chosen, lambda _, picture: embedded(picture), frames_per_second=frames_per_second))
+
+
+class Replay:
+    """A page on this machine with every picture of a run.
+
+    Args:
+        run: a run with a folder and signals.
+        port: to listen on; 0 takes any free one.
+        frames_per_second: of the Meshcat recording, in simulated time [Hz].
+
+    Attributes:
+        url: where the page is.
+
+    Raises:
+        RunError: the run has no samples, or the port is taken.
+    """
+
+    def __init__(self, run: Run, *, port: int = 0, frames_per_second: float = 20.0) -> None:
+        page = _page(run, run.pictures, _address, frames_per_second=frames_per_second).encode()
+        files = {f"/{_address(name, p)}": p for name, pictures in run.pictures.items() for p in pictures}
+        try:
+            self._server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Handler, page, files))
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise RunError(f"the replay cannot listen on port {port}: {reason}; choose another with --port") from None
+        self._server.daemon_threads = True
+        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
+
+    def serve(self) -> None:
+        """Answer until :meth:`close` is called, or Ctrl-C."""
+        self._server.serve_forever(poll_interval=0.1)
+
+    def close(self) -> None:
+        """The end; from another thread than the one that serves, or after it."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Gives the page and its pictures, and nothing else."""
+
+    def __init__(self, page: bytes, files: dict[str, Picture], *arguments: Any) -> None:
+        self._page, self._files = page, files
+        super().__init__(*arguments)
+
+    def do_GET(self) -> None:
+        """Answer a request."""
+        picture = self._files.get(self.path)
+        if self.path == "/":
+            self._answer(self._page, "text/html; charset=utf-8")
+        elif picture is not None and picture.path.is_file():
+            self._answer(*visible(picture))
+        else:
+            self.send_error(404)
+
+    def _answer(self, content: bytes, kind: str) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *values: Any) -> None:  # noqa: A002
+        """Say nothing."""
+
+
+def _address(name: str, picture: Picture) -> str:
+    return f"pictures/{name}/{picture.path.name}"
+
+
+def visible(picture: Picture) -> tuple[bytes, str]:
+    """A picture as a browser shows it, and its type; depths and labels as shades of grey."""
+    if picture.path.suffix == ".jpg":
+        return picture.path.read_bytes(), "image/jpeg"
+    file = io.BytesIO()
+    Image.fromarray(grey(picture.pixels)).save(file, "PNG", compress_level=1)
+    return file.getvalue(), "image/png"
+
+
+def grey(numbers: Any) -> Any:
+    """Numbers of 16 bits as shades of grey: the highest is white, 0 black."""
+    return (255.0 * numbers / max(int(numbers.max()), 1)).astype(np.uint8)
+
+
+def embedded(picture: Picture) -> str:
+    """A picture, not wider than :data:`WIDTH`, as an address that holds it."""
+    with Image.open(picture.path) as image:
+        small = image if image.mode == "RGB" else Image.fromarray(grey(np.asarray(image)))
+        if small.width > WIDTH:
+            small = small.resize((WIDTH, max(1, round(small.height * WIDTH / small.width))))
+        file = io.BytesIO()
+        small.save(file, "JPEG", quality=QUALITY)
+    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def _page(
+    run: Run,
+    pictures: dict[str, Sequence[Picture]] | dict[str, list[Picture]],
+    source: Callable[[str, Picture], str],
+    *,
+    frames_per_second: float,
+) -> str:
+    """The Meshcat recording of a run with the panel of its cameras."""
+    if run.signals.empty:
+        raise RunError(f"{run.folder}: has no samples; there is nothing to replay")
+    meshcat = make_meshcat(port=0, world=WorldEntry(**run.spec["world"]).load())
+    draw_run(run, meshcat, frames_per_second=frames_per_second)
+    began = float(run.signals.index[0])
+    cameras = [
+        {
+            "name": name,
+            "times": [round(picture.time - began, 6) for picture in one],
+            "steering": [round(picture.steering, 5) for picture in one],
+            "speed": [round(picture.speed, 4) for picture in one],
+            "sources": [source(name, picture) for picture in one],
+        }
+        for name, one in pictures.items()
+        if one
+    ]
+    page: str = meshcat.StaticHtml()
+    if not cameras:
+        return page
+    data = json.dumps(cameras).replace("</", "<\\/")
+    head, mark, tail = page.rpartition("</body>")
+    assert mark, "Meshcat's page has no body"
+    return head + _PANEL.replace("DATA", data) + mark + tail

@@ -1,0 +1,159 @@
+"""One road of an OpenDRIVE file: its geometries end to end, and the edges of its lanes beside them.
+
+After ASAM OpenDRIVE, chapter "Lanes": lanes lie side by side from the reference line, shifted by `laneOffset`, with
+widths or borders that are cubic in s.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.worlds.opendrive_parts import Places, number_of, read_leg
+from mirdrake.worlds.pieces import Array
+
+_SHORTEST = 1e-3  # [m] road
+
+
+@dataclass(frozen=True)
+class _Lane:
+    """A lane of a section: what it answers to, and the records of its width or its outer border."""
+
+    names: set[str | None]
+    widths: Array
+    borders: Array
+
+
+class Part:
+    """A road of the file: its legs, and the t coordinates [m, + left] of the edges of its lanes over s.
+
+    Args:
+        road: its element.
+        lane: type or id of the lanes that count.
+        places: line of each element, for messages.
+
+    Raises:
+        ConfigError: it has no length, no lanes, or none that count.
+
+    Attributes:
+        where: ``file:line`` of the road.
+        name: of the road, or its id.
+        legs: its geometries.
+        length: of all legs [m].
+        s: stations [m], N; twice the same where an edge may jump.
+        top: the left edge there [m], N.
+        bottom: the right edge there [m], N.
+    """
+
+    def __init__(self, road: Element, lane: str, places: Places) -> None:
+        self.where = places[road]
+        self.name = road.get("name", "") or road.get("id", "")
+        self._lane, self._places = lane, places
+        geometries = sorted(road.iterfind("planView/geometry"), key=lambda part: number_of(part, "s", places))
+        legs = [(number_of(part, "s", places), read_leg(part, places)) for part in geometries]
+        self.legs = [leg for _, leg in legs if leg is not None]
+        if not self.legs:
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
+        self.length = math.fsum(leg.length for leg in self.legs)
+        if self.length < _SHORTEST:
+            raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; leave it out")
+        declared = np.array([s for s, leg in legs if leg is not None])
+        declared = np.append(declared - declared[0], declared[-1] - declared[0] + self.legs[-1].length)
+        real = np.cumsum([0.0] + [leg.length for leg in self.legs])
+        for leg, given, travelled in zip(self.legs, declared, real, strict=False):
+            if abs(given - travelled) > 1.0 + 0.01 * travelled:
+                raise ConfigError(
+                    f"{leg.where}: <geometry> begins at s = {given:g} m after the first, but the parts before are "
+                    f"{travelled:g} m long; correct s or the lengths"
+                )
+        s, self.top, self.bottom = self._edges(road, float(declared[-1]))
+        self.s = np.interp(s, declared, real)
+
+    def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
+        """Stations, and the left and right edge there; twice the same station where they may jump."""
+        offsets = self._records(road.iterfind("lanes/laneOffset"), "s", 0.0)
+        sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: number_of(part, "s", self._places))
+        if not sections:
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection>; it has no width")
+        sides: dict[str, list[tuple[float, list[_Lane]]]] = {"left": [], "right": []}
+        breaks = {0.0, length, *offsets[:, 0]}
+        for section in sections:
+            begin = number_of(section, "s", self._places)
+            breaks.add(begin)
+            for side, found in sides.items():
+                if section.get("singleSide") == "true" and section.find(side) is None:
+                    continue
+                lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(number_of(e, "id", self._places)))
+                rows = [
+                    _Lane(
+                        {element.get("type"), element.get("id")},
+                        self._records(element.iterfind("width"), "sOffset", begin),
+                        self._records(element.iterfind("border"), "sOffset", begin),
+                    )
+                    for element in lanes
+                ]
+                breaks.update(float(s) for row in rows for s in (*row.widths[:, 0], *row.borders[:, 0]))
+                found.append((begin, rows))
+        stations: list[Array] = []
+        tops: list[Array] = []
+        bottoms: list[Array] = []
+        knots = sorted(s for s in breaks if 0.0 <= s <= length)
+        knots = [knots[0]] + [b for a, b in itertools.pairwise(knots) if b - a > 1e-6]
+        for begin, end in itertools.pairwise(knots):
+            s = np.linspace(begin, end, max(2, math.ceil(end - begin) + 1))
+            middle = _cubic(offsets, s)
+            edges = [
+                edge
+                for sign, side in ((1.0, "left"), (-1.0, "right"))
+                for edge in self._lane_edges(sides[side], s, middle, sign)
+            ]
+            if not edges:
+                section = [e for e in sections if number_of(e, "s", self._places) <= begin + 1e-6 or e is sections[0]][
+                    -1
+                ]
+                types = [e.get("type", "") for e in section.iter("lane") if e.get("id") != "0"]
+                raise ConfigError(
+                    f"{self._places[section]}: no lane '{self._lane}' here; {did_you_mean(self._lane, types)}"
+                )
+            stations.append(s)
+            tops.append(np.max(edges, axis=0))
+            bottoms.append(np.min(edges, axis=0))
+        return np.concatenate(stations), np.concatenate(tops), np.concatenate(bottoms)
+
+    def _lane_edges(
+        self, sections: Sequence[tuple[float, list[_Lane]]], s: Array, middle: Array, sign: float
+    ) -> Iterator[Array]:
+        """Inner and outer edges of the chosen lanes on one side, at stations between two breaks."""
+        lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + 1e-6), [])
+        inner = middle
+        for lane in lanes:
+            if len(lane.widths) or not len(lane.borders):  # widths count when both are there
+                outer = inner + sign * np.maximum(_cubic(lane.widths, s), 0.0)
+            else:
+                outer = middle + _cubic(lane.borders, s)
+            if self._lane in lane.names:
+                yield inner
+                yield outer
+            inner = outer
+
+    def _records(self, elements: Iterable[Element], key: str, begin: float) -> Array:
+        """Cubic polynomials: where each begins [m], then a, b, c and d, N x 5, sorted."""
+        rows = [
+            [begin + number_of(e, key, self._places), *(number_of(e, name, self._places) for name in "abcd")]
+            for e in elements
+        ]
+        return np.array(sorted(rows), dtype=float).reshape(-1, 5)
+
+
+def _cubic(records: Array, s: Array) -> Array:
+    """Values at stations between two breaks: the record that holds there counts; 0 where there is none."""
+    holding = np.flatnonzero(records[:, 0] <= s[0] + 1e-6)
+    if not holding.size:
+        return np.zeros_like(s)
+    begin, a, b, c, d = records[holding[-1]]
+    u = s - begin
+    return np.asarray(a + u * (b + u * (c + u * d)))

@@ -1,0 +1,187 @@
+"""Sensors by product name, and what is refused in a sensors.yaml."""
+
+from math import radians
+from pathlib import Path
+
+import pytest
+
+from mirdrake.cli import main
+from mirdrake.diagram import assemble
+from mirdrake.errors import ConfigError
+from mirdrake.paths import data_root
+from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.mounts import SensorsSpec
+from mirdrake.vehicles.presets import presets
+from mirdrake.yaml_io import load_yaml, parse_yaml
+from tests.sensor_rigs import vehicle_with
+
+PRESETS = sorted(presets())
+WANTED = {
+    "automotive_imu", "bolt_camera", "catvehicle_camera", "consumer_gps", "continental_ars408", "hokuyo_urg_04lx",
+    "hokuyo_utm_30lx", "kinect_v1", "parking_sonar", "rtk_gps", "sick_lms111", "sick_lms291", "velodyne_hdl32e",
+    "velodyne_vlp16",
+}  # fmt: skip
+
+
+def mounts(text: str) -> SensorsSpec:
+    return parse_yaml(f"mounts:\n{text}", SensorsSpec, name="sensors.yaml")
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        mounts(text)
+    return str(caught.value)
+
+
+def test_the_products_are_there() -> None:
+    assert set(PRESETS) >= WANTED
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_a_sensor_and_each_of_its_numbers_has_a_source(name: str) -> None:
+    mount = mounts(f"  it: {{preset: {name}, frame: there}}").mounts["it"]
+    preset = presets()[name]
+    assert (mount.kind, mount.preset, mount.frame) == (preset.mount["kind"], name, "there")
+    assert preset.numbers_without_source() == []
+    assert preset.sources_without_number() == []
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_with_more_assumed_than_known_is_grade_c(name: str) -> None:
+    preset = presets()[name]
+    assumed = [text.startswith("assumed") for text in preset.sources.values()]
+    assert (sum(assumed) > 0.6 * len(assumed)) == (preset.grade == "C")
+
+
+def test_keys_of_the_mount_replace_those_of_the_preset() -> None:
+    spec = mounts(
+        "  front: {preset: sick_lms291, frame: front, rate: 30}\n  gps: {preset: rtk_gps, frame: b, noise: 2}"
+    )
+    front, gps = spec.mounts["front"], spec.mounts["gps"]
+    assert front.kind == "laser_scanner"
+    assert (front.rate, front.far) == (30.0, 80.0)
+    assert gps.kind == "gps"
+    assert (gps.rate, gps.noise.white, gps.vertical_noise.white) == (20.0, 2.0, 0.015)
+
+
+def test_the_vehicles_have_the_sensors_of_their_originals() -> None:
+    bolt, cat, mkz, unior = (load_vehicle(name).sensors.mounts for name in ("bolt", "catvehicle", "mkz", "unior"))
+    camera = bolt["front_camera"]
+    assert camera.kind == "camera"
+    assert (camera.width, camera.height, camera.rate, camera.noise) == (800, 800, 30.0, 0.007)
+    assert camera.horizontal_fov == pytest.approx(1.3962634, abs=1e-7)
+    sick, velodyne, triclops = cat["front_lidar"], cat["roof_lidar"], cat["triclops"]
+    assert sick.kind == "laser_scanner"
+    assert (sick.beams, sick.rate, sick.near, sick.far, sick.noise) == (180, 30.0, 1.5, 180.0, 0.02)
+    assert (sick.start_angle, sick.end_angle) == (-1.57, 1.57)
+    assert velodyne.kind == "lidar"
+    assert (velodyne.columns, velodyne.rows, velodyne.rate, velodyne.near, velodyne.far) == (100, 20, 5.0, 1.0, 50.0)
+    assert (velodyne.horizontal_start, velodyne.horizontal_end) == (-0.4, 0.4)
+    assert (velodyne.vertical_start, velodyne.vertical_end) == (-0.0349, 0.326)
+    assert (velodyne.resolution, velodyne.noise) == (0.02, 0.02)
+    assert triclops.kind == "camera"
+    assert (triclops.width, triclops.height, triclops.rate) == (1280, 960, 16.0)
+    vlp, gps, encoder = mkz["roof_lidar"], mkz["gps"], mkz["encoder_rear_left"]
+    assert vlp.kind == "lidar"
+    assert (vlp.columns, vlp.rows, vlp.rate) == (440, 16, 10.0)
+    assert gps.kind == "gps"
+    assert (gps.rate, gps.datum.latitude, gps.datum.longitude) == (50.0, radians(45), radians(-81))
+    assert encoder.kind == "wheel_encoder"
+    assert encoder.counts == 125.5
+    sonar = unior["front_sonar"]
+    assert sonar.kind == "sonar"
+    assert (sonar.far, sonar.cone, sonar.resolution) == (2.5, radians(10), 0.1)
+
+
+def test_an_own_folder_of_models_brings_own_presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "models" / "sensors").mkdir(parents=True)
+    file = tmp_path / "models" / "sensors" / "mine.yaml"
+    text = "presets:\n  my_gps: {name: mine, grade: C, sources: {}, mount: {kind: gps, rate: 7}}\n"
+    file.write_text(text, encoding="utf-8")
+    monkeypatch.setenv("MIRDRAKE_PATH", str(tmp_path))
+    assert mounts("  gps: {preset: my_gps, frame: roof}").mounts["gps"].rate == 7.0
+    assert set(presets()) >= WANTED
+    file.write_text(text.replace("kind: gps, ", ""), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"mine.yaml:2: presets.my_gps.*mount needs a kind, and neither frame nor"):
+        mounts("  gps: {preset: my_gps, frame: roof}")
+
+
+def test_the_file_of_presets_is_shipped() -> None:
+    assert (data_root() / "models" / "sensors" / "presets.yaml").is_file()
+
+
+# --- refused, with file and line ---------------------------------------------------------------------------------
+
+
+RTK = "  a:\n    preset: rtk_gps\n    frame: b\n    "  # the next key stands in line 5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "  a: {preset: sick_lms29, frame: b}",
+            "2: mounts.a: unknown preset 'sick_lms29'; did you mean 'sick_lms291'?",
+        ),
+        ("  a: {preset: [1], frame: b}", "2: mounts.a: unknown preset '[1]'"),
+        ("  a: {preset: sick_lms291}", "2: mounts.a.frame: is missing"),
+        ("  a: {preset: rtk_gps, frame: b, kind: imu}", "2: mounts.a: preset 'rtk_gps' is a gps; leave `kind` out"),
+        (RTK + "rat: 3", "5: mounts.a.rat: unknown field; did you mean 'rate'?"),
+        (RTK + "rate: 0", "5: mounts.a.rate: 0 is not allowed; it should be greater than 0"),
+        (RTK + "latency: -10 ms", "5: mounts.a.latency: -0.01 is not allowed; it should be greater than or equal to 0"),
+        (RTK + "dropout: 1", "5: mounts.a.dropout: 1 is not allowed; it should be less than 1"),
+        (RTK + "noise: -1", "5: mounts.a.noise: -1 is not allowed"),
+        (RTK + "noise: true", "5: mounts.a.noise"),
+        (RTK + "noise: 3 kg", "5: mounts.a.noise: unit 'kg' does not fit; allowed: m, cm, mm"),
+        (RTK + "noise: {white: 1, density: 2}", "5: mounts.a.noise: white and density say the same"),
+        (RTK + "noise: {withe: 1}", "5: mounts.a.noise.withe: unknown field; did you mean 'white'?"),
+        (RTK + "datum: {latitude: 45}", "5: mounts.a.datum.latitude: 45 is not allowed"),
+        ("  a: {kind: imu, frame: b, rate: 9, gyro_noise: {correlation: 0}}", "mounts.a.gyro_noise.correlation: 0 is"),
+        ("  a: {kind: wheel_encoder, frame: b, rate: 1, counts: 0}", "mounts.a.counts: 0 is not allowed"),
+        ("  a: {kind: wheel_encoder, frame: b, rate: 1, counts: 9, wrap: 1}", "mounts.a.wrap: 1 is not allowed"),
+        ("  a: {kind: steering_angle, frame: b, rate: 1, counts: 9, resolution: 1}", "counts and resolution say the"),
+        ("  a: {kind: steering_angle, frame: b, rate: 1, of: rear}", "mounts.a.of: 'rear' is not allowed"),
+        ("  a: {kind: ground_truth, frame: b, rate: 0}", "mounts.a.rate: 0 is not allowed"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_file_and_line(text: str, message: str) -> None:
+    lines = refusal(text).splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("sensors.yaml:")
+    assert message in lines[0]
+
+
+def test_an_unknown_frame_is_refused_with_file_and_line(tmp_path: Path) -> None:
+    folder = vehicle_with(tmp_path / "car", "mounts:\n  roof:\n    preset: rtk_gps\n    frame: gsp\n")
+    with pytest.raises(ConfigError, match=r"sensors.yaml:4: mounts.roof.frame: no link 'gsp'; did you mean 'gps'\?"):
+        load_vehicle(str(folder))
+
+
+def test_an_encoder_that_is_on_no_wheel_is_refused_with_file_and_line(tmp_path: Path) -> None:
+    folder = vehicle_with(tmp_path / "car", "mounts:\n  odo:\n    preset: mkz_wheel_encoder\n    frame: gps\n")
+    spec = {"world": "empty", "vehicles": {"ego": {"model": str(folder)}}, "sensors": {"ego": ["odo"]}}
+    with pytest.raises(ConfigError, match=r"sensors.yaml:4: mounts.odo.frame: 'gps' is on no wheel; .*rear_left_wheel"):
+        assemble(spec)
+
+
+def test_all_small_sensors_run_on_a_vehicle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = """\
+mounts:
+  gps: {preset: consumer_gps, frame: gps, latency: 120 ms, dropout: 0.1}
+  rtk: {preset: rtk_gps, frame: gps, datum: {latitude: 29.7 deg, longitude: -95.4 deg, heading: 20 deg}}
+  imu: {preset: automotive_imu, frame: imu}
+  wheel: {preset: mkz_wheel_encoder, frame: rear_left_wheel, wrap: 65536, quadrature: false}
+  hand_wheel: {preset: steering_angle_sensor, frame: base_link}
+  body: {kind: ground_truth, frame: base_link, rate: 50}
+"""
+    folder = vehicle_with(tmp_path / "car", text)
+    names = list(load_yaml(folder / "sensors.yaml", SensorsSpec).mounts)
+    diagram = tmp_path / "drive.yaml"
+    diagram.write_text(
+        f"world: empty\nvehicles: {{ego: {{model: {folder}, speed: 5}}}}\n"
+        "control: {ego: {kind: constant, speed: 5, steering: 3 deg}}\n"
+        f"sensors: {{ego: {names}}}\nplant: {{contact: point}}\nduration: 0.3\n"
+        "record: {meshcat: false, report: false}\n",
+        encoding="utf-8",
+    )
+    assert main(["run", str(diagram), "--out", str(tmp_path / "run")]) == 0, capsys.readouterr().err

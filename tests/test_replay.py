@@ -1,0 +1,181 @@
+"""`mirdrake replay`: the Meshcat recording with the pictures of the cameras in step with it."""
+
+import io
+import json
+import os
+import re
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from mirdrake import sensors
+from mirdrake.cli import main
+from mirdrake.errors import RunError
+from mirdrake.logs import Run, load_run
+from mirdrake.simulation import simulate
+from mirdrake.viewer import replay
+from mirdrake.viewer.replay import Replay, write_replay
+from tests.recording_rigs import stubs
+from tests.test_recording import drive
+
+CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
+
+needs_browser = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not (os.access(CHROMIUM, os.X_OK) and os.access(DRIVER, os.X_OK)), reason=f"needs {CHROMIUM}"),
+]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Two seconds with pictures that get brighter, and depths."""
+    folder = tmp_path_factory.mktemp("replay") / "run"
+    spec = drive(duration=2.0)
+    spec["sensors"] = {"ego": ["left_camera"]}
+    with pytest.MonkeyPatch.context() as patch:
+        for kind, make in stubs(several=True).items():
+            patch.setitem(sensors.SENSORS, kind, make)
+        simulate(spec, folder=folder)
+    return load_run(folder)
+
+
+@pytest.fixture(scope="module")
+def page(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page that opens offline."""
+    path = tmp_path_factory.mktemp("page") / "replay.html"
+    assert main(["replay", str(run.folder), "--out", str(path)]) == 0
+    return path
+
+
+def cameras_of(text: str) -> list[dict[str, Any]]:
+    match = re.search(r'<script id="pictures" type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert match is not None
+    cameras: list[dict[str, Any]] = json.loads(match[1])
+    return cameras
+
+
+def test_a_page_has_every_picture_with_its_time(page: Path) -> None:
+    cameras = {camera["name"]: camera for camera in cameras_of(page.read_text(encoding="utf-8"))}
+    assert list(cameras) == ["ego.left_camera", "ego.left_camera.depth", "ego.left_camera.label"]
+    for camera in cameras.values():
+        np.testing.assert_allclose(camera["times"], np.arange(61) / 30.0, atol=1e-6)
+        assert len(camera["sources"]) == len(camera["speed"]) == len(camera["steering"]) == 61
+    assert cameras["ego.left_camera"]["sources"][0].startswith("data:image/jpeg;base64,")
+
+
+def test_a_page_of_a_long_run_leaves_pictures_out(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "MOST", 50)
+    write_replay(run, tmp_path / "replay.html")
+    cameras = cameras_of((tmp_path / "replay.html").read_text(encoding="utf-8"))
+    assert [len(camera["times"]) for camera in cameras] == [16, 16, 16]  # every fourth of 61
+    np.testing.assert_allclose(cameras[0]["times"], np.arange(0, 61, 4) / 30.0, atol=1e-6)
+
+
+def test_the_page_on_this_machine_gives_each_picture_and_nothing_else(run: Run) -> None:
+    served = Replay(run)
+    thread = threading.Thread(target=served.serve)
+    thread.start()
+    try:
+        with urllib.request.urlopen(served.url) as answer:
+            cameras = cameras_of(answer.read().decode())
+        with urllib.request.urlopen(served.url + cameras[0]["sources"][7]) as answer:
+            assert answer.headers["Content-Type"] == "image/jpeg"
+            assert answer.read() == run.pictures["ego.left_camera"][7].path.read_bytes()
+        with urllib.request.urlopen(served.url + cameras[1]["sources"][7]) as answer:
+            depth = Image.open(io.BytesIO(answer.read()))
+        assert (depth.mode, depth.getpixel((5, 5))) == ("L", 255)
+        for path in ("spec.yaml", "../spec.yaml", "pictures/ego.left_camera/driving_log.txt"):
+            with pytest.raises(urllib.error.HTTPError, match="404") as caught:
+                urllib.request.urlopen(served.url + path)
+            caught.value.close()
+        with pytest.raises(RunError, match=r"cannot listen on port \d+: Address already in use; choose another"):
+            Replay(run, port=int(served.url.rsplit(":", 1)[1].strip("/")))
+    finally:
+        served.close()
+        thread.join()
+
+
+def test_what_cannot_be_replayed_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], run: Run) -> None:
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare" / "spec.yaml").write_bytes((run.folder or tmp_path).joinpath("spec.yaml").read_bytes())
+    told = {
+        "not a run folder": [str(tmp_path), "--out", str(tmp_path / "x.html")],
+        "has no samples; there is nothing to replay": [str(tmp_path / "bare"), "--out", str(tmp_path / "x.html")],
+        "is a folder; a file is expected": [str(run.folder), "--out", str(tmp_path)],
+        "cannot listen on port 70000": [str(run.folder), "--port", "70000"],
+    }
+    for words, arguments in told.items():
+        assert main(["replay", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert words in said
+        assert said.count("\n") == 1
+    assert not (tmp_path / "x.html").exists()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--disable-dev-shm-usage",
+        "--window-size=900,600",
+        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
+        "--proxy-server=127.0.0.1:9",  # nobody listens there
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver.set_page_load_timeout(120)
+    driver.set_script_timeout(120)
+    yield driver
+    driver.quit()
+
+
+class TestBrowser:
+    """With a browser, and without a network."""
+
+    pytestmark = needs_browser
+
+    def test_the_pictures_follow_the_recording(self, page: Path, browser: Any) -> None:
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        browser.get(page.as_uri())
+        ready = (
+            "return typeof viewer == 'object' && viewer.animator.duration > 1.9 && document.readyState == 'complete'"
+        )
+        WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(ready))
+        seek = "viewer.animator.pause(); viewer.animator.seek(arguments[0]); viewer.render();"
+        said = "return document.querySelector('#cameras figcaption').textContent"
+        levels = {}
+        for time in (0.5, 1.8):
+            browser.execute_script(seek, time)
+            WebDriverWait(browser, 30).until(lambda driver, t=time: f"· {t:.2f} s ·" in driver.execute_script(said))
+            image = browser.find_element("css selector", "#cameras img")
+            WebDriverWait(browser, 30).until(
+                lambda driver, one=image: driver.execute_script("return arguments[0].complete", one)
+            )
+            shown = np.asarray(Image.open(io.BytesIO(image.screenshot_as_png)).convert("RGB"))
+            levels[time] = float(np.median(shown))
+        assert levels == pytest.approx({0.5: 20.0 + 15.0, 1.8: 20.0 + 54.0}, abs=2.0)
+        whole = _picture(browser)
+        assert len(np.unique((whole // 8).reshape(-1, 3), axis=0)) > 60  # the car, ground and sky beside it
+        errors = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+        assert not errors
+
+
+def _picture(browser: Any) -> NDArray[np.uint8]:
+    return np.asarray(Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB"))
