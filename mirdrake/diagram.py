@@ -15,7 +15,7 @@ what they measure; a camera's pictures are ``<vehicle>.<sensor>.color_image``.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import hypot
 from pathlib import Path
@@ -38,7 +38,7 @@ from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.signals import Signal, signals_of
 from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
-from mirdrake.vehicles.mounts import PictureMount
+from mirdrake.vehicles.mounts import PictureMount, change_mounts
 from mirdrake.wiring import JOIN, SPLIT, Wiring
 from mirdrake.worlds import Start
 from mirdrake.yaml_io import Source, where
@@ -189,7 +189,12 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
 
 def _load(spec: DiagramSpec, name: str) -> Vehicle:
     entry = spec.vehicles[name]
-    return load_vehicle(entry.model, arguments=entry.arguments, where=where(spec, "vehicles", name, "model"))
+    vehicle = load_vehicle(entry.model, arguments=entry.arguments, where=where(spec, "vehicles", name, "model"))
+    if not entry.mounts:
+        return vehicle
+    source = entry._source or Source("diagram", {}, ("vehicles", name))
+    source = source._replace(prefix=(*source.prefix, "mounts"))
+    return replace(vehicle, sensors=change_mounts(vehicle.sensors, entry.mounts, source=source))
 
 
 def _start(spec: DiagramSpec, name: str, world: Any) -> Start:

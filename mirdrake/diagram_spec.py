@@ -41,6 +41,9 @@ class VehicleEntry(Schema):
     )
     speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
+    mounts: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="keys of its sensors.yaml to change, say {front_camera: {rate: 25}} [-]"
+    )
     parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
 
 

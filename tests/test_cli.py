@@ -137,8 +137,11 @@ def test_a_diagram_of_the_working_directory_hides_ours(
 def test_list_shows_what_there_is(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     code, out, err = here("list")
     assert (code, err) == (0, "")
-    assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams", "blocks"]
-    for name in ("bolt", "test_track", "skidpad", "empty", "bolt_test_track", "low_pass"):
+    assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams"]
+    out = here("list", "all")[1]
+    kinds = ["models", "worlds", "diagrams", "props", "sensors", "drivers", "blocks"]
+    assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == kinds
+    for name in ("bolt", "test_track", "empty", "bolt_test_track", "cone", "sick_lms291", "hold_lane", "low_pass"):
         assert re.search(rf"^  {name} +\S", out, flags=re.MULTILINE)
     (tmp_path / "worlds").mkdir()
     (tmp_path / "worlds" / "mine.yaml").write_text("mirdrake: world/1\nname: mine\n", encoding="utf-8")
@@ -146,7 +149,7 @@ def test_list_shows_what_there_is(here: Callable[..., tuple[int, str, str]], tmp
 
 
 def test_everything_that_ships_is_sound(here: Callable[..., tuple[int, str, str]]) -> None:
-    listing = here("list")[1].split("blocks:")[0]
+    listing = here("list")[1]
     names = re.findall(r"^  (\w+) ", listing, flags=re.MULTILINE)
     code, out, err = here("check", *names)
     assert (code, err) == (0, "")

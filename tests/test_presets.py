@@ -1,12 +1,13 @@
 """Sensors by product name, and what is refused in a sensors.yaml."""
 
+import json
 from math import radians
 from pathlib import Path
 
 import pytest
 
 from mirdrake.cli import main
-from mirdrake.diagram import assemble
+from mirdrake.diagram import assemble, load_diagram
 from mirdrake.errors import ConfigError
 from mirdrake.paths import data_root
 from mirdrake.vehicles import load_vehicle
@@ -185,3 +186,36 @@ mounts:
         encoding="utf-8",
     )
     assert main(["run", str(diagram), "--out", str(tmp_path / "run")]) == 0, capsys.readouterr().err
+
+
+# --- changed in a diagram ------------------------------------------------------------------------------------------
+
+
+def drive(mounts):
+    return {"world": "empty", "vehicles": {"ego": {"model": "bolt", "mounts": mounts}}, "control": {"ego": "constant"}}
+
+
+def test_a_diagram_changes_keys_of_a_mount():
+    mount = assemble(drive({"front_camera": {"width": 640, "height": 480, "rate": 25}})).parts.vehicles["ego"]
+    camera, usual = mount.vehicle.sensors.mounts["front_camera"], load_vehicle("bolt").sensors.mounts["front_camera"]
+    assert (camera.width, camera.height, camera.rate) == (640, 480, 25.0)
+    assert camera.horizontal_fov == usual.horizontal_fov
+    assert mount.vehicle.sensors.mounts["imu"] == load_vehicle("bolt").sensors.mounts["imu"]
+
+
+@pytest.mark.parametrize(
+    ("mounts", "told"),
+    [
+        ({"front_camra": {"rate": 25}}, "mounts.front_camra: no sensor 'front_camra' is mounted; did you mean 'fro"),
+        ({"front_camera": {"rate": 0}}, "mounts.front_camera.rate: "),
+        ({"front_camera": {"rat": 1}}, "mounts.front_camera.rat: unknown field; did you mean 'rate'"),
+    ],
+)  # fmt: skip
+def test_a_change_of_a_mount_is_checked_where_it_stands(tmp_path, mounts, told):
+    path = tmp_path / "drive.yaml"
+    text = f"world: empty\nvehicles:\n  ego:\n    model: bolt\n    mounts: {json.dumps(mounts)}\n"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        assemble(load_diagram(str(path)))
+    assert "drive.yaml:5: vehicles.ego." in str(caught.value)
+    assert told in str(caught.value)

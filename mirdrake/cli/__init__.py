@@ -30,7 +30,7 @@ VERBS = {
 _TEXT = """\
 Model, simulate, identify and tune car-like vehicles with Drake.
 
-  mirdrake list                         what there is: vehicles, worlds, diagrams
+  mirdrake list                         what there is: vehicles, worlds, diagrams; list all for more
   mirdrake run bolt_test_track          a Chevrolet Bolt drives a lap; results go to runs/
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
   mirdrake view bolt                    look at a vehicle, with a slider for every joint

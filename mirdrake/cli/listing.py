@@ -1,31 +1,72 @@
 """``mirdrake list``: what there is."""
 
 import argparse
+from collections.abc import Iterator
 
 from mirdrake.paths import names, search_folders
 from mirdrake.yaml_io import shown
 
-HELP = "list vehicles, worlds, diagrams, and the kinds of blocks"
-MORE = "example:\n  mirdrake list worlds"
+HELP = "list vehicles, worlds, diagrams, props, sensors, and the kinds of drivers and blocks"
+MORE = """\
+Without a word, vehicles, worlds and diagrams; with one, what it says.
+
+examples:
+  mirdrake list drivers
+  mirdrake list all"""
+
+FILES = ("models", "worlds", "diagrams")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
-    parser.add_argument("what", nargs="?", choices=["models", "worlds", "diagrams", "blocks"], help="only these")
+    parser.add_argument("what", nargs="?", choices=[*FILES, *OTHERS, "all"], help="only these")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print names and paths."""
-    for kind in [options.what] if options.what else ["models", "worlds", "diagrams", "blocks"]:
+    """Print names, and what they stand for."""
+    chosen = {None: FILES, "all": (*FILES, *OTHERS)}.get(options.what, (options.what,))
+    for kind in chosen:
         print(f"{kind}:")
-        if kind == "blocks":
-            from mirdrake.blocks import BLOCKS
-
-            for name, schema in BLOCKS.items():
-                print(f"  {name:22} {(schema.__doc__ or '').splitlines()[0]}")
-            continue
-        for name, path in names(kind).items():
-            print(f"  {name:22} {shown(path)}")
-        if not search_folders(kind):
+        for name, text in OTHERS[kind]() if kind in OTHERS else _files(kind):
+            print(f"  {name:26} {text}")
+        if kind in FILES and not search_folders(kind):
             print(f"  (no folder {kind}/ found)")
     return 0
+
+
+def _files(kind: str) -> Iterator[tuple[str, str]]:
+    return ((name, shown(path)) for name, path in names(kind).items())
+
+
+def _blocks() -> Iterator[tuple[str, str]]:
+    from mirdrake.blocks import BLOCKS
+
+    return ((name, _first_line(schema)) for name, schema in BLOCKS.items())
+
+
+def _drivers() -> Iterator[tuple[str, str]]:
+    from mirdrake.controllers.drivers import DRIVERS
+
+    return ((name, _first_line(schema)) for name, schema in sorted(DRIVERS.items()))
+
+
+def _props() -> Iterator[tuple[str, str]]:
+    from mirdrake.worlds.props import load_prop, prop_names
+
+    for name in prop_names():
+        x, y, z = load_prop(name).size
+        yield name, f"{x:g} x {y:g} x {z:g} m"
+
+
+def _sensors() -> Iterator[tuple[str, str]]:
+    from mirdrake.vehicles.presets import presets
+
+    return ((name, preset.name) for name, preset in sorted(presets().items()))
+
+
+def _first_line(schema: type) -> str:
+    return (schema.__doc__ or "").splitlines()[0]
+
+
+OTHERS = {"props": _props, "sensors": _sensors, "drivers": _drivers, "blocks": _blocks}
+"""What is listed by itself only, and how."""

@@ -1,18 +1,16 @@
-"""sensors.yaml: what is mounted in which frame of a vehicle.
+"""sensors.yaml: what is mounted in which frame of a vehicle."""
 
-Kinds that no sensor system simulates yet are data: a diagram that names one is told so.
-"""
-
+from collections.abc import Mapping
 from math import degrees, pi
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from mirdrake.errors import did_you_mean
+from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.vehicles.lens import LensSpec, check_lens
 from mirdrake.vehicles.noise_spec import AccelerationNoise, AngleNoise, LengthNoise, RateNoise, SpeedNoise
 from mirdrake.vehicles.presets import with_preset
-from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Speed
+from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, validate
 
 MAX_LATITUDE = 89.9 * pi / 180.0  # east and north mean nothing at the poles
 
@@ -307,3 +305,24 @@ class SensorsSpec(Schema):
     """sensors.yaml: mounted sensors by name."""
 
     mounts: dict[str, Annotated[SensorMount, BeforeValidator(with_preset)]] = Field(default_factory=dict)
+
+
+def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]], *, source: Source) -> SensorsSpec:
+    """Mounted sensors with some keys changed.
+
+    Args:
+        sensors: of a vehicle.
+        changes: by the names of mounts.
+        source: where they were written, for errors.
+
+    Raises:
+        ConfigError: no such mount or key, or a value out of range.
+    """
+    mounts = dict(sensors.mounts)
+    for name, keys in changes.items():
+        if name not in mounts:
+            raise ConfigError(f"{source.where(name)}: no sensor '{name}' is mounted; {did_you_mean(name, mounts)}")
+        mount = mounts[name]
+        data = mount.model_dump(exclude_unset=True) | dict(keys)
+        mounts[name] = validate(data, type(mount), source._replace(prefix=(*source.prefix, name)))
+    return SensorsSpec(mounts=mounts)
