@@ -33,10 +33,11 @@ from mirdrake.vehicles.figures import (
     SensorFigures,
 )
 from mirdrake.vehicles.mounts import (
-    CameraMount,
     DepthCameraMount,
     LaserScannerMount,
     LidarMount,
+    PictureMount,
+    RadarMount,
     SensorMount,
     SonarMount,
 )
@@ -301,7 +302,7 @@ def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Sen
 
 def _field_of_view(mount: SensorMount) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
     """Angles from right to left and from below to above [rad], and distances [m], of what a sensor sees."""
-    if isinstance(mount, CameraMount | DepthCameraMount):
+    if isinstance(mount, PictureMount):
         side = 0.5 * mount.horizontal_fov
         up = math.atan(math.tan(side) * mount.height / mount.width)
         distances = (
@@ -316,6 +317,9 @@ def _field_of_view(mount: SensorMount) -> tuple[tuple[float, ...], tuple[float, 
     if isinstance(mount, SonarMount):
         half = 0.5 * mount.cone
         return (-half, half), (-half, half), (mount.near, mount.far)
+    if isinstance(mount, RadarMount):
+        side, up = 0.5 * mount.horizontal_fov, 0.5 * mount.vertical_fov
+        return (-side, side), (-up, up), (mount.near, mount.far)
     return (), (), ()
 
 
