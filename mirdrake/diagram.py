@@ -41,6 +41,7 @@ from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.mounts import PictureMount, change_mounts
 from mirdrake.wiring import JOIN, SPLIT, Wiring
 from mirdrake.worlds import Start
+from mirdrake.worlds.tracks import Track
 from mirdrake.yaml_io import Source, where
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
@@ -146,7 +147,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     rolling = _add_rolling_resistance(wiring, parts, spec)
     tracks = {}
     for part in parts.vehicles.values():
-        tracks[part.name] = _add_vehicle_systems(wiring, parts, part, spec)
+        tracks[part.name] = _add_vehicle_systems(wiring, parts, part, spec, starts[part.name])
         _add_sensors(wiring, parts, part, spec)
 
     # The user's own blocks, then all connections.
@@ -284,11 +285,20 @@ def _add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec
     return system
 
 
-def _add_vehicle_systems(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> str | None:
+def _track_at(start: Start, tracks: Mapping[str, Track]) -> str | None:
+    """The track that a vehicle is measured against if its driver names none: the one it starts on or nearest to."""
+    if start.track is not None or not tracks:
+        return start.track
+    return min(tracks, key=lambda name: abs(float(tracks[name].project(start.x, start.y)[1])))
+
+
+def _add_vehicle_systems(
+    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, start: Start
+) -> str | None:
     """Control unit, ground truth and driver of one vehicle; returns the track it is measured against."""
     plant, name, tracks = parts.plant, part.name, parts.world.tracks
     driver_spec = spec.control.get(name)
-    track = getattr(driver_spec, "track", None) or next(iter(tracks), None)
+    track = getattr(driver_spec, "track", None) or _track_at(start, tracks)
     control, truth = VehicleControl(plant, part), GroundTruth(plant, part, track=tracks.get(track or ""))
     split, join = Demultiplexer(len(COMMAND), 1), Multiplexer(len(COMMAND))
     wiring.add(f"{name}.control", control)

@@ -114,8 +114,9 @@ def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
     figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)
     if wheels is not None:
         figures["off_road_s"] = round(float(np.sum(wheels < 4) * step), 3)
-    if lap is not None and lateral is not None:
+    if lap is not None:
         figures["laps"] = round(float(lap[-1]), 4)
+    if lateral is not None:
         figures["max_abs_lateral_error_m"] = round(float(np.max(np.abs(lateral))), 4)
     if command is not None:
         steady = _steady(command, samples=max(1, round(STEADY / step))) & (np.abs(command) > 0.1)

@@ -151,7 +151,8 @@ class Telemetry:
         heading = np.mod(yaw - direction + np.pi, 2.0 * np.pi) - np.pi
         self._put(columns, f"{name}.heading_error", heading, "rad")
         self._put(columns, f"{name}.curvature", track.curvature(s), "1/m")
-        self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
+        if track.closed:
+            self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
 
 
 def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array, Array]:

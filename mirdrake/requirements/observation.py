@@ -65,6 +65,9 @@ RECORDED = {signal.name: signal.unit for signal in STATE} | {
 TRACK_SIGNALS = ("progress", "lateral_error", "heading_error", "curvature", "lap", "laps", "lap_time")
 """Signals that only a world with a track has."""
 
+LAP_SIGNALS = ("lap", "laps", "lap_time")
+"""Those of them that only a closed track has."""
+
 EVENTS = {
     "collision": "the vehicle touches a prop; margin: the clearance, taken negative",
     "stopped": f"slower than {STANDING} m/s; margin in m/s",

@@ -15,7 +15,7 @@ from mirdrake.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.logs import spec_hash
 from mirdrake.paths import find
 from mirdrake.requirements import Requirement, parse_requirement
-from mirdrake.requirements.observation import TRACK_SIGNALS
+from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.props_spec import CaseSpec, SearchSpec
@@ -351,6 +351,8 @@ def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[s
     for signal in requirement.signals:
         if signal in TRACK_SIGNALS and not world.tracks:
             yield f"{place}: '{signal}' needs a track, and the world has none"
+        elif signal in LAP_SIGNALS and not any(track.closed for track in world.tracks.values()):
+            yield f"{place}: '{signal}' needs a closed track, and the world has none"
     if requirement.after >= test.duration:
         yield f"{place}: nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
     elif math.isfinite(requirement.within) and requirement.after + requirement.within > test.duration + 1e-9:

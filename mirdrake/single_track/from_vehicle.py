@@ -1,0 +1,159 @@
+"""From a vehicle folder to a single-track model: parameters read from its files and measured on its own model.
+
+A vehicle folder gives mass, inertia and lengths, the limits of the motor, rolling resistance, drag, friction and the
+gains of its servos. It says nothing of cornering stiffness: that is an argument, with an assumed default.
+"""
+
+from collections.abc import Sequence
+
+from pydrake.geometry import Role
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import BodyIndex
+
+from mirdrake.errors import ConfigError
+from mirdrake.single_track.dynamics import Tyres, Variant
+from mirdrake.single_track.parameters import SingleTrackParameters
+from mirdrake.single_track.system import SingleTrack
+from mirdrake.vehicles import WHEELS, Vehicle
+from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.worlds.world import GRAVITY
+
+FRONT_STIFFNESS = 12.0
+REAR_STIFFNESS = 16.0
+"""Cornering stiffness of an axle over its load [1/rad]. Assumed: between 10 and 20 for the axles of passenger cars, the
+front one softer by its steering, which gives 1.2 degrees of understeer a g. The controller of a Lincoln MKZ has 15 at
+both axles (ApolloAuto/apollo, modules/control/conf/lincoln.pb.txt, 155 kN/rad on 2080 kg)."""
+
+RELAXATION_OVER_RADIUS = 1.5
+"""Relaxation length over wheel radius [1]. Assumed: 0.3 to 0.6 m for passenger cars (Pacejka, 3rd ed., chapter 7)."""
+
+AIR_DENSITY = 1.2
+"""[kg/m³]"""
+
+BLEND_FROUDE = 0.2
+"""v1 over sqrt(g L) [1]: 1 m/s for a car."""
+
+
+def make_single_track(
+    vehicle: Vehicle,
+    *,
+    tyres: Tyres = "linear",
+    relaxation: bool = False,
+    actuators: bool = False,
+    parameters: SingleTrackParameters | None = None,
+    front_stiffness: float | None = None,
+    rear_stiffness: float | None = None,
+) -> SingleTrack:
+    """The single-track model of a vehicle.
+
+    Args:
+        vehicle: a loaded vehicle.
+        tyres: "kinematic", "linear" or "brush".
+        relaxation: whether slip builds up over the relaxation length.
+        actuators: whether steering servo and wheel servos are part of it; :func:`make_single_track_vehicle` adds the
+            vehicle's control unit.
+        parameters: in place of those of :func:`estimate_parameters`.
+        front_stiffness: see there; not together with `parameters`.
+        rear_stiffness: the same at the rear.
+
+    Raises:
+        ConfigError: an argument makes no sense.
+    """
+    if parameters is None:
+        parameters = estimate_parameters(vehicle, front_stiffness=front_stiffness, rear_stiffness=rear_stiffness)
+    elif front_stiffness is not None or rear_stiffness is not None:
+        raise ConfigError("make_single_track: give either parameters or stiffnesses; the parameters hold stiffnesses")
+    return SingleTrack(parameters, Variant(tyres, relaxation, actuators))
+
+
+def estimate_parameters(
+    vehicle: Vehicle,
+    *,
+    front_stiffness: float | None = None,
+    rear_stiffness: float | None = None,
+    friction: float | None = None,
+    gravity: Sequence[float] = (0.0, 0.0, -GRAVITY),
+    drag: bool = True,
+) -> SingleTrackParameters:
+    """The parameters of a vehicle, from its files and measured on its model.
+
+    Args:
+        vehicle: a loaded vehicle.
+        front_stiffness: cornering stiffness of the front axle [N/rad]; :data:`FRONT_STIFFNESS` times its load if left
+            out, an assumption.
+        rear_stiffness: the same at the rear.
+        friction: of tyres on the road [1]; the tyres' own if left out.
+        gravity: in the world [m/s²]; that of a world is ``world.ground.gravity``.
+        drag: whether there is air.
+
+    Raises:
+        ConfigError: an argument makes no sense.
+    """
+    plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
+    context, spec, geometry = plant.CreateDefaultContext(), vehicle.spec, vehicle.geometry
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, plant.GetBodyByName(spec.base_link), RigidTransform())
+    wheels = [plant.GetJointByName(name) for name in spec.joints.wheels.names()]
+    actuators = {
+        (actuator := plant.get_joint_actuator(index)).joint().name(): actuator
+        for index in plant.GetJointActuatorIndices()
+    }
+
+    # Mass, inertia, and how the axles share the load.
+    mass = float(plant.CalcTotalMass(context))
+    ahead, _, height = plant.CalcCenterOfMassPositionInWorld(context).tolist()
+    bodies = [BodyIndex(number) for number in range(1, plant.num_bodies())]
+    spatial = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
+    yaw_inertia = float(spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[2, 2])
+    down = -float(gravity[2])
+    front_load, rear_load = mass * down * ahead / geometry.wheelbase, mass * down * (1.0 - ahead / geometry.wheelbase)
+
+    # Wheels: what turns with them, the friction of their tyres, their motors and servos.
+    rotating, frictions = 0.0, []
+    inspector = scene_graph.model_inspector()
+    for joint, radius in zip(wheels, geometry.wheel_radii, strict=True):
+        body = joint.child_body()
+        axis = joint.frame_on_child().GetFixedPoseInBodyFrame().rotation().multiply(joint.revolute_axis())
+        inertia = body.CalcSpatialInertiaInBodyFrame(context)
+        tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        motor = actuators.get(joint.name())
+        rotor = motor.default_rotor_inertia() * motor.default_gear_ratio() ** 2 if motor is not None else 0.0
+        rotating += (float(axis @ tensor @ axis) + rotor) / radius**2
+        for shape in plant.GetCollisionGeometriesForBody(body):
+            properties = inspector.GetProperties(shape, Role.kProximity)
+            if properties is not None and properties.HasProperty("material", "coulomb_friction"):
+                frictions.append(float(properties.GetProperty("material", "coulomb_friction").dynamic_friction()))
+    driven = [WHEELS.index(name) for name in spec.driven_wheels()]
+    most, gain = 0.0, 0.0
+    for index in driven:
+        radius, motor = geometry.wheel_radii[index], actuators[wheels[index].name()]
+        most += float(motor.effort_limit()) / radius
+        if vehicle.control.wheel_speed.kind == "servo":
+            gain += vehicle.control.wheel_speed.gain / radius**2
+    servo = vehicle.control.steering
+    v1 = BLEND_FROUDE * (down * geometry.wheelbase) ** 0.5
+    return SingleTrackParameters(
+        mass=mass,
+        yaw_inertia=yaw_inertia,
+        front_length=geometry.wheelbase - ahead,
+        rear_length=ahead,
+        com_height=height,
+        rotating_mass=rotating,
+        front_stiffness=FRONT_STIFFNESS * front_load if front_stiffness is None else front_stiffness,
+        rear_stiffness=REAR_STIFFNESS * rear_load if rear_stiffness is None else rear_stiffness,
+        front_friction=min(frictions, default=1.0) if friction is None else friction,
+        rear_friction=min(frictions, default=1.0) if friction is None else friction,
+        front_relaxation=RELAXATION_OVER_RADIUS * geometry.front_wheel_radius,
+        rear_relaxation=RELAXATION_OVER_RADIUS * geometry.rear_wheel_radius,
+        rolling_resistance=spec.tyres.rolling_resistance,
+        drag=0.5 * AIR_DENSITY * spec.aerodynamics.drag_area if drag else 0.0,
+        front_drive={"front": 1.0, "rear": 0.0, "all": 0.5}[spec.drive],
+        front_brake=spec.brakes.front_share,
+        max_force=most,
+        servo_gain=gain,
+        steering_lag=servo.damping / servo.stiffness if servo.kind == "servo" and servo.damping > 0.0 else 0.02,
+        gravity_x=float(gravity[0]),
+        gravity_y=float(gravity[1]),
+        gravity_z=float(gravity[2]),
+        blend_start=v1,
+        blend_end=3.0 * v1,
+    )

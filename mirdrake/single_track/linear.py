@@ -1,0 +1,242 @@
+"""Steady state and linearisation of the single-track model, and its handling figures in closed form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
+from pydrake.systems.primitives import LinearSystem
+
+from mirdrake.errors import ConfigError
+from mirdrake.single_track.dynamics import Variant, evaluate, maths_of
+from mirdrake.single_track.parameters import SingleTrackParameters
+from mirdrake.single_track.system import FORCES, MOTION, STEERING, state_names
+
+Matrix = NDArray[np.float64]
+
+PLACE = 3
+"""The first states, x, y, yaw, on which nothing depends on the flat."""
+
+_TOLERANCE = 1e-10  # of accelerations and slip rates, SI
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """A car that goes round a circle, or straight on, at constant speed.
+
+    Attributes:
+        variant: equations of the model.
+        state: continuous state, at x = y = yaw = 0; names from :func:`mirdrake.single_track.system.state_names`.
+        inputs: of the model; with actuators in the order of :attr:`input_names`.
+        motion: see :data:`mirdrake.single_track.system.MOTION`.
+    """
+
+    variant: Variant
+    state: tuple[float, ...]
+    inputs: tuple[float, ...]
+    motion: tuple[float, ...]
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return input_names(self.variant)
+
+    def __getitem__(self, name: str) -> float:
+        """A state, an input or an element of the motion by name; "drive" is the force that holds the speed."""
+        motion = [signal.name for signal in MOTION]
+        names = (*state_names(self.variant), *motion, *self.input_names)
+        return (*self.state, *self.motion, *self.inputs)[names.index(name)]
+
+
+@dataclass(frozen=True)
+class LinearSingleTrack:
+    """ẋ = A x + B u, y = C x + D u for small deviations from a steady state, SI units.
+
+    Attributes:
+        steady: the steady state.
+        A: (n, n).
+        B: (n, m).
+        C: (p, n).
+        D: (p, m).
+        states: names of the n states: vx and, of the centre of mass, vy, yaw_rate; slips; steering.
+        inputs: names of the m inputs: steering, drive, brake; with actuators also steering_rate, speed.
+        outputs: names of the p outputs: vx, yaw_rate, then those of the motion.
+    """
+
+    steady: SteadyState
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def part(
+        self,
+        *,
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+    ) -> "LinearSingleTrack":
+        """The model of some states, inputs and outputs only; states left out are held."""
+        x = [self.states.index(name) for name in (states or self.states)]
+        u = [self.inputs.index(name) for name in (inputs or self.inputs)]
+        y = [self.outputs.index(name) for name in (outputs or self.outputs)]
+        return LinearSingleTrack(
+            self.steady,
+            self.A[np.ix_(x, x)],
+            self.B[np.ix_(x, u)],
+            self.C[np.ix_(y, x)],
+            self.D[np.ix_(y, u)],
+            tuple(self.states[i] for i in x),
+            tuple(self.inputs[i] for i in u),
+            tuple(self.outputs[i] for i in y),
+        )
+
+    def system(self) -> LinearSystem:
+        """The same as a Drake system."""
+        return LinearSystem(self.A, self.B, self.C, self.D)
+
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """Poles [1/s]."""
+        return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
+
+    def gain(self, output: str, source: str) -> float:
+        """Steady-state gain from an input to an output; the states must be able to come to rest."""
+        y, u = self.outputs.index(output), self.inputs.index(source)
+        return float(self.D[y, u] - self.C[y] @ np.linalg.solve(self.A, self.B[:, u]))
+
+
+def input_names(variant: Variant) -> tuple[str, ...]:
+    """Names of the inputs of the equations, in their order."""
+    names = (STEERING[0].name, FORCES[0].name, FORCES[1].name)
+    return (*names, STEERING[1].name, FORCES[2].name) if variant.actuators else names
+
+
+def find_steady_state(
+    parameters: SingleTrackParameters, variant: Variant, *, speed: float, steering: float = 0.0
+) -> SteadyState:
+    """The steady state at a speed and a steering angle, held by the drive force; Newton's method with AutoDiff.
+
+    Args:
+        parameters: of the model. A slope is left out along x and y: a circle on a slope is not steady.
+        variant: equations of the model.
+        speed: vx [m/s].
+        steering: bicycle angle [rad].
+
+    Raises:
+        ConfigError: there is none, as when the tyres slide or the motor is too weak.
+    """
+    level = _level(parameters)
+    count, inputs = len(state_names(variant)), len(input_names(variant))
+    turn = np.tan(steering) / parameters.wheelbase
+    x, u = np.zeros(count), np.zeros(inputs)
+    x[PLACE], u[0] = speed, steering
+    if variant.tyres != "kinematic":
+        x[4], x[5] = parameters.rear_length * speed * turn, speed * turn
+    if variant.actuators:
+        x[-1], u[-1] = steering, speed
+    free = np.r_[np.arange(PLACE + 1, count - int(variant.actuators)), count + 1]  # vy, r, slips; drive force
+    rows = np.arange(PLACE, count - int(variant.actuators))
+    residual, jacobian, motion = _differentiate(variant, level, x, u)
+    for _ in range(_ITERATIONS):
+        size = np.abs(residual[rows]).max()
+        if size < _TOLERANCE:
+            break
+        matrix = jacobian[np.ix_(rows, free)]
+        step = np.linalg.lstsq(matrix, -residual[rows], rcond=None)[0]
+        for shrink in 0.5 ** np.arange(12.0):
+            z = np.r_[x, u]
+            z[free] += shrink * step
+            tried = _differentiate(variant, level, z[:count], z[count:])
+            if np.abs(tried[0][rows]).max() < size:
+                break
+        x, u = z[:count], z[count:]
+        residual, jacobian, motion = tried
+    if np.abs(residual[rows]).max() > 1e3 * _TOLERANCE:
+        raise ConfigError(
+            f"find_steady_state: the car cannot hold {speed:g} m/s at {steering:g} rad; take less speed or steering"
+        )
+    return SteadyState(variant, tuple(x.tolist()), tuple(u.tolist()), tuple(motion.tolist()))
+
+
+def linearize_single_track(
+    parameters: SingleTrackParameters, variant: Variant, *, speed: float, steering: float = 0.0
+) -> LinearSingleTrack:
+    """The model linearised about the steady state at a speed and a steering angle.
+
+    Place and heading are left out: on the flat nothing depends on them.
+
+    Args:
+        parameters: of the model; see :func:`find_steady_state`.
+        variant: equations of the model.
+        speed: vx [m/s].
+        steering: bicycle angle [rad].
+
+    Raises:
+        ConfigError: there is no such steady state.
+    """
+    steady = find_steady_state(parameters, variant, speed=speed, steering=steering)
+    x, u = np.array(steady.state), np.array(steady.inputs)
+    names, inputs = state_names(variant)[PLACE:], input_names(variant)
+    count = len(x)
+    _, rates, _ = _differentiate(variant, _level(parameters), x, u)
+    motion = _differentiate(variant, _level(parameters), x, u, motion=True)[1]
+    outputs = np.vstack([np.eye(1, count + len(u), PLACE), rates[2:3], motion])  # vx; the rate of yaw
+    return LinearSingleTrack(
+        steady=steady,
+        A=rates[PLACE:, PLACE:count],
+        B=rates[PLACE:, count:],
+        C=outputs[:, PLACE:count],
+        D=outputs[:, count:],
+        states=names,
+        inputs=inputs,
+        outputs=("vx", "yaw_rate", *(signal.name for signal in MOTION)),
+    )
+
+
+def understeer_gradient(parameters: SingleTrackParameters) -> float:
+    """Steering angle per lateral acceleration K [rad s²/m] of linear tyres: δ = L / R + K v² / R.
+
+    K = m / L (b / Cf - a / Cr); Rajamani, section 3.3.
+    """
+    p = parameters
+    return p.mass / p.wheelbase * (p.rear_length / p.front_stiffness - p.front_length / p.rear_stiffness)
+
+
+def characteristic_speed(parameters: SingleTrackParameters) -> float:
+    """Speed [m/s] of an understeering car's largest yaw gain; of an oversteering one the critical one, negative.
+
+    sqrt(L / K) and -sqrt(-L / K); infinite for a neutral car. Linear tyres.
+    """
+    gradient = understeer_gradient(parameters)
+    if gradient == 0.0:
+        return np.inf
+    return float(np.copysign(sqrt(parameters.wheelbase / abs(gradient)), gradient))
+
+
+def steady_gain(parameters: SingleTrackParameters, speed: float) -> float:
+    """Yaw rate over steering angle [1/s] in the steady state of linear tyres: v / (L + K v²)."""
+    return speed / (parameters.wheelbase + understeer_gradient(parameters) * speed * speed)
+
+
+def _level(parameters: SingleTrackParameters) -> list[float]:
+    """Numbers of the parameters without a slope."""
+    return replace(parameters, gravity_x=0.0, gravity_y=0.0).values()
+
+
+def _differentiate(
+    variant: Variant, parameters: Sequence[float], x: Matrix, u: Matrix, *, motion: bool = False
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Rates of the state (or the motion), their derivatives by (x, u), and the motion."""
+    z = InitializeAutoDiff(np.r_[x, u]).ravel()
+    result = evaluate(variant, parameters, z[: len(x)], z[len(x) :], maths=maths_of(AutoDiffXd))
+    nothing = 0.0 * z[0]  # makes floats into AutoDiffXd
+    chosen = [nothing + value for value in (result.motion if motion else result.state)]
+    gradient = np.array([value.derivatives() for value in chosen])
+    seen = np.array([(nothing + value).value() for value in result.motion])
+    return np.array([value.value() for value in chosen]), gradient, seen

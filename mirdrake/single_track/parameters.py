@@ -1,0 +1,106 @@
+"""Parameters of the single-track model, as numbers with names and as the vector of a Context."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.errors import ConfigError
+from mirdrake.worlds.world import GRAVITY
+
+
+@dataclass(frozen=True, kw_only=True)
+class SingleTrackParameters:
+    """Parameters of the single-track model, in the order of the numeric parameter of its Context.
+
+    Attributes:
+        mass: all of it [kg].
+        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        front_length: from the centre of mass to the front axle, a [m].
+        rear_length: to the rear axle, b [m].
+        com_height: of the centre of mass over the road [m].
+        rotating_mass: of wheels and rotors, reduced to the road [kg].
+        front_stiffness: cornering stiffness of the front axle, both tyres [N/rad].
+        rear_stiffness: the same at the rear [N/rad].
+        front_friction: of the front tyres on the road [1]; brush tyres only, as the next one.
+        rear_friction: the same at the rear [1].
+        front_relaxation: relaxation length of the front tyres [m].
+        rear_relaxation: the same at the rear [m].
+        rolling_resistance: rolling resistance over load [1].
+        drag: drag over speed squared, half the density of air times the drag area [N s²/m²].
+        front_drive: part of the drive force on the front axle [1].
+        front_brake: part of the brake force on the front axle [1].
+        max_force: limit of the drive force, either way [N].
+        servo_gain: drive force per speed error of the wheel servos [N s/m]; only with actuators.
+        steering_lag: time constant of the steering servo [s]; only with actuators.
+        gravity_x: gravity along x of the world [m/s²]; a slope tilts it.
+        gravity_y: the same along y [m/s²].
+        gravity_z: the same along z, negative [m/s²].
+        blend_start: speed v1 up to which the car is kinematic [m/s].
+        blend_end: speed v2 from which on it is fully dynamic [m/s].
+
+    Raises:
+        ConfigError: not a finite number, or out of range.
+    """
+
+    mass: float
+    yaw_inertia: float
+    front_length: float
+    rear_length: float
+    com_height: float = 0.0
+    rotating_mass: float = 0.0
+    front_stiffness: float
+    rear_stiffness: float
+    front_friction: float = 1.0
+    rear_friction: float = 1.0
+    front_relaxation: float = 0.5
+    rear_relaxation: float = 0.5
+    rolling_resistance: float = 0.0
+    drag: float = 0.0
+    front_drive: float = 1.0
+    front_brake: float = 0.6
+    max_force: float = 1e6
+    servo_gain: float = 0.0
+    steering_lag: float = 0.02
+    gravity_x: float = 0.0
+    gravity_y: float = 0.0
+    gravity_z: float = -GRAVITY
+    blend_start: float = 1.0
+    blend_end: float = 3.0
+
+    def __post_init__(self) -> None:
+        owner = "SingleTrackParameters"
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in _POSITIVE:
+                check_number(owner, field.name, value, above=0.0)
+            elif field.name in _SHARES:
+                check_number(owner, field.name, value, at_least=0.0, at_most=1.0)
+            else:
+                check_number(owner, field.name, value, at_least=0.0 if field.name in _NOT_NEGATIVE else -np.inf)
+        if self.blend_end <= self.blend_start:
+            raise ConfigError(
+                f"{owner}: blend_end must be above blend_start, {self.blend_start:g} m/s, got {self.blend_end:g} m/s"
+            )
+        if self.gravity_z >= 0.0:
+            raise ConfigError(f"{owner}: gravity_z must be negative, got {self.gravity_z:g} m/s²; z is up")
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance of the axles [m]."""
+        return self.front_length + self.rear_length
+
+    def values(self) -> list[float]:
+        """The numbers in the order of the Context's parameter."""
+        return [float(getattr(self, name)) for name in PARAMETERS]
+
+
+PARAMETERS = tuple(field.name for field in fields(SingleTrackParameters))
+"""Names of the parameters in the order of the Context's numeric parameter 0."""
+
+_POSITIVE = {
+    "mass", "yaw_inertia", "front_length", "rear_length", "front_stiffness", "rear_stiffness", "front_friction",
+    "rear_friction", "front_relaxation", "rear_relaxation", "max_force", "steering_lag", "blend_start", "blend_end",
+}  # fmt: skip
+_SHARES = {"front_drive", "front_brake"}
+_NOT_NEGATIVE = {"com_height", "rotating_mass", "rolling_resistance", "drag", "servo_gain"}

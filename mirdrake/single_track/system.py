@@ -1,0 +1,187 @@
+"""The single-track model as a Drake system, for double, AutoDiffXd and symbolic Expression."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import pi, remainder
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, OutputPort
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from mirdrake.controllers.vectors import STATE
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.signals import Signals, declare_vector_input, declare_vector_output, signals
+from mirdrake.single_track.dynamics import TYRES, Variant, evaluate, maths_of
+from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
+
+STEERING = signals(
+    ("steering", "rad", "bicycle steering angle, positive to the left"),
+    ("steering_rate", "rad/s", "rate of its set-point"),
+)
+FORCES = signals(
+    ("drive", "N", "force of the motor at the road, negative when it brakes"),
+    ("brake", "N", "force of the brakes at the road, positive"),
+    ("speed", "m/s", "set-point of the wheel servos"),
+)
+MOTION = signals(
+    ("sideslip", "rad", "direction of the velocity of the centre of mass in the car"),
+    ("longitudinal_acceleration", "m/s²", "of the centre of mass"),
+    ("lateral_acceleration", "m/s²", "of the centre of mass"),
+    ("front_slip_angle", "rad", "positive when the axle moves to its left"),
+    ("rear_slip_angle", "rad", "positive when the axle moves to its left"),
+    ("front_lateral_force", "N", "on the front axle, across its wheels"),
+    ("rear_lateral_force", "N", "on the rear axle"),
+)
+"""What handling is judged by; slips and forces are zero in the kinematic model."""
+
+
+def state_names(variant: Variant) -> tuple[str, ...]:
+    """Names of the continuous states of a model; units SI."""
+    names: tuple[str, ...] = ("x", "y", "yaw", "vx")
+    if variant.tyres != "kinematic":
+        names += ("vy", "yaw_rate")
+        names += ("front_slip", "rear_slip") if variant.relaxation else ()
+    return names + (("steering",) if variant.actuators else ())
+
+
+@TemplateSystem.define("SingleTrack_")  # type: ignore[untyped-decorator, unused-ignore]
+def SingleTrack_(T: type) -> Any:  # noqa: N802
+    """The class of single-track models for a scalar type; ``SingleTrack`` is the one for floats."""
+    maths = maths_of(T)
+    plain = T is float
+
+    class Impl(LeafSystem_[T]):  # type: ignore[misc, unused-ignore]
+        """Single-track model of a vehicle; equations in :mod:`mirdrake.single_track.dynamics`.
+
+        Input ports:
+            steering (1) [rad]: bicycle steering angle; with actuators (2) [rad, rad/s]: set-point and its rate.
+            forces (2) [N]: drive and brake force; with actuators (3) [N, N, m/s]: also the set-point of the speed.
+        Output ports:
+            state (12) [m, rad, m/s, rad/s]: as the ground truth of the full vehicle, of the rear axle's centre; z, roll
+                and pitch are zero: the car stays on the plane of the road.
+            motion (7): :data:`MOTION`.
+            steering_angle (1) [rad]: the state; only with actuators.
+
+        Continuous state: :func:`state_names`; x, y, yaw of the rear axle's centre, vx, vy of the centre of mass.
+        Parameter 0 of the Context: :class:`SingleTrackParameters`, in its order.
+
+        Args:
+            parameters: the defaults of a Context.
+            variant: which equations.
+
+        Raises:
+            ConfigError: no such tyres, or relaxation without tyres.
+        """
+
+        def _construct(
+            self, parameters: SingleTrackParameters, variant: Variant | None = None, *, converter: Any = None
+        ) -> None:
+            super().__init__(converter)
+            variant = variant or Variant()
+            if variant.tyres not in TYRES:
+                raise ConfigError(f"SingleTrack: unknown tyres '{variant.tyres}'; {did_you_mean(variant.tyres, TYRES)}")
+            if variant.relaxation and variant.tyres == "kinematic":
+                raise ConfigError(
+                    "SingleTrack: kinematic tyres have no slip; leave out relaxation, or use linear tyres"
+                )
+            self.parameters, self.variant = parameters, variant
+            self.state_names = state_names(variant)
+            self.set_name("single_track")
+            servo = int(variant.actuators)
+            self.steering = declare_vector_input(self, "steering", STEERING[: 1 + servo])
+            self.forces = declare_vector_input(self, "forces", FORCES[: 2 + servo])
+            self.DeclareContinuousState(len(self.state_names))
+            self._parameters = self.DeclareNumericParameter(BasicVector_[T](parameters.values()))
+            needs = {self.xc_ticket(), self.all_parameters_ticket()}
+            if variant.tyres == "kinematic" and not variant.actuators:
+                needs.add(self.steering.ticket())
+            self.state = self._declare("state", STATE, self._calc_state, needs)
+            if variant.actuators:
+                angle = self._declare("steering_angle", STEERING[:1], self._calc_steering, {self.xc_ticket()})
+                self.steering_angle = angle
+            self.motion = self._declare("motion", MOTION, self._calc_motion, {self.all_sources_ticket()})
+
+        def _declare(self, name: str, contents: Signals, calc: Callable[..., None], needs: set[Any]) -> OutputPort:
+            if plain:
+                return declare_vector_output(self, name, contents, calc, prerequisites=needs)
+            return self.DeclareVectorOutputPort(name, len(contents), calc, prerequisites_of_calc=needs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other.parameters, other.variant, converter=converter)
+
+        def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:  # noqa: N802
+            derivatives.get_mutable_vector().SetFromVector(self._evaluate(context).state)
+
+        def _read(self, context: Context) -> tuple[Sequence[Any], Sequence[Any]]:
+            x = context.get_continuous_state_vector().CopyToVector()
+            p = context.get_numeric_parameter(self._parameters)
+            return (p.get_value().tolist(), x.tolist()) if plain else (p.CopyToVector(), x)
+
+        def _evaluate(self, context: Context) -> Any:
+            p, x = self._read(context)
+            steering, forces = self.steering.Eval(context).tolist(), self.forces.Eval(context).tolist()
+            u = [steering[0], forces[0], forces[1]]
+            if self.variant.actuators:
+                u += [steering[1], forces[2]]
+            return evaluate(self.variant, p, x, u, maths=maths)
+
+        def _calc_state(self, context: Context, output: Any) -> None:
+            p, x = self._read(context)
+            zero = T(0.0)
+            if self.variant.tyres == "kinematic":
+                delta = x[-1] if self.variant.actuators else self.steering.Eval(context)[0]
+                vy, spin = zero, x[3] * maths.tan(delta) / (p[2] + p[3])
+            else:
+                vy, spin = x[4] - p[3] * x[5], x[5]
+            yaw = remainder(x[2], 2.0 * pi) if plain else x[2]  # in [-pi, pi], as the full vehicle's
+            output.SetFromVector([x[0], x[1], zero, zero, zero, yaw, x[3], vy, zero, zero, zero, spin])
+
+        def _calc_steering(self, context: Context, output: Any) -> None:
+            output.SetFromVector([context.get_continuous_state_vector().CopyToVector()[-1]])
+
+        def _calc_motion(self, context: Context, output: Any) -> None:
+            zero = T(0.0)  # makes floats into T
+            output.SetFromVector([zero + value for value in self._evaluate(context).motion])
+
+        def set_parameters(self, context: Context, **changes: Any) -> None:
+            """Change parameters of a Context by name.
+
+            Floats are checked as by :class:`SingleTrackParameters`; AutoDiffXd and Expression are taken as they are.
+
+            Raises:
+                ConfigError: no such parameter, or a value out of range.
+            """
+            for name in changes:
+                if name not in PARAMETERS:
+                    raise ConfigError(f"SingleTrack: no parameter '{name}'; {did_you_mean(name, PARAMETERS)}")
+            if plain:
+                values: Any = replace(self.get_parameters(context), **changes).values()
+            else:
+                values = context.get_numeric_parameter(self._parameters).CopyToVector()
+                for name, value in changes.items():
+                    values[PARAMETERS.index(name)] = value
+            context.get_mutable_numeric_parameter(self._parameters).SetFromVector(values)
+
+        def get_parameters(self, context: Context) -> SingleTrackParameters:
+            """The parameters in a Context; floats only."""
+            values = context.get_numeric_parameter(self._parameters).CopyToVector().tolist()
+            return SingleTrackParameters(**dict(zip(PARAMETERS, values, strict=True)))
+
+        def set_state(self, context: Context, **values: Any) -> None:
+            """Put the car somewhere: states by name, those left out are zero.
+
+            Raises:
+                ConfigError: no such state.
+            """
+            x = np.array([T(0.0)] * len(self.state_names))
+            for name, value in values.items():
+                if name not in self.state_names:
+                    raise ConfigError(f"SingleTrack: no state '{name}'; {did_you_mean(name, self.state_names)}")
+                x[self.state_names.index(name)] = value
+            context.SetContinuousState(x)
+
+    return Impl
+
+
+SingleTrack: Any = SingleTrack_[None]

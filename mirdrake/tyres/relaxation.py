@@ -1,0 +1,194 @@
+"""Relaxation: from slip velocities to the slips that the tyre forces follow, down to standstill.
+
+The contact patch hangs on the carcass, and the forces build up as it is dragged along. Single-point model of H. B.
+Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 7.2.1 (stretched string at its leading edge) with the additions of
+section 8.6 for low speed (after Besselink). With the deflections u (along) and v (across) and relaxation lengths σ::
+
+    u' = -Vsx - |Vx| u / σx        kappa'     = u / σx - (k / Cx) Vsx
+    v' =  Vy  - |Vx| v / σy        tan alpha' = v / σy + (k / Cy) Vy
+
+Rolling steadily this gives kappa = -Vsx / |Vx| and tan alpha = Vy / |Vx| exactly. At standstill u and v are springs of
+stiffness C / σ, so that a car stands on a slope without creeping; k is their damper, which fades between standstill
+and the speed `low`: k = k0 (1 + cos(π Vx / low)) / 2.
+
+A spring must not be wound up by a wheel that spins or slides at standstill, nor keep the deflection of a locked wheel
+after the stop. The book freezes the state then; here, below `low` and with the same weight as k, a motion that winds
+further is taken up by sliding (P. Dahl's friction law); L = 1.5 μ N / C is a slip just below the peak of the force::
+
+    u' = -Vsx - { |Vx| / σx + w f(n) |Vsx| / |u| } u,    n = |u| / (σx L),    f = n⁴ to 1, then 4 n - 3
+
+so |u| stays below σx L at standstill; with the 3 μ N / C of the book a car would run back more than twice as far
+after a locked stop. One step takes the bracket as constant and
+solves the rest exactly; where the patch slides by more than a quarter of its limit, the step is divided.
+"""
+
+import math
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+from mirdrake.controllers.checks import check_number
+
+_SMALL = 1e-9
+_WOUND = 1.5
+_PART = 0.25  # of the limit, by which a patch slides in a part of a step
+_MOST_PARTS = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelaxationSettings:
+    """Settings of the behaviour at low speed.
+
+    Attributes:
+        low: speed below which damping and sliding come in [m/s].
+        damping: k0, damper between patch and rim at standstill [N s/m]; about 4 % of critical for a car on its tyres,
+            a quarter of critical for the spin of a wheel.
+
+    Raises:
+        ConfigError: not a finite number, or negative; low not positive.
+    """
+
+    low: float = 1.0
+    damping: float = 1000.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            check_number("RelaxationSettings", field.name, value, above=0.0 if field.name == "low" else -_SMALL)
+
+
+DEFAULTS = RelaxationSettings()
+
+
+class Deflection(NamedTuple):
+    """State of one tyre.
+
+    Attributes:
+        along: u, how far the rim is behind the patch when driving [m], positive for positive kappa.
+        across: v, how far the rim is to the left of the patch [m], positive for positive alpha.
+    """
+
+    along: float = 0.0
+    across: float = 0.0
+
+
+class Motion(NamedTuple):
+    """Motion of the contact point.
+
+    Attributes:
+        vx: longitudinal speed of the contact centre [m/s].
+        slip_x: Vsx = Vx - ω Re [m/s], negative when driving.
+        vy: lateral speed of the contact centre [m/s], positive to the left.
+    """
+
+    vx: float
+    slip_x: float
+    vy: float
+
+
+class Contact(NamedTuple):
+    """The tyre at its present load.
+
+    Attributes:
+        stiffness_x: slip stiffness dFx/dkappa [N]; not positive: no contact, deflections vanish.
+        stiffness_y: slip stiffness -dFy/d tan alpha [N].
+        length_x: relaxation length of longitudinal slip [m].
+        length_y: relaxation length of lateral slip [m].
+        friction_x: largest longitudinal force [N].
+        friction_y: largest lateral force [N].
+    """
+
+    stiffness_x: float
+    stiffness_y: float
+    length_x: float
+    length_y: float
+    friction_x: float
+    friction_y: float
+
+
+def low_speed_weight(vx: float, low: float) -> float:
+    """(1 + cos(π Vx / low)) / 2 below `low`, nothing above; once differentiable."""
+    return 0.5 * (1.0 + math.cos(math.pi * vx / low)) if abs(vx) < low else 0.0
+
+
+def relaxed_slip(
+    state: Deflection, motion: Motion, contact: Contact, settings: RelaxationSettings = DEFAULTS
+) -> tuple[float, float]:
+    """Slips kappa' and tan alpha' [1] for the law of steady state, with the damping of low speed."""
+    if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
+        return 0.0, 0.0
+    damping = settings.damping * low_speed_weight(motion.vx, settings.low)
+    kappa = state.along / contact.length_x - damping / contact.stiffness_x * motion.slip_x
+    tan_alpha = state.across / contact.length_y + damping / contact.stiffness_y * motion.vy
+    return kappa, tan_alpha
+
+
+def deflection_step(
+    state: Deflection,
+    motion: Motion,
+    contact: Contact,
+    *,
+    period: float,
+    settings: RelaxationSettings = DEFAULTS,
+) -> Deflection:
+    """The deflections a step later; equations in the head of the module.
+
+    Args:
+        state: deflections now.
+        motion: motion of the contact point during the step.
+        contact: the tyre at its load.
+        period: length of the step [s], positive.
+        settings: behaviour at low speed.
+    """
+    if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
+        return Deflection()
+    weight = low_speed_weight(motion.vx, settings.low)
+    limit_x = _WOUND * contact.friction_x / contact.stiffness_x * contact.length_x
+    limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
+    speed = abs(motion.vx)
+    return Deflection(
+        _step(state.along, -motion.slip_x, speed / contact.length_x, limit_x, weight, period),
+        _step(state.across, motion.vy, speed / contact.length_y, limit_y, weight, period),
+    )
+
+
+def deflection_rates(
+    state: Deflection, motion: Motion, contact: Contact, settings: RelaxationSettings = DEFAULTS
+) -> tuple[float, float]:
+    """Rates u' and v' [m/s], for an integrator of its own."""
+    if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
+        return 0.0, 0.0
+    weight = low_speed_weight(motion.vx, settings.low)
+    limit_x = _WOUND * contact.friction_x / contact.stiffness_x * contact.length_x
+    limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
+    speed = abs(motion.vx)
+    decay_x = speed / contact.length_x + _sliding(state.along, -motion.slip_x, limit_x, weight)
+    decay_y = speed / contact.length_y + _sliding(state.across, motion.vy, limit_y, weight)
+    return -motion.slip_x - decay_x * state.along, motion.vy - decay_y * state.across
+
+
+def _sliding(deflection: float, velocity: float, limit: float, weight: float) -> float:
+    """Decay w f(n) |V| / |u| [1/s] of a motion that winds further, else 0."""
+    if weight == 0.0 or deflection * velocity <= 0.0:
+        return 0.0
+    limit = max(limit, _SMALL)
+    n = abs(deflection) / limit
+    share = n**3 if n < 1.0 else 4.0 - 3.0 / n  # f(n) / n
+    return weight * share * abs(velocity) / limit
+
+
+def _step(deflection: float, velocity: float, decay: float, limit: float, weight: float, period: float) -> float:
+    """Solution of u' = V - λ u, with the λ of the middle of the step, or of its parts where the patch slides far."""
+    if weight == 0.0:
+        return _advance(deflection, velocity, decay, period)
+    parts = min(_MOST_PARTS, 1 + int(abs(velocity) * period / (_PART * max(limit, _SMALL))))
+    period /= parts
+    for _ in range(parts):
+        ahead = _advance(deflection, velocity, decay + _sliding(deflection, velocity, limit, weight), 0.5 * period)
+        deflection = _advance(deflection, velocity, decay + _sliding(ahead, velocity, limit, weight), period)
+    return deflection
+
+
+def _advance(deflection: float, velocity: float, decay: float, period: float) -> float:
+    passed = decay * period
+    mean = -math.expm1(-passed) / passed if passed > _SMALL else 1.0 - 0.5 * passed
+    return deflection * math.exp(-passed) + velocity * period * mean

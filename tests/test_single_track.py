@@ -1,0 +1,545 @@
+"""The single-track model: closed forms, an exact solution, its derivatives, and the full Bolt beside it."""
+
+from dataclasses import replace
+from math import atan, cos, hypot, pi, sin, sqrt, tan
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
+from pydrake.symbolic import Expression
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Linearize, LogVectorOutput
+from scipy.integrate import quad
+from scipy.linalg import expm
+
+from mirdrake.controllers.schedule import ConstantCommand
+from mirdrake.diagram import assemble
+from mirdrake.errors import ConfigError
+from mirdrake.signals import signals_of
+from mirdrake.simulation import Simulation
+from mirdrake.single_track import (
+    SingleTrack,
+    SingleTrackControl,
+    SingleTrackParameters,
+    characteristic_speed,
+    estimate_parameters,
+    find_steady_state,
+    linearize_single_track,
+    make_single_track,
+    make_single_track_vehicle,
+    steady_gain,
+    understeer_gradient,
+)
+from mirdrake.single_track.dynamics import BLEND_TIME, Variant, brush_force, evaluate, maths_of
+from mirdrake.single_track.parameters import PARAMETERS
+from mirdrake.single_track.system import state_names
+from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.inspection import inspect_vehicle
+
+GRAVITY = 9.80665
+CAR = SingleTrackParameters(
+    mass=1500.0, yaw_inertia=2400.0, front_length=1.2, rear_length=1.5, front_stiffness=90e3, rear_stiffness=110e3
+)
+LOSSES = replace(CAR, rolling_resistance=0.01, drag=0.5, rotating_mass=40.0)
+FLOATS = maths_of(float)
+LINEAR, KINEMATIC, BRUSH = Variant("linear"), Variant("kinematic"), Variant("brush")
+VARIANTS = [
+    KINEMATIC,
+    Variant("kinematic", actuators=True),
+    LINEAR,
+    Variant("linear", relaxation=True),
+    BRUSH,
+    Variant("brush", relaxation=True, actuators=True),
+]
+
+
+def names_of(port):
+    """Names of a port's signals, in order."""
+    contents = signals_of(port)
+    assert contents is not None
+    return [signal.name for signal in contents]
+
+
+class Ride:
+    """A model on its own under inputs that do not change."""
+
+    def __init__(self, parameters, variant=LINEAR, *, steering=0.0, drive=0.0, brake=0.0, step=0.01, **state):
+        self.model = SingleTrack(parameters, variant)
+        self.simulator = Simulator(self.model)
+        self.context = self.simulator.get_mutable_context()
+        self.model.set_state(self.context, **state)
+        self.model.steering.FixValue(self.context, [steering, 0.0][: self.model.steering.size()])
+        self.model.forces.FixValue(self.context, [drive, brake, 0.0][: self.model.forces.size()])
+        ResetIntegratorFromFlags(self.simulator, "runge_kutta3", step)
+        self.simulator.get_mutable_integrator().set_fixed_step_mode(True)
+        self.simulator.Initialize()
+
+    def at(self, time):
+        self.simulator.AdvanceTo(time)
+        return self
+
+    def __getitem__(self, name):
+        for port in (self.model.state, self.model.motion):
+            if name in names_of(port):
+                return port.Eval(self.context)[names_of(port).index(name)]
+        raise KeyError(name)
+
+
+# --- closed forms ------------------------------------------------------------------------------------------------
+
+
+def test_the_kinematic_car_drives_a_circle_of_wheelbase_over_tangent():
+    ride = Ride(CAR, KINEMATIC, steering=0.3, vx=4.0, step=0.005)
+    radius = 2.7 / tan(0.3)
+    for time in (1.0, 3.7, 9.0):
+        ride.at(time)
+        assert hypot(ride["x"], ride["y"] - radius) == pytest.approx(radius, rel=1e-6)
+        assert ride["wz"] == pytest.approx(4.0 / radius, rel=1e-12)
+        assert (ride["vx"], ride["vy"]) == (4.0, 0.0)
+    assert ride["yaw"] == pytest.approx(np.remainder(9.0 * 4.0 / radius + pi, 2.0 * pi) - pi, rel=1e-9)
+    assert ride["sideslip"] == pytest.approx(atan(1.5 / radius))
+    assert hypot(ride["longitudinal_acceleration"], ride["lateral_acceleration"]) == pytest.approx(
+        16.0 / radius**2 * hypot(radius, 1.5)
+    )
+
+
+def test_the_kinematic_car_gains_the_energy_that_the_motor_gives():
+    ride = Ride(replace(CAR, rotating_mass=50.0), KINEMATIC, steering=0.3, drive=2000.0, vx=1.0, step=0.005).at(5.0)
+    turn = tan(0.3) / 2.7
+    energy = 0.5 * (1500.0 + 50.0 + (1500.0 * 1.5**2 + 2400.0) * turn**2)
+    # The front wheel, which drives, runs 1 / cos 0.3 times as far as the rear axle: force over effective mass.
+    acceleration = 2000.0 / cos(0.3) / (2.0 * energy)
+    assert ride["vx"] == pytest.approx(1.0 + 5.0 * acceleration, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [8.0, 20.0, 35.0])
+def test_yaw_rate_and_sideslip_on_a_circle_are_those_of_the_textbook(speed):
+    """R. Rajamani, sections 3.1 to 3.3, with a small steering angle; the drive force holds the speed."""
+    steering = 1e-4
+    gradient = 1500.0 / 2.7 * (1.5 / 90e3 - 1.2 / 110e3)
+    assert understeer_gradient(CAR) == pytest.approx(gradient, rel=1e-12)
+    yaw_rate = speed / (2.7 + gradient * speed**2) * steering
+    ride = Ride(CAR, steering=steering, vx=speed).at(8.0)
+    assert ride["wz"] == pytest.approx(yaw_rate, rel=1e-6)
+    assert steady_gain(CAR, speed) == pytest.approx(yaw_rate / steering, rel=1e-12)
+    assert ride["lateral_acceleration"] == pytest.approx(speed * yaw_rate, rel=1e-6)
+    rear_slip = -1500.0 * 1.2 / 2.7 * speed * yaw_rate / 110e3  # lateral force of the rear axle over its stiffness
+    assert ride["rear_slip_angle"] == pytest.approx(rear_slip, rel=1e-5)
+    assert ride["sideslip"] == pytest.approx(1.5 * yaw_rate / speed + rear_slip, rel=1e-5)
+    steady = find_steady_state(CAR, LINEAR, speed=speed, steering=steering)
+    assert steady["yaw_rate"] == pytest.approx(yaw_rate, rel=1e-6)
+    # The motor holds against the front axle's side force, which points back, and turns the velocity of the mass.
+    sideslip = 1.5 * yaw_rate / speed + rear_slip
+    against = 1.5 / 2.7 * speed * yaw_rate * steering - yaw_rate * sideslip * speed
+    assert steady["drive"] == pytest.approx(1500.0 * against, rel=1e-4)
+
+
+def test_an_understeering_car_has_its_largest_yaw_gain_at_the_characteristic_speed():
+    best = characteristic_speed(CAR)
+    speeds = np.linspace(0.7, 1.3, 61) * best
+    models = [linearize_single_track(CAR, LINEAR, speed=v).part(states=["vy", "yaw_rate"]) for v in speeds]
+    gains = [model.gain("yaw_rate", "steering") for model in models]
+    assert speeds[np.argmax(gains)] == pytest.approx(best, rel=0.011)
+    assert max(gains) == pytest.approx(best / 2.7 / 2.0, rel=1e-4)
+
+
+def test_an_oversteering_car_is_unstable_beyond_its_critical_speed():
+    car = replace(CAR, front_stiffness=110e3, rear_stiffness=70e3)
+    critical = -characteristic_speed(car)
+    assert critical == pytest.approx(sqrt(2.7**2 * 110e3 * 70e3 / (1500.0 * (1.2 * 110e3 - 1.5 * 70e3))))
+    for factor, stable in ((0.999, True), (1.001, False)):
+        poles = linearize_single_track(car, LINEAR, speed=factor * critical).part(states=["vy", "yaw_rate"])
+        assert (poles.eigenvalues().real.max() < 0.0) == stable
+    straight = Ride(car, vx=1.2 * critical, yaw_rate=1e-7)
+    lateral = linearize_single_track(car, LINEAR, speed=1.2 * critical).part(states=["vy", "yaw_rate"])
+    early = straight.at(5.0)["wz"]
+    growth = straight.at(6.0)["wz"] / early
+    assert growth == pytest.approx(np.exp(lateral.eigenvalues().real.max()), rel=1e-3)
+
+
+def test_the_car_coasts_down_as_the_integral_of_its_losses_says():
+    """M v' = -(A + C v²) has v = sqrt(A/C) tan(atan(v0 sqrt(C/A)) - t sqrt(A C) / M)."""
+    a, c, m = 0.01 * 1500.0 * GRAVITY, 0.5, 1540.0
+    for variant in (KINEMATIC, LINEAR, BRUSH):
+        ride = Ride(LOSSES, variant, vx=30.0, step=0.02)
+        for time in (5.0, 40.0, 100.0):
+            exact = sqrt(a / c) * tan(atan(30.0 * sqrt(c / a)) - time * sqrt(a * c) / m)
+            assert ride.at(time)["vx"] == pytest.approx(exact, rel=1e-7)
+
+
+def test_a_braking_car_stops_after_the_distance_of_its_force_and_stays():
+    ride = Ride(CAR, brake=6000.0, vx=20.0, step=0.005).at(6.0)
+    assert ride["x"] == pytest.approx(20.0**2 / (2.0 * 4.0), rel=0.002)
+    assert abs(ride["vx"]) < 1e-9
+
+
+@pytest.mark.parametrize("variant", [KINEMATIC, LINEAR, BRUSH])
+def test_a_car_rolls_down_the_slope_that_its_heading_gives(variant):
+    slope = replace(CAR, gravity_x=-GRAVITY * sin(0.05), gravity_z=-GRAVITY * cos(0.05))
+    assert Ride(slope, variant).at(4.0)["vx"] == pytest.approx(-4.0 * GRAVITY * sin(0.05), rel=1e-6)
+    across = Ride(slope, variant, yaw=pi / 2.0).at(4.0)
+    assert abs(across["vx"]) < 1e-3
+
+
+def test_the_friction_of_brush_tyres_limits_turning_and_braking():
+    slippery = replace(CAR, front_friction=0.4, rear_friction=0.4, com_height=0.5)
+    hard = Ride(slippery, BRUSH, steering=0.3, vx=20.0)
+    turning = max(abs(hard.at(0.1 * i)["lateral_acceleration"]) for i in range(1, 12))
+    assert 0.3 * GRAVITY < turning < 0.4 * GRAVITY * 1.001
+    braking = Ride(slippery, BRUSH, brake=50e3, vx=20.0).at(1.0)
+    assert 0.9 * 0.4 * GRAVITY < -braking["longitudinal_acceleration"] < 0.4 * GRAVITY
+    state = [0.0, 0.0, 0.0, 20.0, 8.0, 0.0]  # both axles slide
+    limit = 0.4 * 1500.0 * GRAVITY * 1.5 / 2.7
+    rates = evaluate(BRUSH, replace(slippery, com_height=0.0).values(), state, [0.0, 0.6 * limit, 0.0], maths=FLOATS)
+    assert rates.motion[5:] == pytest.approx([-0.8 * limit, -limit * 1.2 / 1.5])
+    with pytest.raises(ConfigError, match=r"cannot hold 20 m/s at 0\.3 rad; take less speed or steering"):
+        find_steady_state(slippery, BRUSH, speed=20.0, steering=0.3)
+
+
+# --- independent computations ------------------------------------------------------------------------------------
+
+
+def _rajamani(p, speed):
+    """Matrices of the states y, y', ψ, ψ' (section 2.3), from its equations with 2 Cf = front_stiffness."""
+    cf, cr, a, b, m, i = p.front_stiffness, p.rear_stiffness, p.front_length, p.rear_length, p.mass, p.yaw_inertia
+    matrix = [
+        [0.0, 1.0, 0.0, 0.0],
+        [0.0, -(cf + cr) / (m * speed), 0.0, -speed - (cf * a - cr * b) / (m * speed)],
+        [0.0, 0.0, 0.0, 1.0],
+        [0.0, -(cf * a - cr * b) / (i * speed), 0.0, -(cf * a * a + cr * b * b) / (i * speed)],
+    ]
+    return np.array(matrix), np.array([0.0, cf / m, 0.0, a * cf / i])
+
+
+@pytest.mark.parametrize("speed", [5.0, 25.0])
+def test_the_linear_model_is_that_of_the_textbook(speed):
+    matrix, column = _rajamani(CAR, speed)
+    linear = linearize_single_track(CAR, LINEAR, speed=speed).part(states=["vy", "yaw_rate"], inputs=["steering"])
+    np.testing.assert_allclose(linear.A, matrix[np.ix_([1, 3], [1, 3])], rtol=1e-12)
+    np.testing.assert_allclose(linear.B[:, 0], column[[1, 3]], rtol=1e-12)
+    poles = np.sort_complex(np.linalg.eigvals(matrix[np.ix_([1, 3], [1, 3])]))
+    np.testing.assert_allclose(np.sort_complex(linear.eigenvalues()), poles, rtol=1e-10)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_linear_model_is_that_of_drake(variant):
+    linear = linearize_single_track(LOSSES, variant, speed=15.0, steering=0.03)
+    model = SingleTrack(LOSSES, variant)
+    context = model.CreateDefaultContext()
+    context.SetContinuousState(linear.steady.state)
+    inputs = dict(zip(linear.inputs, linear.steady.inputs, strict=True))
+    for port in (model.steering, model.forces):
+        port.FixValue(context, [inputs[name] for name in names_of(port)])
+    derivatives = model.EvalTimeDerivatives(context).CopyToVector()[3:]
+    np.testing.assert_allclose(derivatives, 0.0, atol=1e-7)
+    port = model.motion.get_index()
+    theirs = Linearize(model, context, model.steering.get_index(), port, equilibrium_check_tolerance=100.0)
+    column = linear.inputs.index("steering")
+    np.testing.assert_allclose(linear.A, theirs.A()[3:, 3:], atol=1e-9)
+    np.testing.assert_allclose(linear.B[:, column], theirs.B()[3:, 0], atol=1e-9)
+    np.testing.assert_allclose(linear.C[2:], theirs.C()[:, 3:], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(linear.D[2:, column], theirs.D()[:, 0], rtol=1e-9, atol=1e-6)
+    assert linear.system().A().shape == linear.A.shape
+    assert linear.steady["vx"] == 15.0
+
+
+def test_a_step_of_steering_follows_the_exact_solution():
+    speed, steering = 20.0, 1e-4
+    ride = Ride(CAR, steering=steering, vx=speed, step=0.005)
+    matrix, column = _rajamani(CAR, speed)
+    whole = np.zeros((5, 5))
+    whole[:4, :4], whole[:4, 4] = matrix, column * steering
+    largest = 0.0
+    for time in np.arange(1, 40) * 0.05:
+        exact = (expm(whole * time) @ [0.0, 0.0, 0.0, 0.0, 1.0])[:4]
+        ride.at(time)
+        largest = max(largest, abs(exact[3]))
+        assert ride["wz"] == pytest.approx(exact[3], abs=2e-6 * largest)
+        assert ride["vy"] + 1.5 * ride["wz"] == pytest.approx(exact[1], abs=1e-5 * speed * largest)
+    assert largest > 1.0001 * ride["wz"]  # it overshoots
+
+
+@pytest.mark.parametrize("variant", [KINEMATIC, LINEAR, BRUSH, Variant("brush", relaxation=True)])
+def test_results_do_not_depend_on_the_time_step(variant):
+    rides = [Ride(LOSSES, variant, steering=0.05, drive=1000.0, step=step, vx=12.0).at(3.0) for step in (0.02, 0.01)]
+    for name in ("x", "y", "vx", "wz", "lateral_acceleration"):
+        assert rides[0][name] == pytest.approx(rides[1][name], rel=1e-4)
+
+
+@pytest.mark.parametrize("variant", [LINEAR, BRUSH])
+def test_the_power_of_the_forces_is_the_change_of_the_energy(variant):
+    """Without losses; the tyres take away side force times sliding speed, and nothing else is lost."""
+    steering, state = 0.1, [0.0, 0.0, 0.0, 15.0, -0.4, 0.35]
+    rates = evaluate(variant, CAR.values(), state, [steering, 1200.0, 0.0], maths=FLOATS)
+    vx, vy, spin = state[3:]
+    front, rear = rates.motion[5], rates.motion[6]
+    ahead = vy + 1.2 * spin
+    given = 1200.0 * (vx * cos(steering) + ahead * sin(steering))
+    lost = front * (ahead * cos(steering) - vx * sin(steering)) + rear * (vy - 1.5 * spin)
+    gained = 1500.0 * (vx * rates.state[3] + vy * rates.state[4]) + 2400.0 * spin * rates.state[5]
+    assert lost < 0.0
+    assert gained == pytest.approx(given + lost, rel=1e-12)
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.01, -0.05, 0.0999, 0.1001, -0.4])
+def test_the_brush_force_is_that_of_bristles_under_a_parabolic_pressure(slip):
+    stiffness, limit, half = 30e3, 1000.0, 0.06  # slides from tan α = 3 · 1000 / 30e3 = 0.1 on
+    bristle = stiffness / (2.0 * half**2)  # N/m²: all of them stick at a force of 2 c a² tan α
+
+    def force(place):  # from the leading edge
+        pressure = 3.0 * limit / (4.0 * half**3) * place * (2.0 * half - place)
+        return min(bristle * place * abs(slip), pressure)
+
+    sticking = max(2.0 * half - bristle * abs(slip) * 4.0 * half**3 / (3.0 * limit), 0.0)
+    wanted = quad(force, 0.0, 2.0 * half, points=[sticking])[0]
+    assert brush_force(slip, stiffness=stiffness, limit=limit) == pytest.approx(-np.sign(slip) * wanted, abs=1e-6)
+
+
+def test_relaxation_delays_the_slip_by_a_distance():
+    car = replace(CAR, front_relaxation=0.6, rear_relaxation=0.3, mass=1e9, yaw_inertia=1e9)  # goes straight on
+    ride = Ride(car, Variant("linear", relaxation=True), vx=10.0, vy=0.1, step=0.001).at(0.05)
+    assert ride["front_slip_angle"] == pytest.approx(0.01 * (1.0 - np.exp(-0.5 / 0.6)), rel=1e-3)
+    assert ride["rear_slip_angle"] == pytest.approx(0.01 * (1.0 - np.exp(-0.5 / 0.3)), rel=1e-3)
+
+
+@pytest.mark.parametrize("variant", [LINEAR, BRUSH])
+def test_gravity_and_velocity_have_the_components_of_the_heading(variant):
+    bank, yaw = replace(CAR, gravity_x=0.3, gravity_y=-0.5), 0.7
+    ahead, side = np.array([cos(yaw), sin(yaw)]), np.array([-sin(yaw), cos(yaw)])
+    rates = evaluate(variant, bank.values(), [0.0, 0.0, yaw, 20.0, 0.0, 0.0], [0.0, 0.0, 0.0], maths=FLOATS).state
+    assert rates[3:5] == pytest.approx([ahead @ [0.3, -0.5], side @ [0.3, -0.5]])
+    rates = evaluate(variant, bank.values(), [0.0, 0.0, yaw, 20.0, 1.0, 0.2], [0.0, 0.0, 0.0], maths=FLOATS).state
+    assert rates[:3] == pytest.approx([*(20.0 * ahead + (1.0 - 1.5 * 0.2) * side), 0.2])
+
+
+def test_gravity_across_a_car_that_rolls_in_a_curve_does_work_on_its_mass():
+    bank, turn = replace(CAR, gravity_y=-0.5), tan(0.3) / 2.7
+    rates = evaluate(KINEMATIC, bank.values(), [0.0, 0.0, 0.0, 3.0], [0.3, 0.0, 0.0], maths=FLOATS).state
+    power = 1500.0 * -0.5 * 1.5 * turn * 3.0  # force times sideways velocity of the centre of mass
+    assert (1500.0 + (1500.0 * 1.5**2 + 2400.0) * turn**2) * 3.0 * rates[3] == pytest.approx(power)
+
+
+# --- derivatives and other scalars -------------------------------------------------------------------------------
+
+POINTS = [(15.0, 0.05), (-6.0, 0.2), (1.7, 0.3), (0.3, -0.1), (12.0, 0.6)]  # from the blend to sliding
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize(("speed", "steering"), POINTS)
+def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(variant, speed, steering):
+    car = replace(LOSSES, com_height=0.5, servo_gain=300.0, front_drive=0.7, gravity_x=-0.3, gravity_y=0.2)
+    start = {"yaw": 0.4, "vx": speed, "vy": 0.1, "yaw_rate": 0.2, "front_slip": 0.02, "rear_slip": -0.01}
+    x = [{"steering": steering, **start}.get(name, 0.5) for name in state_names(variant)]
+    u = [steering, 900.0, 700.0, *([0.1, speed + 0.5] if variant.actuators else [])]
+    model = SingleTrack(car, variant)
+    point = np.array([*x, *u, *car.values()])
+
+    def rates(system, z):
+        context = system.CreateDefaultContext()
+        state, inputs, numbers = np.split(z, [len(x), len(x) + len(u)])
+        context.SetContinuousState(state)
+        given = dict(zip(["steering", "drive", "brake", "steering_rate", "speed"], inputs, strict=False))
+        system.steering.FixValue(context, np.array([given[name] for name in names_of(model.steering)]))
+        system.forces.FixValue(context, np.array([given[name] for name in names_of(model.forces)]))
+        system.set_parameters(context, **dict(zip(PARAMETERS, numbers, strict=True)))
+        outputs = [port.Eval(context) for port in (system.state, system.motion)]
+        return np.concatenate([system.EvalTimeDerivatives(context).CopyToVector(), *outputs])
+
+    exact = rates(model.ToAutoDiffXd(), InitializeAutoDiff(point).ravel())
+    np.testing.assert_allclose([value.value() for value in exact], rates(model, point), rtol=1e-12, atol=1e-12)
+    for column in range(len(point)):
+        step = 1e-6 * max(1.0, abs(point[column]))
+        moved = [rates(model, point + sign * step * np.eye(len(point))[column]) for sign in (1.0, -1.0)]
+        slopes = (moved[0] - moved[1]) / (2.0 * step)
+        derivatives = [value.derivatives()[column] if value.derivatives().size else 0.0 for value in exact]
+        np.testing.assert_allclose(derivatives, slopes, rtol=2e-5, atol=2e-5 * max(1.0, np.abs(slopes).max()))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_at_standstill_all_derivatives_are_finite(variant):
+    model = SingleTrack(LOSSES, variant).ToAutoDiffXd()
+    context = model.CreateDefaultContext()
+    count = context.num_continuous_states()
+    context.SetContinuousState(InitializeAutoDiff(np.zeros(count)).ravel())
+    for port in (model.steering, model.forces):
+        port.FixValue(context, np.array([AutoDiffXd(0.0)] * port.size()))
+    values = [*model.EvalTimeDerivatives(context).CopyToVector(), *model.motion.Eval(context)]
+    assert all(np.isfinite(value.value()) and np.isfinite(value.derivatives()).all() for value in values)
+
+
+def test_the_model_as_an_expression_gives_the_same_numbers():
+    numbers = [1.0, 2.0, 0.3, 11.0, -0.2, 0.15]
+    model = SingleTrack(CAR, BRUSH)
+    context, symbolic = model.CreateDefaultContext(), model.ToSymbolic()
+    context.SetContinuousState(numbers)
+    other = symbolic.CreateDefaultContext()
+    for system, where, kind in ((model, context, float), (symbolic, other, Expression)):
+        system.steering.FixValue(where, np.array([kind(0.04)]))
+        system.forces.FixValue(where, np.array([kind(500.0), kind(0.0)]))
+    other.SetContinuousState(np.array([Expression(value) for value in numbers]))
+    mine = model.EvalTimeDerivatives(context).CopyToVector()
+    theirs = [value.Evaluate() for value in symbolic.EvalTimeDerivatives(other).CopyToVector()]
+    np.testing.assert_allclose(theirs, mine, rtol=1e-12)
+
+
+# --- low speed ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_parked_car_stays_where_it_is(variant):
+    ride = Ride(LOSSES, variant, steering=0.4, vx=0.0).at(5.0)
+    assert (ride["x"], ride["y"], ride["vx"], ride["wz"]) == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.9, 2.0, -0.5, -2.5])
+def test_a_slow_car_turns_as_geometry_says(speed):
+    ride = Ride(CAR, steering=0.2, drive=0.0, vx=speed, vy=0.3).at(3.0)
+    assert ride["wz"] == pytest.approx(ride["vx"] * tan(0.2) / 2.7, rel=0.02)
+    assert abs(ride["vy"]) < 0.02 * abs(speed)
+
+
+def test_a_car_that_slides_sideways_is_not_taken_for_a_slow_one():
+    ride = Ride(CAR, BRUSH, vy=10.0).at(0.5)
+    assert ride["vy"] + 1.5 * ride["wz"] == pytest.approx(10.0 - 0.5 * GRAVITY, rel=0.02)
+
+
+def test_a_car_drives_off_through_the_blend_without_a_jerk():
+    ride = Ride(CAR, BRUSH, steering=0.1, drive=3000.0)
+    rates = [ride.at(0.02 * i)["wz"] / max(ride["vx"], 1e-3) for i in range(30, 250)]
+    assert np.abs(np.diff(rates)).max() < 2e-3
+    assert ride["vx"] > CAR.blend_end
+    assert BLEND_TIME < 0.1
+
+
+# --- the vehicle folder ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["bolt", "mkz", "catvehicle", "unior"])
+def test_the_parameters_of_a_vehicle_are_what_its_inspection_measures(name):
+    vehicle = load_vehicle(name)
+    parameters, figures = estimate_parameters(vehicle), inspect_vehicle(vehicle)
+    assert parameters.mass == pytest.approx(figures.mass)
+    assert parameters.yaw_inertia == pytest.approx(figures.inertia[2])
+    assert parameters.wheelbase == pytest.approx(figures.wheelbase)
+    assert parameters.rear_length == pytest.approx(figures.com[0])
+    assert parameters.com_height == pytest.approx(figures.com[2])
+    assert parameters.front_stiffness == pytest.approx(12.0 * figures.loads[0])
+    assert parameters.rear_stiffness == pytest.approx(16.0 * figures.loads[1])
+    assert parameters.front_friction == max(link.friction or 0.0 for link in figures.links if link.spin is not None)
+    wheels = sum(link.spin * link.mass for link in figures.links if link.spin is not None)
+    assert parameters.rotating_mass == pytest.approx(wheels)  # these cars have no rotors
+    assert parameters.front_drive == {"front": 1.0, "rear": 0.0, "all": 0.5}[vehicle.spec.drive]
+    assert estimate_parameters(vehicle, drag=False).drag == 0.0
+    assert estimate_parameters(vehicle, friction=0.5).rear_friction == 0.5
+
+
+def test_a_context_has_its_own_parameters():
+    model = make_single_track(load_vehicle("bolt"), tyres="brush", front_stiffness=80e3, rear_stiffness=90e3)
+    context, other = model.CreateDefaultContext(), model.CreateDefaultContext()
+    model.set_parameters(context, mass=2000.0)
+    assert model.get_parameters(context).mass == 2000.0
+    assert model.get_parameters(context).front_stiffness == 80e3
+    assert model.get_parameters(other) == model.parameters
+    with pytest.raises(ConfigError, match="no parameter 'mas'; did you mean 'mass'"):
+        model.set_parameters(context, mas=1.0)
+    with pytest.raises(ConfigError, match="mass must be > 0 and finite"):
+        model.set_parameters(context, mass=0.0)
+    with pytest.raises(ConfigError, match="no state 'v'"):
+        model.set_state(context, v=1.0)
+
+
+def test_what_makes_no_sense_is_refused():
+    vehicle = load_vehicle("bolt")
+    with pytest.raises(ConfigError, match="unknown tyres 'brus'; did you mean 'brush'"):
+        make_single_track(vehicle, tyres="brus")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="kinematic tyres have no slip"):
+        make_single_track(vehicle, tyres="kinematic", relaxation=True)
+    with pytest.raises(ConfigError, match="either parameters or stiffnesses"):
+        make_single_track(vehicle, parameters=CAR, rear_stiffness=1e5)
+    with pytest.raises(ConfigError, match="delay must be a multiple of the period"):
+        make_single_track_vehicle(vehicle, delay=0.03)
+    with pytest.raises(ConfigError, match="blend_end must be above blend_start"):
+        replace(CAR, blend_end=0.5)
+    with pytest.raises(ConfigError, match="gravity_z must be negative"):
+        replace(CAR, gravity_z=9.81)
+    with pytest.raises(ConfigError, match="front_drive must be"):
+        replace(CAR, front_drive=1.5)
+
+
+@pytest.mark.parametrize("variant", [LINEAR, Variant("linear", actuators=True), "control"])
+def test_the_ports_are_those_of_the_docstring(variant):
+    if variant == "control":
+        system = SingleTrackControl(load_vehicle("bolt"), mass=1600.0)
+    else:
+        system = SingleTrack(CAR, variant)
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    ports += [system.get_output_port(i) for i in range(system.num_output_ports())]
+    for port in ports:
+        assert f"{port.get_name()} (" in (type(system).__doc__ or "")
+        assert signals_of(port) is not None
+
+
+# --- the control unit, and the full vehicle ----------------------------------------------------------------------
+
+
+def _reduced(name, duration, *, speed=0.0, wanted, steering=0.0, **options):
+    """Log of the state of a vehicle under a constant command: rows are those of the state, columns times."""
+    builder = DiagramBuilder()
+    vehicle = builder.AddSystem(make_single_track_vehicle(load_vehicle(name), **options))
+    driver = builder.AddSystem(ConstantCommand(wanted, steering, period=0.02))
+    builder.Connect(driver.get_output_port(0), vehicle.GetInputPort("command"))
+    log = LogVectorOutput(vehicle.GetOutputPort("state"), builder, publish_period=0.02)
+    simulator = Simulator(builder.Build())
+    model = vehicle.GetSubsystemByName("single_track")
+    model.set_state(model.GetMyMutableContextFromRoot(simulator.get_mutable_context()), vx=speed)
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.01)
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    simulator.Initialize()
+    simulator.AdvanceTo(duration)
+    found = log.FindLog(simulator.get_context())
+    return found.sample_times(), dict(zip(names_of(model.state), found.data(), strict=True))
+
+
+def _full(duration, *, speed=0.0, wanted, steering=0.0):
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "bolt", "speed": speed}},
+        "control": {"ego": {"kind": "constant", "speed": wanted, "steering": steering}},
+        "plant": {"contact": "point"},
+    }
+    return Simulation(assemble(spec)).run(duration=duration).signals
+
+
+def test_the_reduced_bolt_turns_like_the_full_one():
+    """Its contact has no slip, so stiff tyres come nearest; with the stiffness of rubber a car understeers."""
+    full = _full(5.0, speed=5.0, wanted=5.0, steering=0.2)["ego.wz"]
+    for factor, steady, transient in ((4.0, 0.01, 0.05), (1.0, 0.03, 0.12)):
+        car = estimate_parameters(load_vehicle("bolt"))
+        car = replace(car, front_stiffness=factor * car.front_stiffness, rear_stiffness=factor * car.rear_stiffness)
+        times, state = _reduced("bolt", 5.0, speed=5.0, wanted=5.0, steering=0.2, parameters=car)
+        assert state["wz"][-1] == pytest.approx(full.iloc[-1], rel=steady)
+        difference = np.abs(state["wz"] - np.interp(times, full.index, full)).max()
+        assert difference < transient * full.iloc[-1]
+
+
+@pytest.mark.parametrize(("speed", "wanted"), [(0.0, 5.0), (6.0, 1.5), (2.0, 0.0)])
+def test_the_reduced_bolt_changes_its_speed_like_the_full_one(speed, wanted):
+    full = _full(4.0, speed=speed, wanted=wanted)["ego.vx"]
+    times, state = _reduced("bolt", 4.0, speed=speed, wanted=wanted)
+    assert np.abs(state["vx"] - np.interp(times, full.index, full)).max() < 0.05
+    assert state["vx"][-1] == pytest.approx(wanted, abs=0.05)
+
+
+def test_the_unior_with_its_pid_and_linkage_reaches_its_speed():
+    _, state = _reduced("unior", 6.0, wanted=1.0, steering=0.2, tyres="brush", relaxation=True)
+    assert state["vx"][-1] == pytest.approx(1.0, rel=0.02)
+    assert state["wz"][-1] > 0.05
+
+
+def test_a_delay_shifts_the_response():
+    times, prompt = _reduced("bolt", 2.0, speed=5.0, wanted=5.0, steering=0.1)
+    _, late = _reduced("bolt", 2.0, speed=5.0, wanted=5.0, steering=0.1, delay=0.1)
+    assert prompt["wz"][10] > 0.02
+    np.testing.assert_allclose(late["wz"][5:50], prompt["wz"][:45], rtol=0.01, atol=1e-4)
+    assert times[5] == pytest.approx(0.1)
