@@ -8,7 +8,6 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-import yaml
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, SpatialInertia
@@ -18,7 +17,6 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from benchmarks.timing import Times, timed
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import load_diagram
-from mirdrake.paths import find
 from mirdrake.plant import add_world
 from mirdrake.sensors.cameras import Camera, add_renderer, camera_params, use_plain_textures
 from mirdrake.simulation import Simulation
@@ -104,26 +102,10 @@ def _frames(duration: float, repeat: int, *, color: bool = True) -> dict[str, An
 
 
 def _collect(duration: float, repeat: int) -> dict[str, Any]:
-    """``mirdrake run`` on the test track, with the driving log and every picture on disk."""
+    """The diagram ``collect_driving_data``, with the driving log and every picture on disk."""
+    simulation = Simulation(assemble(load_diagram("collect_driving_data", overrides=["record.report=false"])))
+    times = []
     with tempfile.TemporaryDirectory() as folder:
-        # A folder beside that of the Bolt, with a camera of its own.
-        model = Path(folder) / "bolt"
-        model.mkdir()
-        for path in find("models", "bolt").iterdir():
-            (model / path.name).symlink_to(path)
-        sensors = model / "sensors.yaml"
-        data = yaml.safe_load(sensors.read_text(encoding="utf-8"))
-        data["mounts"]["front_camera"] |= {"width": WIDTH, "height": HEIGHT, "rate": COLLECTED_RATE}
-        sensors.unlink()
-        sensors.write_text(yaml.safe_dump(data), encoding="utf-8")
-        overrides = [
-            f"vehicles.ego.model={model}",
-            "sensors={ego: [front_camera]}",
-            "record={cameras: true, meshcat: false, report: false}",
-        ]
-        spec = load_diagram("bolt_test_track", overrides=overrides)
-        simulation = Simulation(assemble(spec))
-        times = []
         for number in range(repeat):
             run = Path(folder) / f"run{number}"
             times.append(timed(lambda run=run: simulation.run(duration=duration, folder=run)))  # type: ignore[misc]
