@@ -15,7 +15,7 @@ import pytest
 
 from mirdrake.errors import RunError
 from mirdrake.report import write_report
-from mirdrake.report.drive import load_roads
+from mirdrake.report.drive import draw_drive, load_roads, load_scene, outlines
 from mirdrake.report.figures import thin
 from mirdrake.report.run_report import render_report
 from mirdrake.report.svg import embed_svg
@@ -401,7 +401,7 @@ def test_a_run_that_is_only_in_memory_can_be_rendered_but_not_written():
 
 
 def test_the_roads_of_the_test_track_close_and_are_three_metres_wide():
-    (road,) = load_roads("test_track")
+    (road,) = load_roads(load_scene("test_track"))
     assert road.closed
     np.testing.assert_allclose(road.left[0], road.left[-1], atol=1e-9)
     np.testing.assert_allclose(np.hypot(*(road.left - road.right).T), 3.0, atol=1e-9)
@@ -444,3 +444,18 @@ def test_times_and_names_read_like_prose():
     assert lasting(200.0) == "200\u00a0s"
     assert lasting(3600.0) == "60.0\u00a0min"
     assert spoken("cat_vehicle") == "Cat vehicle"
+
+
+def test_the_map_shows_what_stands_in_the_world(tmp_path):
+    path = tmp_path / "yard.yaml"
+    text = "mirdrake: world/1\nparams: {x: 5}\nprops:\n  - {box: [2, 1, 1], at: [$x, 3]}\n"
+    path.write_text(text, encoding="utf-8")
+    (outline,) = outlines(load_scene({"name": str(path), "params": {"x": 10}}))
+    assert (outline[:, 0].min(), outline[:, 0].max()) == (9.0, 11.0)
+    signals = pandas.DataFrame({"ego.x": [0.0, 20.0], "ego.y": [0.0, 0.0]}, index=pandas.Index([0.0, 1.0], name="time"))
+    bare, full = (draw_drive(["ego"], signals, [], props) for props in ([], [outline]))
+    assert bare is not None
+    assert full is not None
+    assert full["props"]
+    assert full["picture"].count("var(--edge)") > bare["picture"].count("var(--edge)")
+    assert load_scene({"name": "nowhere_at_all"}) is None

@@ -5,27 +5,24 @@ from typing import Any
 
 import numpy as np
 import pandas
+import shapely
 
+from mirdrake.diagram_spec import WorldEntry
 from mirdrake.errors import MirdrakeError
+from mirdrake.report.figures import Array
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.track_map import Line, Place, Road, draw_map, draw_place
 from mirdrake.report.vehicle_charts import VehicleSignals
 from mirdrake.report.words import clock, tell
-from mirdrake.worlds import load_world
+from mirdrake.worlds import World
 
 VEHICLE_COLOURS = ("main", "own1", "own2", "own3", "own4")
 
 
-def load_roads(world: str) -> list[Road]:
-    """The roads of a world as polylines; none if the world is not found or has no track."""
-    if not world:
-        return []
-    try:
-        tracks = load_world(world).tracks.values()
-    except MirdrakeError:
-        return []
+def load_roads(world: World | None) -> list[Road]:
+    """The roads of a world as polylines; none if there is no world or no track."""
     roads = []
-    for track in tracks:
+    for track in world.tracks.values() if world is not None else ():
         s = track.stations(sagitta=0.01)
         if track.closed:
             s[-1] = 0.0
@@ -36,13 +33,35 @@ def load_roads(world: str) -> list[Road]:
     return roads
 
 
-def draw_drive(names: Sequence[str], signals: pandas.DataFrame, roads: Sequence[Road]) -> dict[str, Any] | None:
+def load_scene(entry: Any) -> World | None:
+    """The world of a run, from what its spec says of it; None if there is none such any more."""
+    try:
+        return WorldEntry(**({"name": entry} if isinstance(entry, str) else entry)).load()
+    except (MirdrakeError, TypeError, ValueError):
+        return None
+
+
+def outlines(world: World | None) -> list[Array]:
+    """Outlines of the props of a world seen from above, each n x 2 [m], as they were placed."""
+    props = world.props if world is not None else ()
+    return [
+        shapely.get_coordinates(part.exterior)
+        for prop in props
+        for part in shapely.get_parts(prop.footprint)
+        if isinstance(part, shapely.Polygon)
+    ]
+
+
+def draw_drive(
+    names: Sequence[str], signals: pandas.DataFrame, roads: Sequence[Road], props: Sequence[Array] = ()
+) -> dict[str, Any] | None:
     """The map, its colour scale and the close views; None when nothing is to be seen.
 
     Args:
         names: of the vehicles.
         signals: of all of them.
         roads: of the world.
+        props: outlines of what stands in it, each n x 2 [m].
     """
     lines: list[Line] = []
     places: list[tuple[Place, str]] = []
@@ -58,12 +77,19 @@ def draw_drive(names: Sequence[str], signals: pandas.DataFrame, roads: Sequence[
         return None
     spots = [place for place, _ in places]
     text = "The track from above with the driven line." if roads else "The driven line from above."
-    picture = draw_map(roads, lines, spots, "map-", text)
+    picture = draw_map(roads, lines, spots, "map-", text, props)
     views = [
-        (draw_place(roads, lines, place, f"place{number}-", f"Close view of place {number}. {caption}"), caption)
+        (draw_place(roads, lines, place, f"place{number}-", f"Close view of place {number}. {caption}", props), caption)
         for number, (place, caption) in enumerate(places, start=1)
     ]
-    return {"picture": picture, "scale": scale, "places": views, "roads": bool(roads), "lines": len(lines)}
+    return {
+        "picture": picture,
+        "scale": scale,
+        "places": views,
+        "roads": bool(roads),
+        "props": bool(props),
+        "lines": len(lines),
+    }
 
 
 def _colour_classes(vehicle: VehicleSignals) -> tuple[Any, dict[str, str]]:

@@ -18,7 +18,7 @@ import yaml
 from markupsafe import Markup
 
 from mirdrake.errors import MirdrakeError, RunError
-from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads
+from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, load_scene, outlines
 from mirdrake.report.figures import drawing_style
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.track_map import Road, scale_colours
@@ -122,14 +122,15 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
     if not math.isfinite(simulated) and len(signals):
         simulated = float(signals.index[-1])
     world = _world_name(spec, summary)
-    roads = load_roads(world)
+    scene = load_scene(spec.get("world") or world)
+    roads = load_roads(scene)
     names = _vehicle_names(run)
     folder = run.folder.name if run.folder else ""
     with drawing_style():
         vehicles = [
             _make_vehicle_page(run, VehicleSignals(signals, name), index, roads) for index, name in enumerate(names)
         ]
-        drive = draw_drive(names, signals, roads)
+        drive = draw_drive(names, signals, roads, outlines(scene))
     headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
     diagram, diagram_note = _diagram(run.folder, diagram_svg)

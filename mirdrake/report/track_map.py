@@ -80,7 +80,12 @@ def scale_colours() -> tuple[list[str], list[str]]:
 
 
 def draw_map(
-    roads: Sequence[Road], lines: Sequence[Line], places: Sequence[Place], prefix: str, description: str
+    roads: Sequence[Road],
+    lines: Sequence[Line],
+    places: Sequence[Place],
+    prefix: str,
+    description: str,
+    props: Sequence[Array] = (),
 ) -> Markup:
     """Roads and driven lines from above, x to the right and y up, with start, end, direction and a scale bar.
 
@@ -90,6 +95,7 @@ def draw_map(
         places: marked by numbers from 1.
         prefix: of ids, unique in the page.
         description: what a listener is told in place of the picture.
+        props: outlines of what stands around, each n x 2 [m]; those near the roads and lines are seen.
     """
     parts = [road.left for road in roads] + [road.right for road in roads]
     parts += [np.column_stack((line.x, line.y)) for line in lines]
@@ -104,16 +110,24 @@ def draw_map(
         scale = min((width - 2 * _MARGIN) / size_x, (most - 2 * _MARGIN - _FOOT) / size_y)  # [px/m]
         height = max(least, size_y * scale + 2 * _MARGIN + _FOOT)
         axes = _make_axes((x0 + x1) / 2.0, (y0 + y1) / 2.0 - _FOOT / 2.0 / scale, width, height, scale)
-        _fill_map(axes, roads, lines, places, scale)
+        _fill_map(axes, roads, lines, places, scale, props)
         _draw_scale_bar(axes, width, height, scale)
         attributes = {"class": f"plot map {kind}", "role": "img", "aria-label": description}
         pictures.append(_embed(axes, prefix + kind[0], attributes))
     return Markup("\n").join(pictures)
 
 
-def _fill_map(axes: Axes, roads: Sequence[Road], lines: Sequence[Line], places: Sequence[Place], scale: float) -> None:
+def _fill_map(
+    axes: Axes,
+    roads: Sequence[Road],
+    lines: Sequence[Line],
+    places: Sequence[Place],
+    scale: float,
+    props: Sequence[Array],
+) -> None:
     for road in roads:
         _draw_road(axes, road, 0.25 / scale, edge_width=0.8)
+    _draw_props(axes, props)
     for line, width in zip(lines, _line_widths(len(lines), 2.4 if scale > 1.5 else 1.7), strict=True):
         _draw_line(axes, line, 0.25 / scale, width=width)
         _draw_arrows(axes, line, scale)
@@ -134,7 +148,14 @@ def _fill_map(axes: Axes, roads: Sequence[Road], lines: Sequence[Line], places: 
         )
 
 
-def draw_place(roads: Sequence[Road], lines: Sequence[Line], place: Place, prefix: str, description: str) -> Markup:
+def draw_place(
+    roads: Sequence[Road],
+    lines: Sequence[Line],
+    place: Place,
+    prefix: str,
+    description: str,
+    props: Sequence[Array] = (),
+) -> Markup:
     """One place closely, with the centre line of the road dashed; arguments as of :func:`draw_map`."""
     scale = _INSET / (2.0 * place.reach)
     axes = _make_axes(place.x, place.y, _INSET, _INSET, scale)
@@ -144,6 +165,7 @@ def draw_place(roads: Sequence[Road], lines: Sequence[Line], place: Place, prefi
         for begin, end in _stretches(road.centre, box):
             piece = _simplified(road.centre[begin:end], 0.1 / scale)
             axes.plot(piece[:, 0], piece[:, 1], color=THEME["muted"], linewidth=1.2, linestyle=(0, (6, 4)))
+    _draw_props(axes, props)
     for line, width in zip(lines, _line_widths(len(lines), 2.0), strict=True):
         points = np.column_stack((line.x, line.y))
         for begin, end in _stretches(points, box):  # NaN is in no box
@@ -185,6 +207,17 @@ def _draw_road(axes: Axes, road: Road, tolerance: float, *, edge_width: float, b
         axes.add_patch(PathPatch(Outline(outline), facecolor=THEME["road"], linewidth=0.0))
         for edge in (left, right):
             axes.plot(edge[:, 0], edge[:, 1], color=THEME["edge"], linewidth=edge_width)
+
+
+def _draw_props(axes: Axes, props: Sequence[Array]) -> None:
+    """Outlines that are at least partly within the axes."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    for outline in props:
+        (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
+        if x0 < right and x1 > left and y0 < high and y1 > low:
+            axes.add_patch(
+                PathPatch(Outline(outline), facecolor=THEME["edge"], edgecolor=THEME["muted"], linewidth=0.6)
+            )
 
 
 def _draw_line(axes: Axes, line: Line, tolerance: float, *, width: float) -> None:
