@@ -11,7 +11,7 @@ from mirdrake.diagram import assemble, load_diagram
 from mirdrake.errors import ConfigError
 from mirdrake.paths import data_root
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.mounts import SensorsSpec
+from mirdrake.vehicles.mounts import CameraMount, SensorsSpec
 from mirdrake.vehicles.presets import presets
 from mirdrake.yaml_io import load_yaml, parse_yaml
 from tests.sensor_rigs import vehicle_with
@@ -198,6 +198,8 @@ def drive(mounts):
 def test_a_diagram_changes_keys_of_a_mount():
     mount = assemble(drive({"front_camera": {"width": 640, "height": 480, "rate": 25}})).parts.vehicles["ego"]
     camera, usual = mount.vehicle.sensors.mounts["front_camera"], load_vehicle("bolt").sensors.mounts["front_camera"]
+    assert isinstance(camera, CameraMount)
+    assert isinstance(usual, CameraMount)
     assert (camera.width, camera.height, camera.rate) == (640, 480, 25.0)
     assert camera.horizontal_fov == usual.horizontal_fov
     assert mount.vehicle.sensors.mounts["imu"] == load_vehicle("bolt").sensors.mounts["imu"]
