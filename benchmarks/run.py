@@ -87,11 +87,12 @@ def _measure_job(job: str, options: argparse.Namespace) -> dict[str, Any]:
         result = w1.run_w1(duration=duration, parked=parked, repeat=repeat, steps=steps)
         return result | {"peers": peers.run_peers(duration=duration, parked=parked, repeat=repeat)}
     if job == "w2":
-        from benchmarks import w2
+        from benchmarks import peers_pictures, w2
 
         short = options.quick or options.smoke
         duration, collected = (0.2, 0.4) if options.smoke else (w2.DURATION, 10.0 if short else 60.0)
-        return w2.run_w2(duration=duration, collected=collected, repeat=repeat)
+        result = w2.run_w2(duration=duration, collected=collected, repeat=repeat)
+        return result | {"peers": peers_pictures.run_peers(duration=duration, repeat=repeat)}
     if job == "w3":
         from benchmarks import w3
 
@@ -113,6 +114,9 @@ def _measure_job(job: str, options: argparse.Namespace) -> dict[str, Any]:
 MUJOCO_POOL = 4.8
 """Job W4 by MuJoCo in a process pool where the targets were set [ms per simulated second]."""
 
+W2_MS = {"mujoco": 26.0, "pybullet": 20.6}
+"""Job W2: what a frame took the peers where its targets were set [ms]."""
+
 W3_MS = {"360x1": (0.2, 0.086), "16x900": (1.9, 1.9)}
 """Job W3: what a scan may take, and what it took MuJoCo where that was set [ms]."""
 
@@ -130,7 +134,12 @@ def targets(jobs: dict[str, Any]) -> dict[str, Any]:
         found |= _w1_targets(jobs["w1"])
     if "w2" in jobs:
         w2 = jobs["w2"]
-        found["w2_ms_per_frame"] = _at_most(w2["color_and_depth"]["ms_per_frame"], must=18.0, aim=12.0)
+        scales = {name: peer["ms_per_frame"] / W2_MS[name] for name, peer in w2["peers"].items()}
+        scale = min(scales.values(), default=1.0)
+        found["w2_ms_per_frame"] = _at_most(w2["color_and_depth"]["ms_per_frame"], must=18.0 * scale, aim=12.0 * scale)
+        if scales:
+            text = ", ".join(f"{value:.2f} as {name} to {W2_MS[name]:g} ms" for name, value in scales.items())
+            found["w2_note"] = _note(f"18 and 12 ms scaled by the smallest of: {text}")
         found["w2_frames_missing"] = _at_most(w2["color_and_depth"]["missing"], must=0.0)
         found["w2_collect_rtf"] = _at_least(w2["collect"]["rtf"], must=1.5, aim=2.0)
         found["w2_collect_pictures_missing"] = _at_most(w2["collect"]["missing"], must=0.0)

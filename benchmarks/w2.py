@@ -18,13 +18,14 @@ from benchmarks.timing import Times, timed
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import load_diagram
 from mirdrake.plant import add_world
-from mirdrake.sensors.cameras import Camera, add_renderer, camera_params, use_plain_textures
+from mirdrake.sensors.cameras import Camera, add_renderer, camera_params, merge_still_things, use_plain_textures
 from mirdrake.simulation import Simulation
 from mirdrake.vehicles.mounts import DepthCameraMount
 from mirdrake.worlds import load_world
 
 WIDTH, HEIGHT, RATE, DURATION = 640, 480, 30.0, 4.0
 EYE, SPEED = 1.2, 0.5  # height of the camera [m]; how fast it moves ahead [m/s]
+FIELD, NEAR, FAR = radians(60.0), 0.3, 60.0  # horizontal field of view [rad]; limits of depth [m]
 
 COLLECTED_RATE = 25.0
 """Pictures per second of the drive that collects them [Hz]."""
@@ -47,10 +48,11 @@ class Scene:
         add_world(plant, world)
         plant.Finalize()
         use_plain_textures(plant, scene_graph)
+        merge_still_things(plant, scene_graph, merged_in=["w2"])
         add_renderer(scene_graph, "w2", camera_params(world))
         mount = DepthCameraMount(
-            kind="depth_camera", frame="mount", rate=RATE, width=WIDTH, height=HEIGHT, horizontal_fov=radians(60.0),
-            depth_near=0.3, depth_far=60.0, color=color,
+            kind="depth_camera", frame="mount", rate=RATE, width=WIDTH, height=HEIGHT, horizontal_fov=FIELD,
+            depth_near=NEAR, depth_far=FAR, color=color,
         )  # fmt: skip
         self.camera = builder.AddSystem(Camera(plant, frame, mount, renderer="w2"))
         builder.Connect(scene_graph.get_query_output_port(), self.camera.query_object)

@@ -43,7 +43,7 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
     [
         pytest.param(
             "w2",
-            {"color_and_depth", "depth", "collect"},
+            {"color_and_depth", "depth", "collect", "peers"},
             marks=pytest.mark.skipif(rendering._egl_fault() is not None, reason="cameras cannot be drawn here"),
         ),
         ("w3", {"360x1", "16x900"}),

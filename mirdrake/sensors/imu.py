@@ -51,6 +51,10 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
         latency: from the time of a sample until it is shown [s].
         dropout: probability that a sample is lost.
+
+    Attributes:
+        rate: samples per second [Hz].
+        latency: from the time of a sample until it is shown [s].
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
         period = aligned_period(rate, plant.time_step())
         sampler = _Sampler(rate=rate, noise=noise, stream=stream, latency=latency, dropout=dropout, period=period)
         builder.AddNamedSystem("sampler", sampler)
+        self.rate, self.latency, self._sampler = rate, latency, sampler
         builder.Connect(force.get_measurement_output_port(), sampler.force)
         builder.Connect(rates.get_measurement_output_port(), sampler.rates)
         for name, of_force, of_rates in (
@@ -91,6 +96,14 @@ class Imu(Diagram):  # type: ignore[misc, unused-ignore]
         self.sample, self.stamp = self.GetOutputPort("sample"), self.GetOutputPort("stamp")
         copy_signals(sampler.sample, self.sample)
         copy_signals(sampler.stamp, self.stamp)
+
+    def under_way(self, context: Context) -> list[tuple[float, Array]]:
+        """Samples that were taken and are not shown yet: when [s] and what (6), in the order of time.
+
+        Args:
+            context: Context of this diagram.
+        """
+        return self._sampler.under_way(self.GetSubsystemContext(self._sampler, context))
 
 
 class _Sampler(SampledSensor):

@@ -48,6 +48,10 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         latency: from the time of a sample until it is shown [s].
         dropout: probability that a sample is lost.
         period: from sample to sample [s]; default: :func:`sample_period`.
+
+    Attributes:
+        rate: samples per second [Hz].
+        latency: from the time of a sample until it is shown [s].
     """
 
     def __init__(
@@ -63,6 +67,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         period: float | None = None,
     ) -> None:
         super().__init__()
+        self.rate, self.latency = rate, latency
         self._rate, self._stream, self._latency, self._dropout = rate, stream, latency, dropout
         period = sample_period(rate) if period is None else period
         self._noise = noise if isinstance(noise, Noise) else Noise.plain(noise)
@@ -88,6 +93,18 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def keep(self, context: Context, state: DiscreteValues) -> None:
         """Write down what the next measurement needs to know of this one; most sensors need nothing."""
+
+    def under_way(self, context: Context) -> list[tuple[float, Array]]:
+        """Samples that were taken and are not shown yet: when [s] and what (n), in the order of time.
+
+        Args:
+            context: Context of this system.
+        """
+        if not self._latency:
+            return []
+        shown = float(context.get_discrete_state(self._held_stamp).get_value()[0])
+        rows = context.get_discrete_state(self._queue).get_value().reshape(self._slots, self._row)
+        return [(float(row[0]), row[1:].copy()) for row in rows[np.argsort(rows[:, 0])] if row[0] > shown]
 
     def declare_first_sample(self) -> None:
         """Have a sample from the start, for sensors whose inputs are known then; not with a latency."""
@@ -151,6 +168,10 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
         latency: from the time of a sample until it is shown [s].
         dropout: probability that a sample is lost.
+
+    Attributes:
+        rate: samples per second [Hz].
+        latency: from the time of a sample until it is shown [s].
     """
 
     def __init__(
@@ -164,6 +185,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         dropout: float = 0.0,
     ) -> None:
         super().__init__()
+        self.rate, self.latency = rate, latency
         self._rate, self._stream, self._latency, self._dropout = rate, stream, latency, dropout
         self._held = self.DeclareAbstractState(empty)
         self._held_stamp = self.DeclareDiscreteState([-inf])
@@ -178,6 +200,19 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
     @abstractmethod
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
         """Write the sample of now, the one with this number, into `sample`."""
+
+    def under_way(self, context: Context) -> list[tuple[float, Any]]:
+        """Samples that were taken and are not shown yet: when [s] and what, in the order of time.
+
+        Args:
+            context: Context of this system.
+        """
+        if not self._latency:
+            return []
+        shown = float(context.get_discrete_state(self._held_stamp).get_value()[0])
+        stamps = context.get_discrete_state(self._stamps).get_value()
+        waiting = [(float(stamps[i]), self._queue[i]) for i in np.argsort(stamps) if stamps[i] > shown]
+        return [(time, context.get_abstract_state(int(place)).get_value()) for time, place in waiting]
 
     def _update(self, context: Context, state: State) -> None:
         index = round(context.get_time() * self._rate)

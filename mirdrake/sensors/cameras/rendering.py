@@ -1,8 +1,9 @@
 """Drake's VTK renderer for cameras: whether it runs here, what it draws, and how to have it draw quickly.
 
-On Linux it draws through EGL and needs no display. Without a graphics card Mesa draws in software, and there two
-things took most of the time of a picture, measured: anisotropic filtering of textures (:func:`use_plain_textures`) and
-the filter that smooths edges (:func:`smooth_edges_quickly`).
+On Linux it draws through EGL and needs no display. Without a graphics card Mesa draws in software, and there three
+things took most of the time of a picture, measured: anisotropic filtering of textures (:func:`use_plain_textures`), the
+filter that smooths edges (:func:`smooth_edges_quickly`), and many small things
+(:mod:`mirdrake.sensors.cameras.merging`).
 """
 
 import ctypes
@@ -18,22 +19,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
-    GeometryId,
     InMemoryMesh,
     MakeRenderEngineVtk,
     Mesh,
-    PerceptionProperties,
     RenderEngineVtkParams,
-    Role,
     SceneGraph,
 )
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.errors import MissingDependencyError
 from mirdrake.sensors.cameras.labels import assign_labels
+from mirdrake.sensors.cameras.looks import add_to_look, seen_by
+from mirdrake.sensors.cameras.merging import merge_still_things
 from mirdrake.worlds import World
 from mirdrake.worlds.scenery import render_params
 
@@ -62,11 +60,25 @@ def vehicle_renderer(parts: "PlantParts", part: "VehicleInPlant") -> str:
     if not parts.scene_graph.HasRenderer(renderer):
         if parts.scene_graph.RendererCount() == 0:
             assign_labels(parts)
+            _merge(parts)
         others = [f"cameras/{name}" for name in parts.vehicles if name != part.name]
         hide_model(parts.plant, parts.scene_graph, part.instance, accepting=others)
         use_plain_textures(parts.plant, parts.scene_graph)
         add_renderer(parts.scene_graph, renderer, camera_params(parts.world))
     return renderer
+
+
+def _merge(parts: "PlantParts") -> None:
+    """Draw what stands still at one go, but for the vehicles whose cameras label it."""
+    apart = {
+        name
+        for name, part in parts.vehicles.items()
+        if any(getattr(mount, "label", False) for mount in part.vehicle.sensors.mounts.values())
+    }
+    merged = [f"cameras/{name}" for name in parts.vehicles if name not in apart]
+    if merged:
+        apart_in = [f"cameras/{name}" for name in sorted(apart)]
+        merge_still_things(parts.plant, parts.scene_graph, merged_in=merged, apart_in=apart_in)
 
 
 def camera_params(world: World) -> RenderEngineVtkParams:
@@ -173,36 +185,7 @@ def hide_model(
         instance: the model.
         accepting: names of the renderers that shall show it; none at all hides it from every one.
     """
-    base = _accepting(accepting)
+    base = seen_by(accepting)
     for index in plant.GetBodyIndices(instance):
         for geometry in plant.GetVisualGeometriesForBody(plant.get_body(index)):
-            _add_to_look(plant, scene_graph, geometry, base)
-
-
-def _add_to_look(
-    plant: MultibodyPlant, scene_graph: SceneGraph, geometry: GeometryId, base: PerceptionProperties
-) -> None:
-    """Give a geometry perception properties beside those it has, if it has any; Drake replaces no such role."""
-    old = scene_graph.model_inspector().GetPerceptionProperties(geometry)
-    if old is None:
-        return
-    new = PerceptionProperties(base)
-    for group in old.GetGroupNames() - {"renderer"}:
-        for name in old.GetPropertiesInGroup(group):
-            new.UpdateProperty(group, name, old.GetProperty(group, name))
-    scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kPerception)
-    scene_graph.AssignRole(plant.get_source_id(), geometry, new)
-
-
-def _accepting(renderers: Iterable[str]) -> PerceptionProperties:
-    """Properties with the names of the renderers that show a geometry.
-
-    Drake wants a C++ set, for which Python has no word; but a parsed file has one.
-    """
-    tags = "".join(f'<drake:accepting_renderer name="{name}"/>' for name in (*renderers, "none"))
-    visual = f'<visual><geometry><box size="1 1 1"/></geometry>{tags}</visual>'
-    urdf = f'<robot name="m" xmlns:drake="http://drake.mit.edu"><link name="l">{visual}</link></robot>'
-    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
-    Parser(plant).AddModelsFromString(urdf, "urdf")
-    (geometry,) = plant.GetVisualGeometriesForBody(plant.GetBodyByName("l"))
-    return PerceptionProperties(scene_graph.model_inspector().GetPerceptionProperties(geometry))
+            add_to_look(plant, scene_graph, geometry, base)

@@ -113,6 +113,7 @@ class RayWorld:
                 owners.append(np.full(len(faces.corners), self._number(name)))
         self._fixed = ray_scene(joined(fixed))
         self._fixed_thing = np.concatenate([*owners, [NOTHING]])  # the last one for "no face"
+        self._fixed_body = np.where(self._fixed_thing == NOTHING, NOTHING, 0)
         self._movers: list[_Mover] = []
         for index in sorted(set(range(plant.num_bodies())) - {int(body.index()) for body in welded}):
             body = plant.get_body(BodyIndex(index))
@@ -174,7 +175,7 @@ class RayWorld:
         rays = _Rays(origins, directions.reshape(-1, 3), times, period, far)
 
         distance, face = self._fixed.cast(rays.starts(), rays.directions, far)
-        hits = Hits(distance, self._fixed_thing[face], np.where(face >= 0, 0, NOTHING))
+        hits = Hits(distance, self._fixed_thing[face], self._fixed_body[face])
         if ground and self._ground:
             _meet_ground(rays, hits)
         reach = _travel(*carrier) + _spin(*carrier) * hypot(*X_BS.translation())

@@ -1,0 +1,168 @@
+"""Job W2 in MuJoCo and PyBullet: colours and depths of the same obstacles, of the same size, without shadows."""
+
+import importlib.util
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
+from math import atan, degrees, tan
+from multiprocessing import get_context
+from statistics import median
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.timing import Times, installed, timed
+from benchmarks.w2 import EYE, FAR, FIELD, HEIGHT, NEAR, RATE, SPEED, WIDTH
+
+Pictures = Iterator[tuple[NDArray[np.uint8], NDArray[np.float32]]]
+"""Colours (height, width, 3) and depths [m] (height, width), a frame each."""
+
+VERTICAL = 2.0 * atan(tan(0.5 * FIELD) * HEIGHT / WIDTH)
+"""Vertical field of view [rad]."""
+
+
+def obstacles() -> list[dict[str, Any]]:
+    """Those of the world ``obstacles_36``: sides, or radius and height [m]; the middle [m], the heading, the colour."""
+    from pydrake.geometry import Box
+    from pydrake.math import RollPitchYaw
+
+    from mirdrake.worlds import load_world
+
+    found = []
+    for placed in load_world("obstacles_36").props:
+        (solid,) = placed.prop.solids
+        X_WS, shape = placed.X_WP @ solid.X_PS, solid.shape
+        size = shape.size().tolist() if isinstance(shape, Box) else [shape.radius(), shape.length()]
+        yaw = float(RollPitchYaw(X_WS.rotation()).yaw_angle())
+        color = list(placed.color or (0.5, 0.5, 0.5))
+        found.append({"size": size, "at": X_WS.translation().tolist(), "yaw": yaw, "color": color})
+    return found
+
+
+def run_peers(*, duration: float, repeat: int) -> dict[str, Any]:
+    """Time of a frame of every peer that is installed and can draw here; each in a process of its own."""
+    makers: dict[str, Callable[[float, list[dict[str, Any]]], Pictures]] = {}
+    if installed("mujoco"):
+        makers["mujoco"] = mujoco_pictures
+    if installed("pybullet") and importlib.util.find_spec("eglRenderer") is not None:
+        makers["pybullet"] = bullet_pictures
+    things, results = obstacles(), {}
+    for name, make in makers.items():
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            results[name] = pool.submit(_measure, make, duration, repeat, things).result()
+    return results
+
+
+def _measure(
+    make: Callable[[float, list[dict[str, Any]]], Pictures], duration: float, repeat: int, things: list[dict[str, Any]]
+) -> dict[str, float]:
+    times: list[Times] = []
+    last: list[Any] = []
+    for _ in range(repeat):
+        pictures = make(duration + 1.0 / RATE, things)
+        for _ in range(2):  # contexts are made and shaders compiled
+            next(pictures)
+        times.append(timed(lambda pictures=pictures: last.extend(pictures)))  # type: ignore[misc]
+    count = len(last) // repeat
+    return {
+        "ms_per_frame": 1e3 * median(time.wall for time in times) / count,
+        "cpu_ms_per_frame": 1e3 * median(time.cpu for time in times) / count,
+        "frames": count,
+        "nearest_m": float(last[-1][1].min()),
+    }
+
+
+def mujoco_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
+    """MuJoCo's pictures; its own settings but for shadows, which are off."""
+    os.environ["MUJOCO_GL"] = "egl"
+    import mujoco
+
+    geoms = "".join(map(_mujoco_geom, things))
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco>
+          <option timestep="{1.0 / 300.0}"/>
+          <statistic extent="1"/>
+          <visual>
+            <map znear="{NEAR}" zfar="{FAR}"/>
+            <quality shadowsize="0"/>
+            <global offwidth="{WIDTH}" offheight="{HEIGHT}"/>
+          </visual>
+          <asset>
+            <texture name="asphalt" type="2d" builtin="flat" mark="random" random="0.3" rgb1="0.3 0.3 0.3"
+                     markrgb="0.4 0.4 0.4" width="512" height="512"/>
+            <material name="asphalt" texture="asphalt" texrepeat="1 1" texuniform="true"/>
+          </asset>
+          <worldbody>
+            <light directional="true" dir="-0.3 0.3 -1" castshadow="false"/>
+            <geom type="plane" size="200 200 1" material="asphalt"/>
+            {geoms}
+            <body pos="0 0 {EYE}">
+              <joint type="slide" axis="1 0 0"/>
+              <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+              <camera name="eye" xyaxes="0 -1 0 0 0 1" fovy="{degrees(VERTICAL)}"/>
+            </body>
+          </worldbody>
+        </mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[0] = SPEED
+    with closing(mujoco.Renderer(model, HEIGHT, WIDTH)) as renderer:
+        for frame in range(round(duration * RATE) + 1):
+            while data.time < frame / RATE - 1e-9:
+                mujoco.mj_step(model, data)
+            renderer.update_scene(data, camera="eye")
+            colors = renderer.render()
+            renderer.enable_depth_rendering()
+            depths = renderer.render()
+            renderer.disable_depth_rendering()
+            yield colors, depths
+
+
+def _mujoco_geom(thing: dict[str, Any]) -> str:
+    words = {key: " ".join(map(str, thing[key])) for key in ("at", "color")}
+    turn = f"{np.cos(0.5 * thing['yaw'])} 0 0 {np.sin(0.5 * thing['yaw'])}"
+    about = f'pos="{words["at"]}" quat="{turn}" rgba="{words["color"]} 1"'
+    if len(thing["size"]) == 3:
+        return f'<geom type="box" size="{" ".join(str(0.5 * side) for side in thing["size"])}" {about}/>'
+    return f'<geom type="cylinder" size="{thing["size"][0]} {0.5 * thing["size"][1]}" {about}/>'
+
+
+def bullet_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
+    """PyBullet's pictures, by its plugin eglRenderer; colours and depths are of one call."""
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+
+    client = BulletClient(pybullet.DIRECT)
+    try:
+        plugin = importlib.util.find_spec("eglRenderer")
+        assert plugin is not None
+        client.loadPlugin(plugin.origin, "_eglRendererPlugin")
+        client.setTimeStep(1.0 / 300.0)
+        ground = client.createVisualShape(pybullet.GEOM_BOX, halfExtents=[200, 200, 0.5], rgbaColor=[0.3, 0.3, 0.3, 1])
+        client.createMultiBody(0.0, baseVisualShapeIndex=ground, basePosition=[0.0, 0.0, -0.5])
+        for thing in things:
+            sizes: dict[str, Any] = {"shapeType": pybullet.GEOM_BOX}
+            if len(thing["size"]) == 3:
+                sizes["halfExtents"] = [0.5 * side for side in thing["size"]]
+            else:
+                sizes = {"shapeType": pybullet.GEOM_CYLINDER, "radius": thing["size"][0], "length": thing["size"][1]}
+            look = client.createVisualShape(**sizes, rgbaColor=[*thing["color"], 1.0])
+            turn = client.getQuaternionFromEuler([0.0, 0.0, thing["yaw"]])
+            client.createMultiBody(0.0, -1, look, basePosition=thing["at"], baseOrientation=turn)
+        lens = client.computeProjectionMatrixFOV(degrees(VERTICAL), WIDTH / HEIGHT, NEAR, FAR)
+        for frame in range(round(duration * RATE) + 1):
+            for _ in range(10 if frame else 0):
+                client.stepSimulation()
+            x = SPEED * frame / RATE
+            view = client.computeViewMatrix([x, 0.0, EYE], [x + 1.0, 0.0, EYE], [0.0, 0.0, 1.0])
+            _, _, colors, depths, _ = client.getCameraImage(
+                WIDTH, HEIGHT, view, lens, shadow=0, renderer=pybullet.ER_BULLET_HARDWARE_OPENGL,
+                flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            )  # fmt: skip
+            buffer = np.asarray(depths, dtype=np.float32).reshape(HEIGHT, WIDTH)
+            pixels = np.asarray(colors, dtype=np.uint8).reshape(HEIGHT, WIDTH, 4)[:, :, :3]
+            yield pixels, NEAR * FAR / (FAR - (FAR - NEAR) * buffer)
+    finally:
+        client.disconnect()
