@@ -8,6 +8,7 @@
       events.jsonl       what happened, one JSON object a line
       ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
       ego.lidar.parquet  scans of a sensor whose samples are arrays, one a row
+      ego.imu.parquet    samples of a sensor whose samples are vectors, at its own rate, one a row
       summary.json       figures of the run
       recording.html     Meshcat replay        report.html, diagram.svg
 
@@ -38,10 +39,9 @@ from mirdrake.recording.files import write_file as write_file  # with `as`: also
 from mirdrake.recording.parts import PartedTable, read_part, stored
 from mirdrake.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.recording.pictures import picture_name as picture_name
+from mirdrake.recording.vectors import ROWS, make_table
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
-ROWS = 5_000
-"""Rows of a row group of signals.parquet."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Run:
 
     @cached_property
     def arrays(self) -> RunArrays:
-        """Samples of laser scanners and lidars: ``run.arrays["ego.front_lidar"]["ranges"]``."""
+        """Samples by sensor at its own rate: ``run.arrays["ego.lidar"]["ranges"]``, ``run.arrays["ego.imu"]["wz"]``."""
         return RunArrays(self.folder, signals=SIGNALS)
 
     @cached_property
@@ -202,14 +202,3 @@ class RunWriter:
         pa.default_memory_pool().release_unused()
         write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
         return figures
-
-
-def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> pa.Table:
-    """An Arrow table of samples: each column's metadata has its ``unit``; pandas finds all in ``attrs["units"]``."""
-    names = ["time", *columns]
-    fields = [pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in names]
-    attributes = json.dumps({"units": {name: units.get(name, "") for name in names}})
-    schema = pa.schema(fields, metadata={"PANDAS_ATTRS": attributes})
-    return pa.Table.from_arrays(
-        [pa.array(np.asarray(a, dtype=float)) for a in (times, *columns.values())], schema=schema
-    )

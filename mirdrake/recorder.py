@@ -1,4 +1,4 @@
-"""What a run keeps while it goes on: blocks of samples, events, pictures."""
+"""What a run keeps while it goes on: blocks of samples, events, and what sensors say, sample by sample."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -19,7 +19,9 @@ from mirdrake.errors import RunError
 from mirdrake.logs import RunWriter
 from mirdrake.recording.arrays import SUFFIX, ArrayLog
 from mirdrake.recording.pictures import PictureLog, make_pool
+from mirdrake.recording.vectors import VectorLog
 from mirdrake.sensors import GroundTruth
+from mirdrake.signals import signals_of
 from mirdrake.telemetry import Array, Columns
 
 _VX = [signal.name for signal in STATE].index("vx")
@@ -88,15 +90,18 @@ class Events:
 
 
 class Recorder:
-    """A monitor that writes pictures and arrays in the moment that there are new ones; use it as a context manager.
+    """A monitor that writes the samples of sensors in the moment that there are new ones; use it as a context manager.
 
-    A sample is written once it is shown, with the moment it was taken at as its time; one that is lost or still on its
-    way is not. Steps of the simulator end at these moments, as they are events of the sensors, so that none is missed.
+    A sample is written once it is shown, with the moment it was taken at as its time; one that is lost is not. Those
+    still on their way when the run ends are written then, see :meth:`counts`. Steps of the simulator end at these
+    moments, as they are events of the sensors, so that none is missed.
 
-    What it asks of a sensor: an attribute ``record`` that says "pictures" or "array", and its ``rate`` [Hz]. One of
+    What it asks of a sensor: an attribute ``record`` that says "pictures" or "array", else its samples are vectors; its
+    ``rate`` [Hz] and ``latency`` [s]; and ``under_way(context)``, samples that are taken and not shown yet. One of
     pictures has ports ``stamp`` [s] and ``shot``, an object with ``pictures``, arrays by name; or a method
     ``look(context)``, which gives an array, or several by name. One of arrays has a port ``sample`` or an abstract one
-    of a dataclass with a ``time`` [s], and may have a port ``stamp`` [s].
+    of a dataclass with a ``time`` [s], and may have a port ``stamp`` [s]. One of vectors has ``sample`` and ``stamp``;
+    others are not written here.
 
     Args:
         assembly: the built diagram.
@@ -116,19 +121,28 @@ class Recorder:
             )
             for name, (camera, vehicle) in assembly.cameras.items()
         ]
-        self._arrays = [
-            _Ranging(sensor, ArrayLog(folder / f"{name}{SUFFIX}", units={"ranges": "m"}))
+        self._samples = [
+            _Samples(sensor, ArrayLog(folder / f"{name}{SUFFIX}", units={"ranges": "m"}))
             for name, sensor in assembly.arrays.items()
         ]
-        self._streams: list[_Camera | _Ranging] = [*self._cameras, *self._arrays]
+        for name, sensor in vector_sensors(assembly).items():
+            units = {signal.name: signal.unit for signal in signals_of(sensor.GetOutputPort("sample")) or ()}
+            self._samples.append(_Samples(sensor, VectorLog(folder / f"{name}{SUFFIX}", units)))
+        self._streams: list[_Camera | _Samples] = [*self._cameras, *self._samples]
+        self._context: Context | None = None
 
     def __enter__(self) -> "Recorder":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Write what is still in memory; after a failure, as much of it as goes."""
+        """Write what is on its way and what is still in memory; after a failure, as much of it as goes."""
         fault: RunError | None = None
         for stream in self._streams:
+            try:
+                if self._context is not None:
+                    stream.finish(self._context)
+            except RunError as error:
+                fault = fault or error
             try:
                 stream.close()
             except RunError as error:
@@ -139,14 +153,31 @@ class Recorder:
             raise fault
 
     def __call__(self, context: Context) -> None:
-        """Look at every camera and at every sensor whose samples are arrays."""
+        """Look at every sensor."""
+        self._context = context
         for stream in self._streams:
             stream.look(context)
 
-    def counts(self) -> dict[str, int]:
-        """How many pictures and scans there are, by sensor."""
-        counts = {path.name: log.count for camera in self._cameras for path, log in camera.logs.items()}
-        return counts | {ranging.log.name: ranging.log.count for ranging in self._arrays}
+    def counts(self) -> dict[str, dict[str, int]]:
+        """How many samples there are by sensor (``recorded``), and how many of them, the last, nobody was shown yet.
+
+        These (``under_way``) were taken so shortly before the end that their latency had not passed.
+        """
+        recorded = {path.name: log.count for camera in self._cameras for path, log in camera.logs.items()}
+        recorded |= {samples.log.name: samples.log.count for samples in self._samples}
+        late = {camera.folder.name: camera.late for camera in self._cameras}
+        late |= {samples.log.name: samples.late for samples in self._samples}
+        late = {name: count for name, count in late.items() if count}
+        return {key: counts for key, counts in (("recorded", recorded), ("under_way", late)) if counts}
+
+
+def vector_sensors(assembly: Assembly) -> dict[str, Any]:
+    """The sensors of a diagram whose samples are vectors and shall be recorded, by name."""
+    names = [f"{vehicle}.{sensor}" for vehicle, sensors in assembly.spec.sensors.items() for sensor in sensors]
+    if not assembly.spec.record.signals:
+        return {}
+    found = {name: assembly.diagram.GetSubsystemByName(name) for name in names if name in assembly.taps}
+    return {name: sensor for name, sensor in found.items() if sensor.HasOutputPort("stamp")}
 
 
 @dataclass
@@ -160,6 +191,7 @@ class _Camera:
     ackermann: Ackermann
     taken: int = 0
     last: float = -inf
+    late: int = 0
     logs: dict[Path, PictureLog] = field(default_factory=dict)
     _drives: deque[tuple[float, float, float]] = field(default_factory=deque)
 
@@ -179,6 +211,18 @@ class _Camera:
             if due:
                 self._write(time, self.camera.look(context))
             return
+        self._look(context)
+
+    def finish(self, context: Context) -> None:
+        """The end of the run: write what is shown and what is under way."""
+        if self.camera.HasOutputPort("stamp"):
+            self._look(context)
+        if hasattr(self.camera, "under_way"):
+            for time, shot in self.camera.under_way(self.camera.GetMyContextFromRoot(context)):
+                self._write(time, shot.pictures)
+                self.late += 1
+
+    def _look(self, context: Context) -> None:
         own = self.camera.GetMyContextFromRoot(context)
         stamp = float(self.camera.GetOutputPort("stamp").Eval(own)[0])
         if stamp > self.last:
@@ -202,23 +246,38 @@ class _Camera:
 
 
 @dataclass
-class _Ranging:
-    """A sensor whose samples are arrays, and where they go."""
+class _Samples:
+    """A sensor whose samples are arrays or vectors, and where they go."""
 
     sensor: Any
-    log: ArrayLog
+    log: ArrayLog | VectorLog
     last: float = -inf
+    late: int = 0
 
     def __post_init__(self) -> None:
         ports = [self.sensor.get_output_port(index) for index in range(self.sensor.num_output_ports())]
         by_name = {port.get_name(): port for port in ports}
         self._stamp = by_name.pop("stamp", None)
         self._port = by_name.get("sample", next(iter(by_name.values())))
+        latency, rate = getattr(self.sensor, "latency", 0.0), float(self.sensor.rate)
+        self._wait = (1.0 / rate if self._stamp is not None else 0.0) + latency - 1e-9
         self._count = 0
 
     def look(self, context: Context) -> None:
         """Write a sample if there is a new one."""
         self.log.flush_if_due()
+        if context.get_time() >= self.last + self._wait:  # before that there is none
+            self._look(context)
+
+    def finish(self, context: Context) -> None:
+        """The end of the run: write what is shown and what is under way."""
+        self._look(context)
+        if hasattr(self.sensor, "under_way"):
+            for time, sample in self.sensor.under_way(self.sensor.GetMyContextFromRoot(context)):
+                self._write(time, sample)
+                self.late += 1
+
+    def _look(self, context: Context) -> None:
         if self._stamp is None and context.get_time() <= self._due() + 1e-9:
             return
         own = self.sensor.GetMyContextFromRoot(context)
@@ -231,6 +290,9 @@ class _Ranging:
             time = float(getattr(sample, "time", self._count / self.sensor.rate))
             if time <= self.last:
                 return
+        self._write(time, sample)
+
+    def _write(self, time: float, sample: Any) -> None:
         self.log.write(time, sample)
         self._count += 1
         self.last = time

@@ -84,8 +84,9 @@ def messages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 
 def test_every_topic_has_its_schema_and_no_message_is_missing(messages: dict[str, Any]) -> None:
     about = {topic: (entries[0][1], len(entries)) for topic, entries in messages.items()}
-    assert about.pop("/ego/gps")[0] == "foxglove.LocationFix"
     assert about == {
+        "/ego/gps": ("foxglove.LocationFix", 11),
+        "/ego/gps/sample": ("mirdrake.Signals", 11),
         "/ego/signals": ("mirdrake.Signals", 51),
         "/tf": ("foxglove.FrameTransforms", 51),
         "/ego/left_camera": ("foxglove.CompressedImage", 31),
@@ -183,10 +184,11 @@ def test_the_eyes_of_a_pair_have_frames_and_calibrations_of_their_own() -> None:
 
 def test_positions_are_where_the_receiver_says(messages: dict[str, Any], run: Run) -> None:
     fixes = messages["/ego/gps"]
-    assert 9 <= len(fixes) <= 11  # 10 Hz
-    for at, _, content in fixes[1:]:
-        row = run.signals.iloc[int(np.argmin(np.abs(run.signals.index.to_numpy() - (at - START) * 1e-9)))]
-        assert (content.latitude, content.longitude) == (row["ego.gps.latitude"], row["ego.gps.longitude"])
+    samples = run.arrays["ego.gps"]
+    np.testing.assert_allclose([at - START for at, _, _ in fixes], 1e8 * np.arange(11), atol=1.0)  # 10 Hz
+    assert [content.latitude for _, _, content in fixes] == samples["latitude"].tolist()
+    assert [content.longitude for _, _, content in fixes] == samples["longitude"].tolist()
+    assert [content["vx"] for _, _, content in messages["/ego/gps/sample"]] == samples["vx"].tolist()
 
 
 # --- CSV -------------------------------------------------------------------------------------------------------------
@@ -204,6 +206,10 @@ def test_a_table_has_units_in_its_header_and_every_digit(folder: Path, run: Run,
     table = pd.read_csv(path)
     assert np.array_equal(table["ego.vx [m/s]"].to_numpy(), run["ego.vx"].to_numpy())
     assert np.array_equal(table["time [s]"].to_numpy(), run.signals.index.to_numpy())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["signals.csv", "signals.ego.gps.csv"]
+    samples = pd.read_csv(tmp_path / "signals.ego.gps.csv")
+    assert np.array_equal(samples["time [s]"].to_numpy(), run.arrays["ego.gps"].times)
+    assert np.array_equal(samples["latitude [deg]"].to_numpy(), run.arrays["ego.gps"]["latitude"])
 
 
 # --- video -----------------------------------------------------------------------------------------------------------

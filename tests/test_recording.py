@@ -23,7 +23,8 @@ from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import load_run
 from mirdrake.recording.arrays import ArrayLog, RunArrays
 from mirdrake.recording.pictures import PictureLog, encode, make_pool, parse_start, picture_time, read_pictures
-from mirdrake.sensors.noise import is_lost
+from mirdrake.sensors.cameras import rendering
+from mirdrake.sensors.noise import is_lost, noise_stream
 from mirdrake.simulation import simulate
 from tests.recording_rigs import BEAMS, COLUMNS, ROWS, LateCamera, make_scan, stubs
 
@@ -55,14 +56,20 @@ def stubbed(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("stubbed")
 def test_no_picture_and_no_scan_is_missing_and_each_has_its_time(tmp_path: Path) -> None:
     run = simulate(drive(), folder=tmp_path / "run")
-    assert run.summary["recorded"] == {"ego.left_camera": 31, "ego.front_lidar": 30, "ego.roof_lidar": 5}
+    assert run.summary["recorded"] == {
+        "ego.left_camera": 31,
+        "ego.front_lidar": 30,
+        "ego.roof_lidar": 5,
+        "ego.imu": 100,  # that of 1 s is of the step after it
+    }
+    assert "under_way" not in run.summary
 
     again = load_run(tmp_path / "run")
     pictures = again.pictures["ego.left_camera"]
     np.testing.assert_allclose([picture.time for picture in pictures], np.arange(31) / 30.0, atol=1e-6)  # both ends
     levels = [int(picture.pixels[5, 5, 0]) for picture in pictures]
     np.testing.assert_allclose(levels, 20 + np.arange(31), atol=1)  # each at its place, after threads wrote them
-    assert set(again.arrays) == {"ego.front_lidar", "ego.roof_lidar"}
+    assert set(again.arrays) == {"ego.front_lidar", "ego.roof_lidar", "ego.imu"}
     scans = again.arrays["ego.front_lidar"]
     np.testing.assert_allclose(scans.times, np.arange(30) / 30.0, atol=1e-12)
     assert scans["ranges"].dtype == np.float32
@@ -130,7 +137,7 @@ def test_depths_and_labels_are_pictures_of_16_bits(tmp_path: Path, monkeypatch: 
 def test_arrays_are_not_recorded_when_they_shall_not_be(tmp_path: Path) -> None:
     record = {"arrays": False, "meshcat": False, "report": False}
     simulate(drive(duration=0.1, record=record), folder=tmp_path / "run")
-    assert dict(load_run(tmp_path / "run").arrays) == {}
+    assert set(load_run(tmp_path / "run").arrays) == {"ego.imu"}
 
 
 def test_pictures_that_come_late_have_the_time_they_were_taken_and_lost_ones_are_not_there(
@@ -145,8 +152,11 @@ def test_pictures_that_come_late_have_the_time_they_were_taken_and_lost_ones_are
     spec = drive(sensors={"ego": ["left_camera"]}, duration=2.0)
     spec["record"] = spec["record"] | {"rate": 1000.0}
     run = simulate(spec, folder=tmp_path / "run")
-    numbers = [number for number in range(60) if not is_lost(7, number, dropout) and number / 30.0 + latency < 2.0]
+    numbers = [number for number in range(61) if not is_lost(7, number, dropout)]
     assert 30 < len(numbers) < 50
+    late = [number for number in numbers if number / 30.0 + latency >= 2.0]  # the last ones nobody was shown
+    assert run.summary["under_way"] == {"ego.left_camera": len(late)}
+    assert len(late) >= 2
     pictures = load_run(tmp_path / "run").pictures["ego.left_camera"]
     np.testing.assert_allclose([picture.time for picture in pictures], np.array(numbers) / 30.0, atol=1e-6)
     levels = [int(picture.pixels[4, 4, 0]) for picture in pictures]
@@ -154,6 +164,74 @@ def test_pictures_that_come_late_have_the_time_they_were_taken_and_lost_ones_are
     speeds = np.interp([picture.time for picture in pictures], run.signals.index, run["ego.vx"])
     np.testing.assert_allclose([picture.speed for picture in pictures], speeds, atol=0.02)  # then, not when they came
     assert np.ptp(speeds) > 1.0
+
+
+def test_a_lost_picture_leaves_no_file_and_no_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def camera(mount: Any, **_: Any) -> LateCamera:
+        return LateCamera(mount, latency=0.0, dropout=0.3)
+
+    monkeypatch.setitem(sensors.SENSORS, "camera", camera)
+    simulate(drive(sensors={"ego": ["left_camera"]}), folder=tmp_path / "run")
+    there = [number for number in range(31) if not is_lost(7, number, 0.3)]
+    assert len(there) < 31
+    folder = tmp_path / "run" / "ego.left_camera"
+    names = [f"1970-01-01-00-00-{round(1e6 * number / 30.0) / 1e6:09.6f}.jpg".replace(".", "-", 1) for number in there]
+    assert [line.split("\t")[0] for line in (folder / "driving_log.txt").read_text().splitlines()] == names
+    assert sorted(path.name for path in folder.glob("*.jpg")) == names
+
+
+def test_each_sample_of_a_vector_sensor_is_recorded_at_its_own_rate(tmp_path: Path) -> None:
+    mounts = {
+        "imu": {"rate": 125.0},  # does not fall on the plant's steps
+        "gps": {"rate": 20.0, "latency": 0.33, "dropout": 0.2},
+    }
+    spec = drive(sensors={"ego": ["imu", "gps"]}, vehicles={"ego": {"model": "catvehicle", "mounts": mounts}})
+    spec["control"] = {"ego": {"kind": "constant", "speed": 2.0, "steering": 0.2}}
+    spec["record"] = {"meshcat": False, "report": False, "rate": 10.0}
+    simulate(spec, folder=tmp_path / "run")
+    run = load_run(tmp_path / "run")
+    imu, gps = run.arrays["ego.imu"], run.arrays["ego.gps"]
+    np.testing.assert_allclose(imu.times, np.arange(126) / 125.0, atol=1e-12)
+    assert imu.units == {"fx": "m/s²", "fy": "m/s²", "fz": "m/s²", "wx": "rad/s", "wy": "rad/s", "wz": "rad/s"}
+    assert np.unique(imu["wz"]).size == 126  # noise of its own on each
+    frame = pd.read_parquet(tmp_path / "run" / "ego.imu.parquet")
+    assert frame["fz"].tolist() == imu["fz"].tolist() == imu.frame()["fz"].tolist()
+    assert frame.attrs["units"]["wz"] == "rad/s"
+
+    stream = noise_stream(0, "ego.gps")
+    taken = np.array([number for number in range(21) if not is_lost(stream, number, 0.2)]) / 20.0
+    assert 10 < taken.size < 21
+    np.testing.assert_allclose(gps.times, taken, atol=1e-12)
+    late = int((taken + 0.33 > 1.0 - 1e-9).sum())
+    assert late > 3
+    assert run.summary["under_way"] == {"ego.gps": late}
+    assert run.summary["recorded"] == {"ego.imu": 126, "ego.gps": taken.size}
+    # What signals.parquet shows of it is the newest that has arrived.
+    shown = [gps["x"][taken + 0.33 <= time + 1e-6] for time in run.signals.index]
+    expected = [values[-1] if values.size else np.nan for values in shown]
+    np.testing.assert_array_equal(run["ego.gps.x"], expected)
+
+
+@pytest.mark.parametrize("name", ["sick", "camera"])
+def test_scans_and_pictures_on_their_way_at_the_end_are_kept(name: str, tmp_path: Path) -> None:
+    if name == "sick":
+        pytest.importorskip("embreex")
+    elif rendering._egl_fault() is not None:
+        pytest.skip("cameras cannot be drawn here")
+    sensor = {"sick": "front_lidar", "camera": "left_camera"}[name]
+    changes = {"rate": 20.0, "latency": 0.12} | ({"width": 32, "height": 24} if name == "camera" else {})
+    spec = drive(vehicles={"ego": {"model": "catvehicle", "mounts": {sensor: changes}}}, sensors={"ego": [sensor]})
+    spec["record"] = spec["record"] | {"cameras": name == "camera"}
+    run = simulate(spec | {"duration": 0.5}, folder=tmp_path / "run")
+    assert run.summary["recorded"] == {f"ego.{sensor}": 11}
+    assert run.summary["under_way"] == {f"ego.{sensor}": 3}  # of 0.4, 0.45 and 0.5 s
+    again = load_run(tmp_path / "run")
+    times = (
+        [p.time for p in again.pictures["ego.left_camera"]]
+        if name == "camera"
+        else again.arrays["ego.front_lidar"].times
+    )
+    np.testing.assert_allclose(times, np.arange(11) / 20.0, atol=1e-6)
 
 
 def test_the_scans_of_a_laser_scanner_and_a_lidar_are_recorded(tmp_path: Path) -> None:
@@ -297,7 +375,7 @@ def test_a_killed_run_opens_with_at_most_the_last_second_missing(tmp_path: Path)
     assert all(picture.pixels.shape == (800, 800, 3) for picture in pictures[-8:])
     np.testing.assert_allclose([p.time for p in pictures], np.arange(len(pictures)) / 30.0, atol=1e-6)
     assert run.signals.index[-1] > end - 1.0
-    for name in ("ego.front_lidar", "ego.roof_lidar"):
+    for name in ("ego.front_lidar", "ego.roof_lidar", "ego.imu"):
         times = run.arrays[name].times
         assert times[-1] > end - 1.0
         assert (np.diff(times) > 0.0).all()

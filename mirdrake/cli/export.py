@@ -10,6 +10,7 @@ HELP = "write a run as MCAP (Foxglove), CSV or video"
 MORE = """\
 mcap    run.mcap: signals, poses, pictures, scans and events, for Foxglove and other readers of MCAP
 csv     signals.csv: all signals, with units in the header:  time [s],ego.x [m],ego.lap
+        signals.ego.imu.csv: each sample of the sensor ego.imu, and so on
 video   <camera>.mp4: the pictures of each camera, each frame at the time it was taken
 They are written into the run folder, unless --out says where. A run that was killed can be exported as well.
 
@@ -48,7 +49,8 @@ def run(options: argparse.Namespace) -> int:
     if options.to == "csv":
         from mirdrake.export.tables import write_csv
 
-        print(f"{shown(path)}  {write_csv(done, path)} rows")
+        for table, rows in write_csv(done, path).items():
+            print(f"{shown(table)}  {rows} rows")
         return 0
     from mirdrake.export.mcap import write_mcap
 

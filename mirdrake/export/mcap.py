@@ -4,12 +4,14 @@
 topic                      schema                       what
 =========================  ===========================  ===========================================================
 /tf                        foxglove.FrameTransforms     vehicles and loose props in ``world``, sensors on vehicles
-/<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle, units in the schema
+/<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle at record.rate, units in the schema
 /<vehicle>/<camera>        foxglove.CompressedImage     JPEG of colours, PNG of 16 bits of depths (mm) and labels
 /<vehicle>/<camera>/info   foxglove.CameraCalibration   once a picture, as the picture's
 /<vehicle>/<scanner>       foxglove.LaserScan           a scan; inf: no return
 /<vehicle>/<lidar>         foxglove.PointCloud          returns in the frame of the sensor
-/<vehicle>/<gps>           foxglove.LocationFix         each new position
+/<vehicle>/<gps>           foxglove.LocationFix         each sample
+/<vehicle>/<gps>/sample    mirdrake.Signals (JSON)      each sample, with its velocity
+/<vehicle>/<imu>           mirdrake.Signals (JSON)      each sample of it, and of others that give a vector
 /log                       foxglove.Log                 events of the run
 =========================  ===========================  ===========================================================
 
@@ -39,6 +41,7 @@ from mirdrake.recording.pictures import EPOCH, Picture
 
 SECOND = 10**9  # ns
 _FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations
+_GPS = {"latitude", "longitude", "altitude"}  # of the samples of a receiver
 
 
 class Message(NamedTuple):
@@ -136,17 +139,14 @@ class _Streams:
         """All streams."""
         run, streams = self._run, [self._events()]
         if run.folder is not None and stored(run.folder / SIGNALS):
-            for vehicle in run.spec["vehicles"]:
-                streams.append(self._signals(vehicle))
-                sensors = run.spec.get("sensors", {}).get(vehicle, ())
-                receivers = [one for one in sensors if f"{vehicle}.{one}.latitude" in run.units]
-                streams += [self._fixes(vehicle, sensor) for sensor in receivers]
+            streams += [self._signals(vehicle) for vehicle in run.spec["vehicles"]]
             streams.append(self._transforms())
         for name, pictures in run.pictures.items():
             streams.append(self._images(name, pictures))
             if name in self._eyes:
                 streams.append(self._infos(name, pictures))
         streams += [self._scans(name, samples) for name, samples in run.arrays.items()]
+        streams += [self._fixes(name, samples) for name, samples in run.arrays.items() if set(samples) >= _GPS]
         return streams
 
     def _stamp(self, time: float) -> int:
@@ -175,17 +175,11 @@ class _Streams:
             finite = (value if math.isfinite(value) else None for value in values)
             yield Message(self._stamp(time), topic, dict(zip(keys, finite, strict=True)))
 
-    def _fixes(self, vehicle: str, sensor: str) -> Iterator[Message]:
-        name, before = f"{vehicle}.{sensor}", None
-        keys = [f"{name}.{key}" for key in ("latitude", "longitude", "altitude")]
-        degrees = 180.0 / math.pi if self._run.units[keys[0]] == "rad" else 1.0
-        for time, latitude, longitude, altitude in self._rows(keys):
-            place = (latitude * degrees, longitude * degrees, altitude)
-            if place == before or not all(map(math.isfinite, place)):
-                continue
-            before = place
-            where = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
-            yield self._message(time, f"/{vehicle}/{sensor}", "LocationFix", frame_id=name, **where)
+    def _fixes(self, name: str, samples: Samples) -> Iterator[Message]:
+        for time, values in samples.each():
+            where = {key: float(values[key]) for key in _GPS}
+            if all(map(math.isfinite, where.values())):
+                yield self._message(time, _topic(name), "LocationFix", frame_id=name, **where)
 
     def _transforms(self) -> Iterator[Message]:
         """Poses of what moves at each sample, and of the sensors on their vehicles once a second: they do not move."""
@@ -232,13 +226,15 @@ class _Streams:
 
     def _scans(self, name: str, samples: Samples) -> Iterator[Message]:
         """A cloud of a lidar, a fan of a laser scanner; anything else as it is, in JSON."""
-        topic, make = _topic(name), self._values
+        topic, make = _topic(name) + ("/sample" if set(samples) >= _GPS else ""), self._values
         if {"azimuths", "elevations"} <= set(samples):
             make = self._cloud
         elif hasattr(self._mounts.get(name), "start_angle"):
             make = self._fan
         if make == self._values:
-            shapes = {key: {"type": "array", "items": {"type": "number"}} for key in samples}
+            number, units = {"type": "number"}, samples.units
+            kinds = {key: number if samples.is_number(key) else {"type": "array", "items": number} for key in samples}
+            shapes = {key: kind | {"description": f"[{units[key] or '-'}]"} for key, kind in kinds.items()}
             self.schemas[topic] = {"title": "mirdrake.Signals", "type": "object", "properties": shapes}
         convert: Callable[..., Message] = make
         for time, arrays in samples.each():
@@ -270,7 +266,8 @@ class _Streams:
             key: [value if math.isfinite(value) else None for value in np.ravel(values).tolist()]
             for key, values in arrays.items()
         }
-        return Message(self._stamp(time), topic, flat)
+        content = {key: values if np.ndim(arrays[key]) else values[0] for key, values in flat.items()}
+        return Message(self._stamp(time), topic, content)
 
     def _events(self) -> Iterator[Message]:
         for event in sorted(self._run.events, key=lambda event: float(event["time"])):

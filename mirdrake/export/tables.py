@@ -1,7 +1,9 @@
-"""Signals as a CSV table with units in its header.
+"""Signals as a CSV table with units in its header, and a table beside it for each sensor whose samples are vectors.
 
 The header has ``name [unit]`` for each column, ``name`` alone for pure numbers: ``time [s],ego.x [m],ego.lap``. Numbers
-are in full precision; what is no number is empty. ``mirdrake run --commands`` reads such a table.
+are in full precision; what is no number is empty. ``mirdrake run --commands`` reads such a table. Beside
+``signals.csv``, ``signals.ego.imu.csv`` has the samples of the sensor ``ego.imu`` at its own rate, by the time at which
+each was taken.
 """
 
 import csv
@@ -24,26 +26,34 @@ def title(name: str, units: Mapping[str, str]) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def write_csv(run: Run, path: Path) -> int:
-    """Write the signals of a run.
+def write_csv(run: Run, path: Path) -> dict[Path, int]:
+    """Write the signals of a run and the samples of its sensors.
 
     Args:
         run: with a folder.
-        path: of the table.
+        path: of the table of the signals.
 
     Returns:
-        number of rows.
+        number of rows by table.
 
     Raises:
-        RunError: no signals were recorded, or the file cannot be written.
+        RunError: no signals were recorded, or a file cannot be written.
     """
-    table = _table_of(run)
+    counts = {path: _write_table(_table_of(run), path, run.units)}
+    for name, samples in run.arrays.items():
+        if all(map(samples.is_number, samples)):
+            beside = path.with_name(f"{path.stem}.{name}{path.suffix}")
+            counts[beside] = _write_table(samples.path, beside, {"time": "s", **samples.units})
+    return counts
+
+
+def _write_table(table: Path, path: Path, units: Mapping[str, str]) -> int:
     names = pq.read_schema(stored(table)[0]).names
     temporary, count = path.with_name(f".{path.name}.tmp"), 0
     with told(path):
         with temporary.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([title(name, run.units) for name in names])
+            writer.writerow([title(name, units) for name in names])
             for row in _rows(table):
                 writer.writerow(row)
                 count += 1

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
@@ -103,16 +104,19 @@ class Samples(Mapping[str, Any]):
 
     Args:
         path: of the table.
+
+    Attributes:
+        path: the same.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         self._schema = pq.read_schema(stored(path)[0])
 
     @property
     def times(self) -> NDArray[np.float64]:
         """When each was taken [s] (n)."""
-        parts = [table["time"].to_numpy() for table in read_groups(self._path, ["time"])]
+        parts = [table["time"].to_numpy() for table in read_groups(self.path, ["time"])]
         return np.concatenate(parts)
 
     @property
@@ -123,11 +127,20 @@ class Samples(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         """One column: an array (n, ...), or a list of arrays where the samples differ in size."""
         if name not in self._schema.names or name == "time":
-            raise ConfigError(f"{self._path.stem}: no array '{name}'; {did_you_mean(name, self)}")
-        parts = [self._values(table, name) for table in read_groups(self._path, [name])]
+            raise ConfigError(f"{self.path.stem}: no array '{name}'; {did_you_mean(name, self)}")
+        parts = [self._values(table, name) for table in read_groups(self.path, [name])]
         if all(isinstance(part, np.ndarray) for part in parts):
             return np.concatenate(parts)
         return [array for part in parts for array in part]
+
+    def is_number(self, name: str) -> bool:
+        """Whether each sample has one number of this name, and no array."""
+        return not pa.types.is_list(self._schema.field(name).type)
+
+    def frame(self) -> pd.DataFrame:
+        """All columns of a sensor whose samples are vectors, or flat arrays in cells, index ``time`` [s]."""
+        table: pd.DataFrame = pa.concat_tables(list(read_groups(self.path))).to_pandas()
+        return table.set_index("time")
 
     def __iter__(self) -> Iterator[str]:
         return (name for name in self._schema.names if name != "time")
@@ -137,7 +150,7 @@ class Samples(Mapping[str, Any]):
 
     def each(self) -> Iterator[tuple[float, dict[str, Array]]]:
         """Sample by sample, few at a time in memory: time [s] and the arrays by name."""
-        for table in read_groups(self._path):
+        for table in read_groups(self.path):
             values = {name: self._values(table, name) for name in self}
             for row, at in enumerate(table["time"].to_pylist()):
                 yield at, {name: column[row] for name, column in values.items()}
@@ -157,7 +170,7 @@ class Samples(Mapping[str, Any]):
 
 
 class RunArrays(Mapping[str, Samples]):
-    """All sensors of a run whose samples are arrays, by name.
+    """All sensors of a run whose samples are arrays or vectors, by name.
 
     Args:
         folder: of the run; None if it is only in memory.
