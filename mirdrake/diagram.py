@@ -9,8 +9,9 @@ Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every po
                                            ego.steering_command ─► ego.steering_reference
                                            ego.command_stamp    ─► ego.reference_stamp
 
-and a connection of the user's to an input replaces the one drawn here. Sensors are ``<vehicle>.<sensor>``, and so is
-what they measure; a camera's pictures are ``<vehicle>.<sensor>.color_image``.
+and a connection of the user's to an input replaces the one drawn here. A vehicle that is driven by pedals also has
+``ego.pedals ─► ego.pedals_reference ─ ego.powertrain``; a driver with an output ``pedals`` presses them itself. Sensors
+are ``<vehicle>.<sensor>``, and so is what they measure; a camera's pictures are ``<vehicle>.<sensor>.color_image``.
 """
 
 import re
@@ -23,8 +24,9 @@ from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
-from pydrake.systems.primitives import Demultiplexer, Multiplexer, VectorLogSink
+from pydrake.systems.primitives import Adder, Demultiplexer, Multiplexer, VectorLogSink
 
+from mirdrake.aerodynamics import AirForces, feels_air
 from mirdrake.blocks import make_block
 from mirdrake.controllers import VehicleControl
 from mirdrake.controllers.drivers import OwnDriverSpec
@@ -33,10 +35,12 @@ from mirdrake.diagram_spec import DiagramSpec, Place, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.perception import add_cloud_overlays
 from mirdrake.plant import PlantParts, VehicleInPlant, make_plant, set_start
+from mirdrake.powertrain import PEDALS, Powertrain
 from mirdrake.sensors import SENSORS, Camera, GroundTruth, Lidar, make_sensor, sensor_feeds
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.signals import Signal, signals_of
-from mirdrake.tyres import LOAD_PERIOD, RollingResistance, make_rolling_wheels
+from mirdrake.suspension import make_anti_roll
+from mirdrake.tyres import LOAD_PERIOD, RollingResistance, WheelTyres, make_rolling_wheels, make_wheel_tyres
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.mounts import PictureMount, change_mounts
 from mirdrake.wiring import JOIN, SPLIT, Wiring
@@ -77,6 +81,7 @@ class Assembly:
         visualizer: draws in Meshcat, if a Meshcat was given.
         cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
         arrays: sensors whose samples are arrays and shall be recorded, by name.
+        tyres: tyre models of the vehicles that have one, by name of the vehicle.
     """
 
     spec: DiagramSpec
@@ -89,6 +94,7 @@ class Assembly:
     visualizer: MeshcatVisualizer | None = None
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
     arrays: dict[str, System] = field(default_factory=dict)
+    tyres: dict[str, WheelTyres] = field(default_factory=dict)
 
     def own_systems(self) -> dict[str, System]:
         """The user's own systems, those written as ``module:Class``, by name."""
@@ -149,6 +155,8 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
     for part in parts.vehicles.values():
         tracks[part.name] = _add_vehicle_systems(wiring, parts, part, spec, starts[part.name])
         _add_sensors(wiring, parts, part, spec)
+    tyres = _add_tyres(wiring, parts, rolling)
+    _add_outer_forces(wiring, parts, rolling, spec)
 
     # The user's own blocks, then all connections.
     folder = Path(spec.folder) if spec.folder is not None else None
@@ -182,7 +190,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
         for name in _sensors(spec)
         if spec.record.arrays and _records(wiring, name) == "array"
     }
-    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras, arrays)
+    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras, arrays, tyres)
 
 
 # --- the parts ---------------------------------------------------------------------------------------------------
@@ -275,14 +283,58 @@ def _add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec
         ground=parts.ground,
         scenery=parts.props.owners,
         bumps=parts.props.bumps,
-        period=1.0 / rate if cancel else LOAD_PERIOD,
+        period=1.0 / rate if cancel or any(part.tyre_model for part in parts.vehicles.values()) else LOAD_PERIOD,
         cancel_numerical=cancel,
     )
     wiring.add("rolling_resistance", system)
     wiring.link(plant.get_contact_results_output_port(), system.contact_results)
     wiring.link(plant.get_state_output_port(), system.plant_state)
-    wiring.link(system.generalized_force, plant.get_applied_generalized_force_input_port())
     return system
+
+
+def _add_outer_forces(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> None:
+    """Air and anti-roll bars, and the sum of all that acts on the plant from outside."""
+    plant = parts.plant
+    forces: list[OutputPort] = [rolling.generalized_force]
+    for name, part in parts.vehicles.items():
+        tyres = wiring.systems.get(f"{name}.tyres")
+        if isinstance(tyres, WheelTyres):
+            forces.append(tyres.generalized_force)
+        anti_roll = make_anti_roll(plant, part)
+        if anti_roll is not None:
+            wiring.add(f"{name}.anti_roll", anti_roll)
+            wiring.link(plant.get_state_output_port(part.instance), anti_roll.get_input_port())
+            forces.append(anti_roll.get_output_port())
+        if feels_air(part, spec.plant.air_density):
+            air = AirForces(plant, part, density=spec.plant.air_density, wind=spec.plant.wind)
+            wiring.add(f"{name}.aerodynamics", air)
+            wiring.link(plant.get_state_output_port(), air.plant_state)
+            wiring.sources[f"{name}.air_force"] = (air.air_force, signals_of(air.air_force))
+            forces.append(air.generalized_force)
+    total = Adder(len(forces), plant.num_velocities())
+    wiring.add("generalized_forces", total)
+    for index, port in enumerate(forces):
+        wiring.link(port, total.get_input_port(index))
+    wiring.link(total.get_output_port(), plant.get_applied_generalized_force_input_port())
+
+
+def _add_tyres(wiring: Wiring, parts: PlantParts, rolling: RollingResistance) -> dict[str, WheelTyres]:
+    """Tyre models of the vehicles that have one; a powertrain drives and brakes their wheels."""
+    plant, found = parts.plant, {}
+    for index, (name, part) in enumerate(parts.vehicles.items()):
+        first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
+        tyres = make_wheel_tyres(plant, part, loads=loads, first=first, friction=parts.world.road_mu)
+        if tyres is None:
+            continue
+        wiring.add(f"{name}.tyres", tyres)
+        wiring.link(plant.get_state_output_port(), tyres.plant_state)
+        wiring.link(rolling.wheel_load, tyres.wheel_load)
+        wiring.sinks[f"{name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
+        wiring.sources[f"{name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
+        if f"{name}.wheel_torque" in wiring.sources:
+            wiring.defaults.append((f"{name}.wheel_torque", f"{name}.wheel_torque"))
+        found[name] = tyres
+    return found
 
 
 def _track_at(start: Start, tracks: Mapping[str, Track]) -> str | None:
@@ -315,6 +367,7 @@ def _add_vehicle_systems(
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
     torques = plant.get_net_actuation_output_port(part.instance)
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
+    powertrain = _add_powertrain(wiring, parts, part, control)
 
     if driver_spec is None:
         return track
@@ -333,6 +386,14 @@ def _add_vehicle_systems(
     for index, (port, signal) in enumerate(zip(SPLIT, COMMAND, strict=True)):
         wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
         wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
+    if driver.HasOutputPort("pedals"):  # a foot of its own
+        if powertrain is None:
+            raise ConfigError(
+                f"{place}: this driver presses pedals, but {part.vehicle.name} has none; take a vehicle with a "
+                "wheel_speed of kind pedals in control.yaml, and not parked"
+            )
+        wiring.sources[f"{name}.driver_pedals"] = (driver.GetOutputPort("pedals"), PEDALS)
+        wiring.defaults.insert(0, (f"{name}.driver_pedals", f"{name}.pedals_reference"))
     for index in range(driver.num_output_ports()):
         port = driver.get_output_port(index)
         wiring.sources.setdefault(f"{name}.{port.get_name()}", (port, signals_of(port)))
@@ -342,6 +403,24 @@ def _add_vehicle_systems(
         if f"{name}.{port.get_name()}" in wiring.sources:
             wiring.defaults.append((f"{name}.{port.get_name()}", f"{name}.driver_{port.get_name()}"))
     return track
+
+
+def _add_powertrain(
+    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: VehicleControl
+) -> Powertrain | None:
+    """Powertrain and brakes of a vehicle that is driven by pedals; the tyres take its torques."""
+    name = part.name
+    if not control.HasOutputPort("pedals"):
+        return None
+    powertrain = Powertrain(parts.plant, part)
+    wiring.add(f"{name}.powertrain", powertrain)
+    wiring.link(parts.plant.get_state_output_port(), powertrain.plant_state)
+    wiring.sources[f"{name}.pedals"] = (control.pedals, PEDALS)
+    wiring.sinks[f"{name}.pedals_reference"] = (powertrain.pedals, PEDALS)
+    wiring.defaults.append((f"{name}.pedals", f"{name}.pedals_reference"))
+    for port in (powertrain.wheel_torque, powertrain.powertrain_status):
+        wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+    return powertrain
 
 
 def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:
@@ -390,7 +469,7 @@ def _add_taps(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spe
     }
     for name in parts.vehicles:
         sensors = [sensor for sensor in spec.sensors.get(name, ()) if _records(wiring, f"{name}.{sensor}") is None]
-        for port in ("status", "command", "joint_torques", *sensors):
+        for port in ("status", "command", "joint_torques", "powertrain_status", "tyre_forces", *sensors):
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
     inner = [f"{full}." for full in wiring.systems if full in _sensors(spec) and _records(wiring, full) is None]

@@ -6,7 +6,7 @@ before it is finalised. The road is one half space; what the eye sees lies on to
 
 import logging
 import re
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from math import cos, sin, sqrt
 from typing import Literal
@@ -35,6 +35,7 @@ from pydrake.multibody.tree import (
     JointActuator,
     ModelInstanceIndex,
     PdControllerGains,
+    PrismaticSpring,
     RigidBody,
     SpatialInertia,
 )
@@ -42,12 +43,14 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.errors import ModelError
 from mirdrake.obstacles import PropsInPlant, add_props
+from mirdrake.rest_pose import RestPose, find_rest_pose
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
+from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
 from mirdrake.worlds.world import GRAVITY
-from mirdrake.yaml_io import Duration, Schema
+from mirdrake.yaml_io import Duration, Schema, Speed
 
 logging.getLogger("drake").addFilter(
     # Rigid half spaces do not touch deformable bodies, says Drake at every start; there are none here.
@@ -87,6 +90,29 @@ class PlantSpec(Schema):
         "tyre",
         description="the tyre's own instead of the discretisation's (tyre), or what discrete contact gives (raw) [-]",
     )
+    air_density: float = Field(1.2, ge=0.0, description="of the air that vehicles drive through; 0: none [kg/m³]")
+    wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
+
+
+@dataclass(frozen=True)
+class TyreSpring:
+    """How a tyre is pressed in at rest: depth = softness x load ** power.
+
+    Attributes:
+        softness: [m/N^power].
+        power: exponent [1].
+    """
+
+    softness: float
+    power: float
+
+    def __call__(self, load: float) -> float:
+        """Compression [m] under a load [N]."""
+        return float(self.softness * max(load, 0.0) ** self.power)
+
+    def load(self, depth: float) -> float:
+        """Load [N] at a compression [m]."""
+        return float((max(depth, 0.0) / self.softness) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True)
@@ -106,6 +132,7 @@ class VehicleInPlant:
         tyre_mu: friction coefficient of each tyre's rubber [-].
         compression: how far a front and a rear tyre under a load [N] are pressed in at rest [m].
         parked: whether parking brakes hold the wheels.
+        suspension: joints on which the wheels move up against the body, in the order of the wheels; empty without.
     """
 
     name: str
@@ -118,8 +145,14 @@ class VehicleInPlant:
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
     tyre_mu: tuple[float, ...]
-    compression: tuple[Callable[[float], float], Callable[[float], float]]
+    compression: tuple[TyreSpring, TyreSpring]
     parked: bool = False
+    suspension: tuple[Joint, ...] = ()
+
+    @property
+    def tyre_model(self) -> bool:
+        """Whether tyre forces come from a tyre model in place of contact friction."""
+        return self.vehicle.spec.tyres.kind != "coulomb"
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
@@ -255,6 +288,10 @@ def add_vehicle(
             actuator.set_default_rotor_inertia(PARKING_INERTIA)
         elif control.wheel_speed.kind == "servo" and wheel in driven:
             actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
+        rotor = rotor_inertia(vehicle.spec.powertrain, drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
+        if rotor > 0.0 and not parked:
+            actuator.set_default_gear_ratio(1.0)
+            actuator.set_default_rotor_inertia(rotor)
     if control.steering.kind == "servo":
         for actuator in steering_actuators:
             gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
@@ -303,7 +340,20 @@ def add_vehicle(
         ),
         compression=compression,
         parked=parked,
+        suspension=_add_springs(plant, vehicle, instance),
     )
+
+
+def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanceIndex) -> tuple[Joint, ...]:
+    """Springs that carry the car at travel 0, and dampers, at the joints of the suspension; the joints."""
+    names, suspension = vehicle.spec.joints.suspension, vehicle.spec.suspension
+    if names is None or suspension is None:
+        return ()
+    joints = tuple(plant.GetJointByName(name, instance) for name in names.names())
+    for joint, corner, load in zip(joints, suspension.corners(), vehicle.spring_loads, strict=True):
+        plant.AddForceElement(PrismaticSpring(joint, -load / corner.stiffness, corner.stiffness))
+        joint.set_default_damping(corner.damping)
+    return joints
 
 
 def _never_touching(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryId]:
@@ -313,19 +363,17 @@ def _never_touching(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryI
     return [other for other in others if other != tyre and inspector.CollisionFiltered(tyre, other)]
 
 
-def _compression(
-    material: ProximityProperties, contact: ContactModel, radius: float, width: float
-) -> Callable[[float], float]:
-    """Compression [m] of a tyre at rest under a load [N].
+def _compression(material: ProximityProperties, contact: ContactModel, radius: float, width: float) -> TyreSpring:
+    """Compression of a tyre at rest under a load.
 
     Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
     2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5.
     """
     if contact == "point":
         stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
-        return lambda load: float(max(load, 0.0) / stiffness)
+        return TyreSpring(1.0 / stiffness, 1.0)
     modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
-    return lambda load: float((0.75 * max(load, 0.0) / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0))
+    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0)
 
 
 def matched_friction(tyre: float, road: float, *, plane: float) -> float:
@@ -344,10 +392,10 @@ def matched_friction(tyre: float, road: float, *, plane: float) -> float:
 
 
 def _match_tyres(plant: MultibodyPlant, scene_graph: SceneGraph, part: VehicleInPlant, world: World) -> None:
-    """Give the tyres the friction that they find on ground like the physical plane."""
+    """Give the tyres the friction that they find on ground like the physical plane; none to those with a model."""
     for tyre, own in zip(part.tyres, part.tyre_mu, strict=True):
         properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
-        value = matched_friction(own, world.road_mu, plane=world.road_mu)
+        value = 0.0 if part.tyre_model else matched_friction(own, world.road_mu, plane=world.road_mu)
         properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(value, value))
         scene_graph.AssignRole(plant.get_source_id(), tyre, properties, RoleAssign.kReplace)
 
@@ -395,7 +443,7 @@ def set_start(
     yaw: float,
     speed: float = 0.0,
 ) -> None:
-    """Put a vehicle on the road, its tyres compressed as at rest, rolling freely straight ahead.
+    """Put a vehicle on the road, its tyres and springs compressed as at rest, rolling freely straight ahead.
 
     Args:
         plant: the finalised plant.
@@ -406,9 +454,13 @@ def set_start(
         yaw: heading [rad].
         speed: forward speed [m/s]; the wheels turn with it, unless the vehicle is parked: then they slide.
     """
-    front, rear = part.rest_compressions(plant)
-    wheelbase = part.vehicle.geometry.wheelbase
-    X_WB = RigidTransform(RollPitchYaw(0.0, (front - rear) / wheelbase, yaw), [x, y, -rear])
+    pose = find_rest_pose(plant, part, yaw=yaw)
+    if pose is None:  # too steep to stand there
+        front, rear = part.rest_compressions(plant)
+        pose = RestPose(-rear, (front - rear) / part.vehicle.geometry.wheelbase, 0.0, (0.0,) * len(WHEELS))
+    for joint, travel in zip(part.suspension, pose.travel, strict=False):
+        joint.set_translation(context, travel)
+    X_WB = RigidTransform(RollPitchYaw(pose.roll, pose.pitch, yaw), [x, y, pose.z])
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
     velocities = plant.GetVelocities(context).copy()
     start = part.base.floating_velocities_start_in_v()

@@ -19,7 +19,7 @@ from pydrake.systems.framework import Context
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run, RunWriter, read_signals
-from mirdrake.recorder import Blocks, Events, Recorder
+from mirdrake.recorder import Blocks, Events, Recorder, vector_sensors
 from mirdrake.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.telemetry import Array, Columns, Telemetry
 from mirdrake.tyres import RoadFriction
@@ -81,7 +81,7 @@ class Simulation:
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
         self._simulator = Simulator(assembly.diagram)
-        self._friction = RoadFriction(assembly.parts)
+        self._friction = RoadFriction(assembly.parts, assembly.tyres)
 
     def run(
         self,
@@ -121,7 +121,7 @@ class Simulation:
             self._friction.start()
             watchers.insert(0, self._friction.watch)
         recorder = None
-        if writer is not None and (assembly.cameras or assembly.arrays):
+        if writer is not None and (assembly.cameras or assembly.arrays or vector_sensors(assembly)):
             recorder = Recorder(assembly, writer.folder)
             watchers.append(recorder)
         if watchers:
@@ -156,7 +156,7 @@ class Simulation:
         table, summary = None, {}
         if writer is not None:
             read = partial(read_signals, writer.folder, figure_columns(assembly))
-            summary = writer.finish(lambda: figures(read()) | ({"recorded": recorded} if recorded else {}))
+            summary = writer.finish(lambda: figures(read()) | recorded)
         else:
             table = blocks.frame()
             summary = figures(table)

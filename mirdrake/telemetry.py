@@ -109,6 +109,8 @@ class Telemetry:
             self._put(columns, f"{name}.wheel_angle.{wheel}", x[joint.position_start()], "rad")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True):
             self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")
+        for wheel, joint in zip(WHEELS, part.suspension, strict=False):  # none without springs
+            self._put(columns, f"{name}.travel.{wheel}", x[joint.position_start()], "m")
         torques = raw[f"{name}.joint_torques"]
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         for wheel, actuator in zip(WHEELS, part.wheel_actuators, strict=True):
@@ -120,6 +122,10 @@ class Telemetry:
             for signal, values in zip(tap.contents, raw[tap.name], strict=True):
                 if signal.name != "stamp":
                     self._put(columns, f"{name}.{signal.name}{suffix}", values, signal.unit)
+        if (tap := self._assembly.taps.get(f"{name}.powertrain_status")) is not None:
+            self._add_named(columns, tap, raw[tap.name], prefix=f"{name}.powertrain")
+        if (tap := self._assembly.taps.get(f"{name}.tyre_forces")) is not None:
+            self._add_named(columns, tap, raw[tap.name], prefix="")
         self._add_track(columns, part, state)
 
     def _add_track(self, columns: Columns, part: VehicleInPlant, state: Array) -> None:

@@ -99,7 +99,7 @@ class Wiring:
                     self.builder.ExportInput(sink, f"{name}.{port}")
         for sink, (port, _) in self.sinks.items():
             system = sink.split(".", maxsplit=1)[0]
-            optional = getattr(self.systems.get(system), "optional_inputs", ())
+            optional = getattr(self.systems.get(system, port.get_system()), "optional_inputs", ())
             if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
                 place = where(self.spec, "systems", system)
                 choices = ", ".join([*sorted(self.sources)[:12], *(["…"] if len(self.sources) > 12 else [])])

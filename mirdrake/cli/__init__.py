@@ -15,6 +15,7 @@ from mirdrake.errors import MirdrakeError
 VERBS = {
     "run": "run",
     "list": "listing",
+    "manoeuvre": "manoeuvre",
     "view": "view",
     "check": "check",
     "draw": "draw",
@@ -39,6 +40,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake draw bolt_test_track         the block diagram as SVG
   mirdrake replay runs/drive            watch a run again, with what its cameras saw beside it
   mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
+  mirdrake manoeuvre braking bolt       standard manoeuvres, and a handling report; --list shows them
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
 Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of

@@ -13,8 +13,11 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import WheelRates, cruise_step, wheel_speed_setpoints
+from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, WHEELS
+from mirdrake.powertrain import PEDALS, ActuatorLaw
+from mirdrake.powertrain.system import make_law
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.vehicles.spec import Beliefs
 
@@ -40,9 +43,13 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         desired_state (2 x actuators): for the plant's desired-state port of this vehicle, [rad] then [rad/s].
         actuation (actuators) [N m]: for the plant's actuation port of this vehicle.
         status (3) [m/s, rad, m/s]: speed_setpoint, steering_setpoint, speed_trim.
+        pedals (3) [1]: throttle, brake, gear; only with a wheel_speed of kind pedals, which drives and brakes with them
+            and leaves the wheels' actuators alone.
 
     Parameters of the Context: 0: kp, ki of the speed loop; then, for loops of kind pid, kp, ki, kd of the
-    wheel-speed loop and of the steering loop.
+    wheel-speed loop and of the steering loop; with pedals kp, ki of theirs and a zero for the wheel-speed loop.
+
+    Between steering set-point and joints stands the steering actuator of vehicle.yaml: delay, lag, rate.
 
     The outputs are discrete states, updated `rate` times a second.
 
@@ -74,6 +81,10 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._wheel_limits = PidLimits(-torque_share, torque_share)
         if self._wheel_pid is not None and self._wheel_pid.max_torque is not None:
             self._wheel_limits = PidLimits(-self._wheel_pid.max_torque, self._wheel_pid.max_torque)
+        self._pedal_law = None
+        if control.wheel_speed.kind == "pedals" and not part.parked:
+            self._pedal_law = PedalLaw(control.wheel_speed, make_law(plant, part), part.vehicle.spec, self._period)
+        self._steering_actuator = ActuatorLaw(part.vehicle.spec.actuators.steering, period=self._period)
         self._steering_limits = PidLimits()
         if self._steering_pid is not None and self._steering_pid.max_torque is not None:
             self._steering_limits = PidLimits(-self._steering_pid.max_torque, self._steering_pid.max_torque)
@@ -82,8 +93,10 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
 
         self._gains = [self.DeclareNumericParameter(_vector([control.speed.kp, control.speed.ki]))]
-        for loop in (self._wheel_pid, self._steering_pid):
-            gains = [loop.kp, loop.ki, loop.kd] if loop is not None else [0.0, 0.0, 0.0]
+        for loop in (control.wheel_speed, control.steering):
+            gains = [0.0, 0.0, 0.0]
+            if loop.kind != "servo":
+                gains = [loop.kp, loop.ki, loop.kd if loop.kind == "pid" else 0.0]
             self._gains.append(self.DeclareNumericParameter(_vector(gains)))
         self._filter_times = [0.0, *(loop.filter if loop else 0.0 for loop in (self._wheel_pid, self._steering_pid))]
         self._known_gains: dict[int, tuple[list[float], PidGains]] = {}
@@ -92,11 +105,17 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._actuation = self.DeclareDiscreteState(count)
         self._status = self.DeclareDiscreteState(3)
         loops = 7 if self._wheel_pid or self._steering_pid else 1  # speed, four wheels, two steering joints
-        # last message, last speed and steering set-point, last of each loop
-        self._memory = self.DeclareDiscreteState([*CommandState(), 0.0, 0.0, *(list(PidState()) * loops)])
+        self._late = slice(_row(loops - 1).stop, _row(loops - 1).stop + self._steering_actuator.size)
+        self._foot = slice(self._late.stop, self._late.stop + 1 + len(PidState._fields))
+        # last message, last speed and steering set-point, last of each loop, steering on its way, pedals
+        rest = [*self._steering_actuator.rest(0.0), *PedalState().flat()]
+        self._memory = self.DeclareDiscreteState([*CommandState(), 0.0, 0.0, *(list(PidState()) * loops), *rest])
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
         self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
         self.status = declare_state_output(self, "status", _STATUS, self._status)
+        if self._pedal_law is not None:
+            self._pedals = self.DeclareDiscreteState(len(PEDALS))
+            self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
 
@@ -110,6 +129,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         speed, steering = self._index.forward_speed(x), self._ackermann.bicycle_angle(left, right)
         memory = context.get_discrete_state(self._memory).value().tolist()
         memory[_LAST] = speed, steering
+        memory[self._late] = self._steering_actuator.rest(steering)
         self._step(context, state, x, list(memory))
         state.set_value(self._status, [speed, steering, 0.0])
         state.set_value(self._memory, memory)
@@ -137,24 +157,65 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         slower, faster = (down, up) if last_speed >= 0.0 else (up, down)
         speed = min(max(wanted.speed, last_speed - slower), last_speed + faster)
         steering = self._ackermann.approach(last_steering, wanted.steering, period=period)
-        angles, ratios = self._wheels_at(steering)
-        old_angles, _ = self._wheels_at(last_steering)
+        last_angle = memory[self._late][-1]
+        memory[self._late], angle = self._steering_actuator.step(memory[self._late], steering)
+        angles, ratios = self._wheels_at(angle)
+        old_angles, _ = self._wheels_at(last_angle)
+        slope = (speed - last_speed) / period
+        memory[_LAST] = speed, steering
 
-        # Speed loop: trims the wheel speeds until the vehicle has the speed.
-        row = _row(0)
+        # Speed loop: the pedals, or trimmed wheel speeds until the vehicle has the speed.
+        desired = [0.0] * (2 * index.actuators)
+        actuation = [0.0] * index.actuators
+        trimmed = speed
+        if self._pedal_law is not None:
+            foot, pedals = self._pedal_law.step(
+                PedalState.read(memory[self._foot]),
+                speed,
+                slope,
+                index.forward_speed(x),
+                gains=self._read_gains(context, 1),
+            )
+            memory[self._foot] = foot.flat()
+            state.get_mutable_value(self._pedals)[:] = pedals
+        else:
+            trimmed = self._turn_wheels(context, x, memory, speed, slope, ratios, desired, actuation)
+        for i, angle in enumerate(angles):
+            if self._steering_pid is None:
+                desired[index.steering_inputs[i]] = angle
+                desired[index.actuators + index.steering_inputs[i]] = (angle - old_angles[i]) / period
+            else:
+                gains = self._read_gains(context, 2)
+                actuation[index.steering_inputs[i]] = self._pid(
+                    memory, 5 + i, angle, x[index.steering_positions[i]], gains, self._steering_limits
+                )
+        state.get_mutable_value(self._desired)[:] = desired
+        state.get_mutable_value(self._actuation)[:] = actuation
+        state.get_mutable_value(self._status)[:] = speed, steering, trimmed - speed
+        state.get_mutable_value(self._memory)[:] = memory
+
+    def _turn_wheels(
+        self,
+        context: Context,
+        x: list[float],
+        memory: list[float],
+        speed: float,
+        slope: float,
+        ratios: WheelRates,
+        desired: list[float],
+        actuation: list[float],
+    ) -> float:
+        """Speed loop and loops of the wheels; memory and outputs are changed, the trimmed speed is returned [m/s]."""
+        index, row = self._index, _row(0)
         memory[row], trimmed = cruise_step(
             PidState(*memory[row]),
             speed,
             index.forward_speed(x),
-            period=period,
+            period=self._period,
             gains=self._read_gains(context, 0),
             limits=self._speed_limits,
         )
         rates = wheel_speed_setpoints(trimmed, ratios, radii=self._radii)
-
-        desired = [0.0] * (2 * index.actuators)
-        actuation = [0.0] * index.actuators
-        slope = (speed - last_speed) / period
         for i in self._turned:
             push = self._push[i] * slope
             actuation[index.wheel_inputs[i]] = push
@@ -165,20 +226,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
                 actuation[index.wheel_inputs[i]] = self._pid(
                     memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits, push
                 )
-        for i, angle in enumerate(angles):
-            if self._steering_pid is None:
-                desired[index.steering_inputs[i]] = angle
-                desired[index.actuators + index.steering_inputs[i]] = (angle - old_angles[i]) / period
-            else:
-                gains = self._read_gains(context, 2)
-                actuation[index.steering_inputs[i]] = self._pid(
-                    memory, 5 + i, angle, x[index.steering_positions[i]], gains, self._steering_limits
-                )
-        memory[_LAST] = speed, steering
-        state.get_mutable_value(self._desired)[:] = desired
-        state.get_mutable_value(self._actuation)[:] = actuation
-        state.get_mutable_value(self._status)[:] = speed, steering, trimmed - speed
-        state.get_mutable_value(self._memory)[:] = memory
+        return trimmed
 
     def _wheels_at(self, steering: float) -> tuple[tuple[float, float], WheelRates]:
         """Wheel angles and speed ratios of a steering angle; the last few are remembered, as most are asked twice."""
@@ -219,7 +267,10 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         known = self._known_gains.get(group)
         if known is None or known[0] != values:
             kp, ki, kd = values if group else (*values, 0.0)
-            gains = PidGains(kp, ki, kd, filter_time=self._filter_times[group])
+            if group == 1 and self._pedal_law is not None:
+                gains = self._pedal_law.gains(kp, ki)
+            else:
+                gains = PidGains(kp, ki, kd, filter_time=self._filter_times[group])
             known = self._known_gains[group] = values, gains
         return known[1]
 

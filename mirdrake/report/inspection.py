@@ -100,13 +100,15 @@ def write_links_dot(figures: Inspection) -> str:
     ]
     for link in figures.links:
         role = roles.get(link.name, "body")
-        kind = "wheel" if "wheel" in role else "knuckle" if "steering" in role else "body" if link.mass else "frame"
+        carries = role.endswith(("steering", "suspension"))
+        kind = "wheel" if "wheel" in role else "knuckle" if carries else "body" if link.mass else "frame"
         kind = "sensor" if kind == "frame" and link.name in mounts else kind
         weight = f'<br/><font point-size="9">{link.mass:.4g} kg</font>' if link.mass else ""
         label = f"<<b>{html.escape(link.name)}</b>{weight}>"
         lines.append(f'  "{_quoted(link.name)}" [label={label}, fillcolor="{_COLOURS[kind]}"];')
     for joint in figures.joints:
-        axis = f"\\n{joint.kind} about {axis_name(joint.axis)}" if joint.axis else ""
+        how = f"{joint.kind} along" if joint.kind == "prismatic" else f"{joint.kind} about"
+        axis = f"\\n{how} {axis_name(joint.axis)}" if joint.axis else ""
         style = ", style=dashed" if joint.kind == "fixed" else ""
         name = "" if joint.kind == "fixed" else _quoted(joint.name)
         ends = f'"{_quoted(joint.parent)}" -> "{_quoted(joint.child)}"'
@@ -164,9 +166,10 @@ def _joint_row(joint: JointFigures) -> tuple[str, ...]:
 
 
 def limits_of(joint: JointFigures) -> str:
-    """Lowest and highest position of a joint [rad]."""
+    """Lowest and highest position of a joint [rad], of a prismatic joint in m, which is said."""
     free = math.isinf(joint.lower) and math.isinf(joint.upper)
-    return "free" if free else f"{joint.lower:g} .. {joint.upper:g}"
+    unit = " m" if joint.kind == "prismatic" else ""
+    return "free" if free else f"{joint.lower:g} .. {joint.upper:g}{unit}"
 
 
 def axis_name(axis: Sequence[float]) -> str:

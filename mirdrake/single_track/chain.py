@@ -4,6 +4,9 @@ The laws are those of :class:`mirdrake.controllers.vehicle_control.VehicleContro
 and rate of the steering, speed loop. The servos of the joints are part of the model with actuators: Drake holds the
 steering joints at their set-point with stiffness k and damping d and follows its rate, which is a lag of d/k; the gains
 of the driven wheels, divided by the radius squared, act between the set-point of the speed and the speed.
+
+A vehicle that is driven by pedals has its pedals and its powertrain here, too; its wheels turn with the car, so that
+what acts on the slip of single wheels is left out: antilock, stability and traction control.
 """
 
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
@@ -12,14 +15,17 @@ from mirdrake.controllers.ackermann import Ackermann, make_steering_law
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import cruise_step
+from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, STATE
 from mirdrake.controllers.vehicle_control import believed_geometry
 from mirdrake.errors import ConfigError
+from mirdrake.powertrain import PEDALS, ActuatorLaw
 from mirdrake.signals import copy_signals, declare_state_output, declare_vector_input, signals
 from mirdrake.single_track.dynamics import Tyres, Variant
 from mirdrake.single_track.from_vehicle import estimate_parameters
 from mirdrake.single_track.parameters import SingleTrackParameters
+from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
 from mirdrake.single_track.system import FORCES, STEERING, SingleTrack
 from mirdrake.vehicles import Vehicle
 
@@ -32,6 +38,8 @@ _VX = [signal.name for signal in STATE].index("vx")
 _PID = len(PidState._fields)
 _MESSAGE, _LAST = slice(0, 3), slice(3, 5)
 _SPEED, _WHEEL = slice(5, 5 + _PID), slice(5 + _PID, 5 + 2 * _PID)
+_GEAR = 5 + 2 * _PID
+_WAY = slice(_GEAR + 1, None)
 
 
 class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
@@ -45,8 +53,9 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         steering (2) [rad, rad/s]: bicycle angle for the model with actuators, and its rate.
         forces (3) [N, N, m/s]: drive force ahead of the servos, brake force (none), set-point of the wheel servos.
         status (3) [m/s, rad, m/s]: speed_setpoint, steering_setpoint, speed_trim.
+        pedals (3) [1]: throttle, brake, gear; only with a wheel_speed of kind pedals, and then there are no forces.
 
-    Parameters of the Context: 0: kp, ki of the speed loop.
+    Parameters of the Context: 0: kp, ki of the speed loop; of the pedals where there are any.
 
     The outputs are discrete states, updated as often as control.yaml says. With the unior linkages ``steering`` of the
     command and of the status is the input of that robot, as in the full vehicle.
@@ -54,13 +63,14 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         vehicle: a loaded vehicle.
         mass: of the vehicle [kg].
+        rotating: what its turning parts add to it [kg].
         delay: from an update until its set-points show [s]; a multiple of the period.
 
     Raises:
         ConfigError: the delay is negative or not a multiple of the period.
     """
 
-    def __init__(self, vehicle: Vehicle, *, mass: float, delay: float = 0.0) -> None:
+    def __init__(self, vehicle: Vehicle, *, mass: float, rotating: float = 0.0, delay: float = 0.0) -> None:
         super().__init__()
         control, geometry, spec = vehicle.control, vehicle.geometry, vehicle.spec
         self._control, self._period = control, 1.0 / control.rate
@@ -84,6 +94,12 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         if self._wheel_pid is not None:
             torque = self._wheel_pid.max_torque or torque
         self._wheel_limits = PidLimits(-torque, torque)
+        self._pedal_law, loop = None, [control.speed.kp, control.speed.ki]
+        if control.wheel_speed.kind == "pedals":
+            law = make_single_track_law(vehicle, mass=mass, rotating=rotating)
+            self._pedal_law = PedalLaw(control.wheel_speed, law, spec, self._period)
+            loop = [control.wheel_speed.kp, control.wheel_speed.ki]
+        self._actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
         correction = control.speed.max_correction
         self._speed_limits = PidLimits(-correction, correction)
         self._command_limits = CommandLimits(timeout=control.dead_man)
@@ -91,15 +107,19 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.command = declare_vector_input(self, "command", COMMAND)
         self.state = declare_vector_input(self, "state", STATE)
         self.steering_angle = declare_vector_input(self, "steering_angle", STEERING[:1])
-        self._gains = self.DeclareNumericParameter(BasicVector([control.speed.kp, control.speed.ki]))
+        self._gains = self.DeclareNumericParameter(BasicVector(loop))
         self._steering = self.DeclareDiscreteState(len(STEERING))
         self._forces = self.DeclareDiscreteState(len(FORCES))
         self._status = self.DeclareDiscreteState(len(STATUS))
-        # last message, last speed and steering set-point, speed loop, wheel loop
-        self._memory = self.DeclareDiscreteState([*CommandState(), 0.0, 0.0, *PidState(), *PidState()])
+        # last message, last speed and steering set-point, speed loop, wheel loop, gear, steering on its way
+        rest = self._actuator.rest(0.0)
+        self._memory = self.DeclareDiscreteState([*CommandState(), 0.0, 0.0, *PidState(), *PidState(), 1.0, *rest])
         self._late = self.DeclareDiscreteState(self._steps * (len(STEERING) + len(FORCES)))
         self.steering = declare_state_output(self, "steering", STEERING, self._steering)
-        self.forces = declare_state_output(self, "forces", FORCES, self._forces)
+        if self._pedal_law is None:
+            self.forces = declare_state_output(self, "forces", FORCES, self._forces)
+        else:
+            self.pedals = declare_state_output(self, "pedals", PEDALS, self._forces)
         self.status = declare_state_output(self, "status", STATUS, self._status)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
@@ -111,7 +131,8 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         steering = self._law.bicycle_angle(*self._true.wheel_angles(angle))
         memory = context.get_discrete_state(self._memory).value().tolist()
         memory[_LAST] = speed, steering
-        now = [angle, 0.0, 0.0, 0.0, speed * self._stretch]
+        memory[_WAY] = self._actuator.rest(steering)
+        now = [angle, 0.0, 0.0, 0.0, speed * self._stretch if self._pedal_law is None else 1.0]
         values.set_value(self._late, now * self._steps)
         values.set_value(self._steering, now[:2])
         values.set_value(self._forces, now[2:])
@@ -138,10 +159,40 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         slower, faster = (down, up) if last_speed >= 0.0 else (up, down)
         speed = min(max(wanted.speed, last_speed - slower), last_speed + faster)
         steering = self._law.approach(last_steering, wanted.steering, period=period)
-        old, angle = self._angle(last_steering), self._angle(steering)
+        slope, old = (speed - last_speed) / period, self._angle(memory[_WAY][-1])
+        memory[_WAY], actual = self._actuator.step(memory[_WAY], steering)
+        angle = self._angle(actual)
 
-        # Speed loop, then what acts on the wheels ahead of their servos.
+        # Speed loop: the pedals, or what acts on the wheels ahead of their servos.
         kp, ki = context.get_numeric_parameter(self._gains).value().tolist()
+        if self._pedal_law is not None:
+            foot, pedals = self._pedal_law.step(
+                PedalState(memory[_GEAR], PidState(*memory[_SPEED])),
+                speed,
+                slope,
+                measured,
+                gains=self._pedal_law.gains(kp, ki),
+            )
+            memory[_GEAR], memory[_SPEED] = foot.gear, foot.loop
+            trimmed, acting = speed, list(pedals)
+        else:
+            trimmed, acting = self._turn_wheels(memory, speed, slope, measured, kp, ki)
+        now = [angle, (angle - old) / period, *acting]
+        if self._steps:
+            late = [*context.get_discrete_state(self._late).value().tolist(), *now]
+            now, late = late[: len(now)], late[len(now) :]
+            values.set_value(self._late, late)
+        memory[_LAST] = speed, steering
+        values.set_value(self._steering, now[:2])
+        values.set_value(self._forces, now[2:])
+        values.set_value(self._status, [speed, steering, trimmed - speed])
+        values.set_value(self._memory, memory)
+
+    def _turn_wheels(
+        self, memory: list[float], speed: float, slope: float, measured: float, kp: float, ki: float
+    ) -> tuple[float, list[float]]:
+        """Speed loop and wheel loop, whose memory is changed; trimmed speed [m/s] and the forces."""
+        period = self._period
         memory[_SPEED], trimmed = cruise_step(
             PidState(*memory[_SPEED]),
             speed,
@@ -150,7 +201,6 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             gains=PidGains(kp, ki),
             limits=self._speed_limits,
         )
-        slope = (speed - last_speed) / period
         drive = self._push * slope * self._grip
         if self._wheel_pid is not None:
             gains = self._wheel_pid
@@ -164,16 +214,7 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
                 feedforward=self._push * slope,
             )
             drive = torque * self._grip
-        now = [angle, (angle - old) / period, drive, 0.0, trimmed * self._stretch]
-        if self._steps:
-            late = [*context.get_discrete_state(self._late).value().tolist(), *now]
-            now, late = late[: len(now)], late[len(now) :]
-            values.set_value(self._late, late)
-        memory[_LAST] = speed, steering
-        values.set_value(self._steering, now[:2])
-        values.set_value(self._forces, now[2:])
-        values.set_value(self._status, [speed, steering, trimmed - speed])
-        values.set_value(self._memory, memory)
+        return trimmed, [drive, 0.0, trimmed * self._stretch]
 
     def _angle(self, steering: float) -> float:
         """Bicycle angle [rad] of the wheels for a set-point of the steering law."""
@@ -190,8 +231,9 @@ def make_single_track_vehicle(
 ) -> Diagram:
     """The single-track model of a vehicle behind its control unit, driven like the full vehicle.
 
-    Input ports of the diagram: command (3). Output ports: state (12), motion (7), status (3). Its systems are called
-    "single_track" and "control". The control unit is for floats only; for derivatives take the model alone.
+    Input ports of the diagram: command (3). Output ports: state (12), motion (7), status (3), with pedals also
+    powertrain_status (9). Its systems are called "single_track" and "control", with pedals also "powertrain". The
+    control unit is for floats only; for derivatives take the model alone.
 
     Args:
         vehicle: a loaded vehicle.
@@ -206,13 +248,22 @@ def make_single_track_vehicle(
     parameters = parameters or estimate_parameters(vehicle)
     builder = DiagramBuilder()
     model = builder.AddNamedSystem("single_track", SingleTrack(parameters, Variant(tyres, relaxation, actuators=True)))
-    control = builder.AddNamedSystem("control", SingleTrackControl(vehicle, mass=parameters.mass, delay=delay))
+    mass, rotating = parameters.mass, parameters.rotating_mass
+    control = builder.AddNamedSystem("control", SingleTrackControl(vehicle, mass=mass, rotating=rotating, delay=delay))
+    outputs = {"state": model.state, "motion": model.motion, "status": control.status}
+    if control.HasOutputPort("pedals"):
+        law = make_single_track_law(vehicle, mass=mass, rotating=rotating)
+        powertrain = builder.AddNamedSystem("powertrain", SingleTrackPowertrain(law))
+        builder.Connect(control.pedals, powertrain.pedals)
+        builder.Connect(model.state, powertrain.state)
+        builder.Connect(powertrain.forces, model.forces)
+        outputs["powertrain_status"] = powertrain.powertrain_status
+    else:
+        builder.Connect(control.forces, model.forces)
     builder.Connect(control.steering, model.steering)
-    builder.Connect(control.forces, model.forces)
     builder.Connect(model.state, control.state)
     builder.Connect(model.steering_angle, control.steering_angle)
     builder.ExportInput(control.command, "command")
-    outputs = {"state": model.state, "motion": model.motion, "status": control.status}
     ports = [(port, builder.ExportOutput(port, name)) for name, port in outputs.items()]
     diagram = builder.Build()
     for port, index in ports:

@@ -16,6 +16,7 @@ from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
 from mirdrake.vehicles import WHEELS, Vehicle
 from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.worlds.world import GRAVITY
 
 FRONT_STIFFNESS = 12.0
@@ -110,13 +111,14 @@ def estimate_parameters(
     # Wheels: what turns with them, the friction of their tyres, their motors and servos.
     rotating, frictions = 0.0, []
     inspector = scene_graph.model_inspector()
-    for joint, radius in zip(wheels, geometry.wheel_radii, strict=True):
+    for index, (joint, radius) in enumerate(zip(wheels, geometry.wheel_radii, strict=True)):
         body = joint.child_body()
         axis = joint.frame_on_child().GetFixedPoseInBodyFrame().rotation().multiply(joint.revolute_axis())
         inertia = body.CalcSpatialInertiaInBodyFrame(context)
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         motor = actuators.get(joint.name())
         rotor = motor.default_rotor_inertia() * motor.default_gear_ratio() ** 2 if motor is not None else 0.0
+        rotor += rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
         rotating += (float(axis @ tensor @ axis) + rotor) / radius**2
         for shape in plant.GetCollisionGeometriesForBody(body):
             properties = inspector.GetProperties(shape, Role.kProximity)

@@ -29,7 +29,7 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 from mirdrake.controllers.checks import check_number
-from mirdrake.tyres.maths import Value, maths_for
+from mirdrake.tyres.maths import Maths, Value, maths_for
 
 _TINY = 1e-12
 """Slip below which directions fade, so that derivatives exist at zero [1]."""
@@ -138,7 +138,19 @@ def brush_forces(tyre: BrushTyre, kappa: Value, tan_alpha: Value, load: Value, *
         friction: of the road, relative to that of the tyre's data [1].
     """
     maths = maths_for(kappa, tan_alpha, load, friction)
-    longitudinal, cornering, limit, half_length = brush_at_load(tyre, load, friction=friction)
+    return brush_forces_on(brush_at_load(tyre, load, friction=friction), kappa, tan_alpha, maths)
+
+
+def brush_forces_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, maths: Maths) -> BrushForces:
+    """The same at a load that is worked out already.
+
+    Args:
+        curve: of :func:`brush_at_load`.
+        kappa: longitudinal slip [1].
+        tan_alpha: tangent of the slip angle [1].
+        maths: functions of the kind of number of both.
+    """
+    longitudinal, cornering, limit, half_length = curve
     rolling = 1.0 + kappa
     forward = maths.sign(rolling)
     scale = maths.at_least(forward * rolling, _LOCKED)

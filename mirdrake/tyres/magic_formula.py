@@ -71,29 +71,42 @@ class SlipCurve(NamedTuple):
     dy: Value
 
 
-class _Point(NamedTuple):
-    """What several formulas need of an operating point."""
+class OperatingPoint(NamedTuple):
+    """What several formulas need of an operating point.
+
+    Attributes:
+        maths: functions of its kind of number.
+        load: within the range of the coefficients [N].
+        scale: true load by that load [1].
+        dfz: change of load (4.E2a) [1].
+        dpi: change of pressure (4.E2b) [1].
+        pressure: by the nominal one [1].
+        gamma: inclination angle [rad].
+        camber: its sine [1].
+        mu: friction of the road relative to that of the data [1].
+    """
 
     maths: Maths
-    load: Value  # within the range of the coefficients [N]
-    scale: Value  # true load by that load [1]
+    load: Value
+    scale: Value
     dfz: Value
     dpi: Value
-    pressure: Value  # by the nominal one [1]
+    pressure: Value
     gamma: Value
-    camber: Value  # sin gamma
+    camber: Value
     mu: Value
 
 
-def _point(
+def operating_point(
     p: MagicFormulaParameters, load: Value, gamma: Value, pressure: Value, friction: Value, maths: Maths
-) -> _Point:
+) -> OperatingPoint:
+    """The operating point of arguments as of :func:`magic_formula`."""
     load = maths.at_least(load, 0.0)
     inside = maths.at_most(maths.at_least(load, max(p.fzmin, _LEAST_LOAD * p.fnomin)), p.fzmax)
     nominal = p.lfzo * p.fnomin  # (4.E1)
     used = (p.inflpres or p.nompres) if pressure is None else pressure
     ratio = used / p.nompres if p.nompres else 1.0
-    return _Point(
+    return OperatingPoint(
         maths,
         inside,
         load / inside,
@@ -106,7 +119,8 @@ def _point(
     )
 
 
-def _curve(p: MagicFormulaParameters, at: _Point) -> SlipCurve:
+def pure_slip(p: MagicFormulaParameters, at: OperatingPoint) -> SlipCurve:
+    """Slip stiffnesses and peak forces at the operating point's load, before its scale."""
     maths, load, dfz, dpi, camber = at.maths, at.load, at.dfz, at.dpi, at.camber
     nominal = p.lfzo * p.fnomin
     mux = (p.pdx1 + p.pdx2 * dfz) * (1.0 + p.ppx3 * dpi + p.ppx4 * dpi * dpi) * (1.0 - p.pdx3 * at.gamma * at.gamma)
@@ -132,10 +146,10 @@ def slip_curve(
     p: MagicFormulaParameters, load: Value, *, gamma: Value = 0.0, pressure: Value = None, friction: Value = 1.0
 ) -> SlipCurve:
     """Slip stiffnesses and peak forces at a load; arguments as of :func:`magic_formula`."""
-    at = _point(
+    at = operating_point(
         p, load, gamma, pressure, friction, maths_for(load, gamma, 0.0 if pressure is None else pressure, friction)
     )
-    return SlipCurve(*(value * at.scale for value in _curve(p, at)))
+    return SlipCurve(*(value * at.scale for value in pure_slip(p, at)))
 
 
 def relaxation_lengths(
@@ -147,8 +161,13 @@ def relaxation_lengths(
     Without stiffnesses in the file it is the unloaded radius for both, the order of magnitude for cars.
     """
     maths = maths_for(load, gamma, 0.0 if pressure is None else pressure)
-    at = _point(p, load, gamma, pressure, 1.0, maths)
-    dfz, dpi = at.dfz, at.dpi
+    at = operating_point(p, load, gamma, pressure, 1.0, maths)
+    return lengths_at(p, at, pure_slip(p, at))
+
+
+def lengths_at(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> tuple[Value, Value]:
+    """The same where operating point and :func:`pure_slip` are known."""
+    maths, dfz, dpi = at.maths, at.dfz, at.dpi
     fallback = p.unloaded_radius + 0.0 * at.load
     if p.version == "5.2":
         along = (p.ptx1 + p.ptx2 * dfz) * maths.exp(-p.ptx3 * dfz) * p.lsgkp * p.unloaded_radius * at.load / p.fnomin
@@ -157,7 +176,6 @@ def relaxation_lengths(
             bend = maths.sin(2.0 * maths.atan(at.load / (p.pty2 * p.lfzo * p.fnomin)))
             across = p.pty1 * bend * (1.0 - p.pky3 * abs(at.camber)) * p.unloaded_radius * p.lfzo * p.lsgal
         return along if p.ptx1 else fallback, across
-    curve = _curve(p, at)
     along = across = fallback
     if p.longitudinal_stiffness:
         by_load = (1.0 + p.pcfx1 * dfz + p.pcfx2 * dfz * dfz) * (1.0 + p.pcfx3 * dpi)
@@ -174,7 +192,7 @@ def _shape(maths: Maths, b: Value, c: Value, e: Value, x: Value) -> Value:
     return c * maths.atan(slope - e * (slope - maths.atan(slope)))
 
 
-def _fx0(p: MagicFormulaParameters, at: _Point, curve: SlipCurve, kappa: Value, fade: Value) -> Value:
+def _fx0(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve, kappa: Value, fade: Value) -> Value:
     maths, dfz = at.maths, at.dfz
     shape = p.pcx1 * p.lcx  # (4.E11)
     shifted = kappa + (p.phx1 + p.phx2 * dfz) * p.lhx * fade  # (4.E10), (4.E17)
@@ -191,7 +209,7 @@ class _Lateral(NamedTuple):
     stiff: Value  # By
 
 
-def _fy0(p: MagicFormulaParameters, at: _Point, curve: SlipCurve, slip: Value, fade: Value) -> _Lateral:
+def _fy0(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve, slip: Value, fade: Value) -> _Lateral:
     maths, dfz, camber = at.maths, at.dfz, at.camber
     by_camber = at.load * (p.pvy3 + p.pvy4 * dfz) * camber * (p.lkyc * p.lmuy) * at.mu  # (4.E28)
     if p.version == "5.2":
@@ -210,7 +228,7 @@ def _fy0(p: MagicFormulaParameters, at: _Point, curve: SlipCurve, slip: Value, f
     return _Lateral(curve.dy * maths.sin(angle) + shift_v, shift_h, shift_v, stiff)  # (4.E19)
 
 
-def _weight_x(p: MagicFormulaParameters, at: _Point, kappa: Value, slip: Value) -> Value:
+def _weight_x(p: MagicFormulaParameters, at: OperatingPoint, kappa: Value, slip: Value) -> Value:
     """Gxα (4.E51) to (4.E57)."""
     maths = at.maths
     stiff = (p.rbx1 + p.rbx3 * at.camber * at.camber) * maths.cos(maths.atan(p.rbx2 * kappa)) * p.lxal
@@ -219,7 +237,7 @@ def _weight_x(p: MagicFormulaParameters, at: _Point, kappa: Value, slip: Value) 
     return maths.cos(_shape(maths, stiff, p.rcx1, bend, slip + p.rhx1)) / free
 
 
-def _weight_y(p: MagicFormulaParameters, at: _Point, kappa: Value, slip: Value) -> Value:
+def _weight_y(p: MagicFormulaParameters, at: OperatingPoint, kappa: Value, slip: Value) -> Value:
     """Gyκ (4.E59) to (4.E65)."""
     maths = at.maths
     turned = maths.cos(maths.atan(p.rby2 * (slip - p.rby3)))
@@ -257,8 +275,8 @@ def magic_formula(
     """
     given = 0.0 if pressure is None else pressure
     maths = maths_for(kappa, tan_alpha, load, vx, gamma, given, friction)
-    at = _point(p, load, gamma, pressure, friction, maths)
-    curve = _curve(p, at)
+    at = operating_point(p, load, gamma, pressure, friction, maths)
+    curve = pure_slip(p, at)
     direction = maths.direction(vx, p.vxlow)
     fade = direction * direction
 
@@ -274,7 +292,7 @@ def magic_formula(
         for_trail = fy - shift
     else:  # (4.E74): without camber, except in the weight
         upright = at._replace(gamma=0.0, camber=0.0)
-        for_trail = weight * _fy0(p, upright, _curve(p, upright), tan_alpha, fade).force
+        for_trail = weight * _fy0(p, upright, pure_slip(p, upright), tan_alpha, fade).force
     mz = _aligning(p, at, curve, pure, kappa, tan_alpha, (fx, fy, for_trail), direction)
     rolling = vx + kappa * abs(vx)  # speed of the tread, (2.5) with (4.E5)
     return TyreForces(
@@ -288,7 +306,7 @@ def magic_formula(
 
 def _aligning(
     p: MagicFormulaParameters,
-    at: _Point,
+    at: OperatingPoint,
     curve: SlipCurve,
     pure: _Lateral,
     kappa: Value,
@@ -325,7 +343,7 @@ def _aligning(
     return -trail * for_trail + rest + arm * fx
 
 
-def _overturning(p: MagicFormulaParameters, at: _Point, fy: Value) -> Value:
+def _overturning(p: MagicFormulaParameters, at: OperatingPoint, fy: Value) -> Value:
     """Mx (4.E69), with QSX12 to QSX14 of the MF-Tyre manual."""
     maths, gamma, load = at.maths, at.gamma, at.load / p.fnomin
     side = fy / p.fnomin
@@ -337,7 +355,7 @@ def _overturning(p: MagicFormulaParameters, at: _Point, fy: Value) -> Value:
     return p.unloaded_radius * p.lmx * (first + second)
 
 
-def _resistance(p: MagicFormulaParameters, at: _Point, fx: Value, vx: Value) -> Value:
+def _resistance(p: MagicFormulaParameters, at: OperatingPoint, fx: Value, vx: Value) -> Value:
     """My of a wheel that rolls ahead: (A48) for 6.1 and 6.2, the MF-Tyre manual for 5.2."""
     speed, load = vx / p.longvl, at.load / p.fnomin
     factor = p.qsy1 + p.qsy2 * (fx / p.fnomin) + p.qsy3 * abs(speed) + p.qsy4 * speed**4

@@ -8,6 +8,7 @@ Drake takes the harmonic mean 2 a b / (a + b) of a pair. The tyre is therefore g
 that of the plane is what it should be.
 """
 
+from collections.abc import Mapping
 from math import hypot, inf, sqrt
 
 import shapely
@@ -16,6 +17,8 @@ from pydrake.multibody.plant import CoulombFriction
 from pydrake.systems.framework import Context
 
 from mirdrake.plant import PlantParts, matched_friction
+from mirdrake.tyres.wheel_tyres import WheelTyres
+from mirdrake.vehicles import WHEELS
 
 _ACCELERATION = 30.0
 """No wheel gets faster by more than that [m/s²] before it is looked at again."""
@@ -31,12 +34,14 @@ class RoadFriction:
 
     Args:
         parts: plant, world and vehicles.
+        tyres: tyre models of the vehicles that have one, by name of the vehicle; they get the friction of the ground as
+            it is.
 
     Attributes:
         varies: whether the friction changes anywhere; if not, there is nothing to watch.
     """
 
-    def __init__(self, parts: PlantParts) -> None:
+    def __init__(self, parts: PlantParts, tyres: Mapping[str, WheelTyres] | None = None) -> None:
         self._parts, self._world = parts, parts.world
         areas = self._world.friction_areas
         self.varies = len({self._world.ground.mu, *(mu for _, mu in areas)}) > 1
@@ -47,6 +52,8 @@ class RoadFriction:
             for part in parts.vehicles.values()
             for joint, tyre, mu in zip(part.wheels, part.tyres, part.tyre_mu, strict=True)
         ]
+        models = tyres or {}
+        self._models = [(models.get(name), number) for name in parts.vehicles for number in range(len(WHEELS))]
         self._due: list[float] = []
         self._now: list[float] = []
 
@@ -83,6 +90,11 @@ class RoadFriction:
 
     def _change(self, context: Context, index: int, mu: float) -> None:
         """Give one tyre the friction of ground with that coefficient."""
+        self._now[index] = mu
+        model, number = self._models[index]
+        if model is not None:
+            model.set_friction(model.GetMyMutableContextFromRoot(context), number, mu)
+            return
         scene_graph, (_, tyre, own) = self._parts.scene_graph, self._wheels[index]
         properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
         value = matched_friction(own, mu, plane=self._world.road_mu)
@@ -94,7 +106,6 @@ class RoadFriction:
             properties,
             RoleAssign.kReplace,
         )
-        self._now[index] = mu
 
 
 def _lines(area: shapely.Geometry) -> list[shapely.LineString]:

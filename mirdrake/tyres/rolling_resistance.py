@@ -28,7 +28,7 @@ back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the l
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from math import cos, exp, sin, tanh
+from math import exp, tanh
 from typing import NamedTuple
 
 from pydrake.common.value import AbstractValue
@@ -39,6 +39,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from mirdrake.errors import ConfigError
 from mirdrake.plant import VehicleInPlant
 from mirdrake.signals import Signal, declare_state_output
+from mirdrake.tyres.wheel_motion import WheelMotion, WheelPlace, base_motion, wheel_motion, wheel_places
 from mirdrake.vehicles import WHEELS
 
 FILTER_TIME = 0.1
@@ -58,46 +59,28 @@ class RollingWheel(NamedTuple):
         vehicle: name of its vehicle.
         name: its place, for example "front_left".
         geometry: its collision geometry.
-        pivot: position in the vehicle frame B of its steering axis, or of its centre if it is not steered [m].
-        offset: lateral distance of its centre from there [m].
-        spin: index of its spin rate in the plant's generalised velocities.
-        steering: index of its steering joint in the plant's positions and in its velocities, or None.
-        base: index of its vehicle's floating base in the plant's positions and in its velocities.
+        place: where it is on its vehicle and in the plant's state.
         coefficient: rolling-resistance coefficient Crr of the tyre.
     """
 
     vehicle: str
     name: str
     geometry: GeometryId
-    pivot: tuple[float, float, float]
-    offset: float
-    spin: int
-    steering: tuple[int, int] | None
-    base: tuple[int, int]
+    place: WheelPlace
     coefficient: float
 
 
 def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
     """The wheels of a vehicle in a finalised plant."""
-    geometry = part.vehicle.geometry
-    front, rear, kingpin = (0.5 * t for t in (geometry.front_track, geometry.rear_track, geometry.kingpin_track))
-    length, high, low = geometry.wheelbase, geometry.front_wheel_radius, geometry.rear_wheel_radius
-    places = [((length, kingpin, high), front - kingpin), ((length, -kingpin, high), kingpin - front)]
-    places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
-    joints = [(joint.position_start(), joint.velocity_start()) for joint in part.steering]
     return [
         RollingWheel(
             vehicle=part.name,
             name=name,
-            geometry=part.tyres[i],
-            pivot=places[i][0],
-            offset=places[i][1],
-            spin=part.wheels[i].velocity_start(),
-            steering=joints[i] if i < len(joints) else None,
-            base=(part.base.floating_positions_start(), part.base.floating_velocities_start_in_v()),
+            geometry=geometry,
+            place=place,
             coefficient=part.vehicle.spec.tyres.rolling_resistance,
         )
-        for i, name in enumerate(WHEELS)
+        for name, geometry, place in zip(WHEELS, part.tyres, wheel_places(part), strict=True)
     ]
 
 
@@ -171,14 +154,15 @@ class RollingResistance(LeafSystem):
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         x = self.plant_state.Eval(context).tolist()
-        poses = self._wheel_poses(x)
+        poses = self._wheel_motions(x)
         contacts, others = self._measure(context, poses)
         filters = context.get_discrete_state(self._filters).value().tolist()
         force, torques = [0.0] * self._velocities, []
         for i, (wheel, contact, pose) in enumerate(zip(self._wheels, contacts, poses, strict=True)):
-            load, spin = contact.load, x[self._positions + wheel.spin]
+            place, load, spin = wheel.place, contact.load, pose.spin
+            ax, ay, _ = pose.axle
             torque = -wheel.coefficient * load * pose.z * tanh(spin / SMOOTH_SPEED)
-            base = wheel.base[1]
+            base = place.base[1]
             if self._cancel:
                 row = 3 * i
                 filters[row] += self._blend * (contact.moment - filters[row])
@@ -188,15 +172,15 @@ class RollingResistance(LeafSystem):
                 slow = 1.0 / (1.0 + (spin / SMOOTH_SPEED) ** 4)
                 moment = slow * contact.moment + (1.0 - slow) * ratio * load * spin
                 torque -= moment
-                lever = (pose.ay * contact.fy + pose.ax * contact.fx) / load if load > 0.0 else 0.0  # (f × F)·n / N
+                lever = (ay * contact.fy + ax * contact.fx) / load if load > 0.0 else 0.0  # (f × F)·n / N
                 filters[row + 2] += self._blend * (contact.yaw + contact.moment * lever - filters[row + 2])
                 yaw = moment * lever - (1.0 - slow) * filters[row + 2]
                 force[base + 2] += yaw
-                if wheel.steering is not None:
-                    force[wheel.steering[1]] += yaw
-            force[wheel.spin] += torque
-            force[base] += torque * pose.ax
-            force[base + 1] += torque * pose.ay
+                if place.steering is not None:
+                    force[place.steering[1]] += yaw
+            force[place.spin] += torque
+            force[base] += torque * ax
+            force[base + 1] += torque * ay
             torques.append(torque)
         state.get_mutable_value(self._load)[:] = [contact.load for contact in contacts]
         state.get_mutable_value(self._others)[:] = others
@@ -205,7 +189,7 @@ class RollingResistance(LeafSystem):
         if self._cancel:
             state.get_mutable_value(self._filters)[:] = filters
 
-    def _measure(self, context: Context, poses: Sequence["_Pose"]) -> tuple[list["_Contact"], int]:
+    def _measure(self, context: Context, poses: Sequence[WheelMotion]) -> tuple[list["_Contact"], int]:
         """The road's contact with each wheel in the last step, and the number of other contacts."""
         results, others = self.contact_results.Eval(context), 0
         contacts = [_Contact() for _ in self._wheels]
@@ -236,9 +220,8 @@ class RollingResistance(LeafSystem):
                 cx, cy, _ = surface.centroid().tolist()
                 rx, ry = cx - pose.x, cy - pose.y
                 contact.yaw += rx * fy - ry * fx + tz
-                contact.moment += (ry * fz + tx) * pose.ax + (
-                    ty - rx * fz
-                ) * pose.ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
+                ax, ay, _ = pose.axle
+                contact.moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
         return contacts, others
 
     def _wheel_on_road(self, first: GeometryId, second: GeometryId) -> int | None:
@@ -253,58 +236,11 @@ class RollingResistance(LeafSystem):
             return False
         return not (first in self._bumps and second in self._row) and not (second in self._bumps and first in self._row)
 
-    def _wheel_poses(self, x: Sequence[float]) -> list["_Pose"]:
-        """Centre and axle of every wheel, from the plant's state."""
-        poses, frames = [], {}
-        for wheel in self._wheels:
-            q = wheel.base[0]
-            if q not in frames:
-                frames[q] = _Frame(x[q : q + 7])
-            angle = x[wheel.steering[0]] if wheel.steering is not None else 0.0
-            poses.append(frames[q].wheel(wheel, sin(angle), cos(angle)))
-        return poses
-
-
-class _Pose(NamedTuple):
-    """A wheel in the world: centre [m], axle direction."""
-
-    x: float
-    y: float
-    z: float
-    ax: float
-    ay: float
-
-
-class _Frame:
-    """The vehicle frame B in the world.
-
-    Args:
-        pose: quaternion w, x, y, z of R_WB and position [m].
-    """
-
-    def __init__(self, pose: Sequence[float]) -> None:
-        w, i, j, k, x, y, z = pose
-        half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the norm drift
-        self._rows = (
-            (1.0 - (j * j + k * k) / half, (i * j - w * k) / half, (i * k + w * j) / half),
-            ((i * j + w * k) / half, 1.0 - (i * i + k * k) / half, (j * k - w * i) / half),
-            ((i * k - w * j) / half, (j * k + w * i) / half, 1.0 - (i * i + j * j) / half),
-        )
-        self._place = (x, y, z)
-
-    def wheel(self, wheel: RollingWheel, sine: float, cosine: float) -> _Pose:
-        """The wheel at a steering angle given by sine and cosine."""
-        px, py, pz = wheel.pivot
-        px, py = px - wheel.offset * sine, py + wheel.offset * cosine  # the axle in B is (-sine, cosine, 0)
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self._rows
-        x, y, z = self._place
-        return _Pose(
-            x + xx * px + xy * py + xz * pz,
-            y + yx * px + yy * py + yz * pz,
-            z + zx * px + zy * py + zz * pz,
-            xy * cosine - xx * sine,
-            yy * cosine - yx * sine,
-        )
+    def _wheel_motions(self, x: Sequence[float]) -> list[WheelMotion]:
+        """Where every wheel is and how it moves, from the plant's state."""
+        places = [wheel.place for wheel in self._wheels]
+        bases = {base: base_motion(x, base, self._positions) for base in {place.base for place in places}}
+        return [wheel_motion(x, place, bases[place.base], self._positions) for place in places]
 
 
 @dataclass(slots=True)

@@ -8,6 +8,7 @@
     Urdf ── check_urdf, resolve_meshes ──► text       inspect_urdf.py, numbers_in_urdf.py
     text ── parse_urdf ──► throw-away plant           parse.py
     plant ── measure_geometry ──► VehicleGeometry     geometry.py
+    plant ── measure_spring_loads                     suspension.py, chassis_spec.py
     text ── measure_outline ──► Outline               outline.py
     all of it: load_vehicle ──► Vehicle               vehicle.py
 """

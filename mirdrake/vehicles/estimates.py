@@ -9,7 +9,7 @@ of the controllers; the steering servo keeps theirs.
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, sin, sqrt
+from math import atan2, cos, hypot, pi, radians, sin, sqrt
 
 GRAVITY = 9.80665
 
@@ -73,6 +73,14 @@ HOW: dict[str, str] = {
     "max_acceleration": "estimated: 3 m/s², as the Bolt",
     "max_deceleration": "estimated: 5 m/s², as the Bolt",
     "drag_area": "estimated: 0.3 x width x height; Bolt 0.825 m²",
+    "carrier_mass": "estimated: half a wheel, as the Bolt",
+    "suspension_travel": "estimated: 0.31 wheel radii, as the Bolt",
+    "front_stiffness": "estimated: ride frequency 1.25 Hz with the tyre for a car, over the root of the wheel radius",
+    "rear_stiffness": "estimated: ride frequency 1.4 Hz with the tyre for a car, over the root of the wheel radius",
+    "front_damping": "estimated: damping ratio 0.3",
+    "rear_damping": "estimated: damping ratio 0.3",
+    "front_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.65 of the bars in front",
+    "rear_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.35 of the bars at the rear",
 }
 """One line for each field of :class:`Estimates`: how it was found. They go into ``sources`` and README files."""
 
@@ -119,6 +127,14 @@ class Estimates:
         max_acceleration: of the speed set-point [m/s²].
         max_deceleration: of the speed set-point [m/s²].
         drag_area: drag coefficient times frontal area [m²].
+        carrier_mass: of what moves up and down with a wheel on springs besides wheel and knuckle [kg].
+        suspension_travel: of a wheel up and down from where the vehicle stands [m].
+        front_stiffness: of a front spring, at the wheel [N/m].
+        rear_stiffness: the same at the rear.
+        front_damping: of a front damper, at the wheel [N s/m].
+        rear_damping: the same at the rear.
+        front_anti_roll: force of the bar on a front wheel over the difference of travel [N/m].
+        rear_anti_roll: the same at the rear.
     """
 
     length: float
@@ -158,6 +174,14 @@ class Estimates:
     max_acceleration: float
     max_deceleration: float
     drag_area: float
+    carrier_mass: float
+    suspension_travel: float
+    front_stiffness: float
+    rear_stiffness: float
+    front_damping: float
+    rear_damping: float
+    front_anti_roll: float
+    rear_anti_roll: float
 
 
 def estimate(
@@ -256,7 +280,43 @@ def estimate(
         max_acceleration=3.0,
         max_deceleration=5.0,
         drag_area=0.3 * width * height,
+        carrier_mass=wheel_mass / 2.0,
+        suspension_travel=0.31 * radius,
+        **_springs(
+            bodies=(
+                0.5 * mass * share - 1.5 * wheel_mass - knuckle_mass,
+                0.5 * mass * (1.0 - share) - 1.5 * wheel_mass,
+            ),
+            tyre=load / (POINT_COMPRESSION * radius),
+            tipping=mass * GRAVITY * com_height,
+            track=track,
+            slow=slow,
+        ),
     )
+
+
+def _springs(
+    *, bodies: tuple[float, float], tyre: float, tipping: float, track: float, slow: float
+) -> dict[str, float]:
+    """Springs, dampers and bars of both axles, all at the wheel [N/m, N s/m].
+
+    Args:
+        bodies: part of the body on a front and on a rear spring [kg].
+        tyre: stiffness of a tyre [N/m].
+        tipping: weight times height of the centre of mass [N m].
+        track: [m].
+        slow: times of this vehicle over those of the Bolt [-].
+    """
+    found: dict[str, float] = {}
+    for axle, body, ride in (("front", bodies[0], 1.25), ("rear", bodies[1], 1.4)):
+        with_tyre = body * (2.0 * pi * ride / slow) ** 2
+        found[f"{axle}_stiffness"] = stiffness = 1.0 / (1.0 / with_tyre - 1.0 / tyre)
+        found[f"{axle}_damping"] = 2.0 * 0.3 * sqrt(stiffness * body)
+    # Roll stiffness for 5 degrees at 1 g, the weight leaning along; tyres in series; less what the springs have.
+    wanted = tipping / radians(5.0) + tipping
+    own = wanted / (1.0 - min(wanted / (tyre * track**2), 0.8))
+    bars = max(own / track**2 - 0.5 * (found["front_stiffness"] + found["rear_stiffness"]), 0.0)
+    return found | {"front_anti_roll": 0.65 * bars, "rear_anti_roll": 0.35 * bars}
 
 
 def _reach(radius: float, side: float, limit: float) -> float:

@@ -48,11 +48,11 @@ class JointFigures:
         role: what vehicle.yaml makes of it, "" for none.
         place: of its child's frame in base_link [m].
         axis: in base_link; empty for fixed joints.
-        lower: limit [rad]; -inf without one.
-        upper: limit [rad]; inf without one.
-        velocity: limit [rad/s].
+        lower: limit [rad], of a prismatic joint [m]; -inf without one.
+        upper: limit, likewise; inf without one.
+        velocity: limit [rad/s] or [m/s].
         effort: of its actuator [N m]; 0 without one.
-        damping: [N m s/rad].
+        damping: [N m s/rad] or [N s/m].
     """
 
     name: str

@@ -22,6 +22,7 @@ from mirdrake.paths import data_root
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.numbers_in_urdf import check_numbers, number
 from mirdrake.vehicles.spec import WHEELS, VehicleSpec
+from mirdrake.vehicles.suspension import find_suspension_faults
 from mirdrake.vehicles.xacro_render import Urdf
 from mirdrake.yaml_io import where as where_in
 
@@ -57,6 +58,7 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
             hint = did_you_mean(spec.base_link, links)
             yield ConfigError(f"{where_in(spec, 'base_link')}: no link '{spec.base_link}'; {hint}")
         yield from _wrong_roles(urdf, spec, joints)
+        yield from find_suspension_faults(urdf, spec, joints)
         yield from _weak_joints(urdf, spec, joints)
     frames = [*links, *(frame.get("name", "") for frame in urdf.root.findall("frame"))]
     for name, mount in (sensors.mounts if sensors is not None else {}).items():
@@ -405,6 +407,9 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
     roles += [
         (("joints", "steering", name), getattr(spec.joints.steering, name), "revolute") for name in ("left", "right")
     ]
+    if spec.joints.suspension is not None:
+        springs = zip(WHEELS, spec.joints.suspension.names(), strict=True)
+        roles += [(("joints", "suspension", wheel), name, "prismatic") for wheel, name in springs]
     used: dict[str, str] = {}
     for path, name, kind in roles:
         at = where_in(spec, *path)
@@ -419,7 +424,7 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
             if (given := joint.get("type")) != kind:
                 yield ModelError(f"{urdf.where(joint)}: joint '{name}' is {given}; as {used[name]} it should be {kind}")
     actuated = {joint.get("name") for joint in urdf.root.findall("transmission/joint")}
-    for name in used:
+    for name in (name for name in used if not used[name].startswith("joints.suspension")):
         at, effort = urdf.where(joints[name]), _effort(joints[name])
         if name not in actuated:
             yield ModelError(f"{at}: joint '{name}' has no <transmission>, so nothing can move it; add one")

@@ -111,6 +111,7 @@ def write_vehicle(
         building.mkdir()
         _write_files(building, name, title or name.replace("_", " ").capitalize(), plan)
         load_vehicle(str(building))
+        load_vehicle(f"{building}@springs")
         _move(building, target)
     finally:
         shutil.rmtree(building, ignore_errors=True)
@@ -227,9 +228,11 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
         "summary": f"{driven} vehicle of {values['mass']:g} kg with a wheelbase of {values['wheelbase']:g} m.",
     }
     environment = _templates()
-    for template in sorted((TEMPLATES / "vehicle").glob("*.jinja")):
-        text = environment.get_template(f"vehicle/{template.name}").render(words)
-        (folder / template.stem).write_text(text, encoding="utf-8")
+    for template in sorted((TEMPLATES / "vehicle").rglob("*.jinja")):
+        place = template.relative_to(TEMPLATES / "vehicle")
+        text = environment.get_template(f"vehicle/{place.as_posix()}").render(words)
+        (folder / place.parent).mkdir(exist_ok=True)
+        (folder / place.with_suffix("")).write_text(text, encoding="utf-8")
     write_visuals(folder, plan)
 
 

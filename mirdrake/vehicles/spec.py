@@ -5,13 +5,15 @@ Dimensions and masses are not repeated here; they are measured on the kinematics
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from mirdrake.errors import did_you_mean
-from mirdrake.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Power, Schema, Speed, Torque
+from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints
+from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain
+from mirdrake.vehicles.tyre_spec import TyreSpec
+from mirdrake.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed, Torque
 
 Drive = Literal["front", "rear", "all"]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -49,6 +51,7 @@ class Joints(Schema):
 
     wheels: WheelJoints
     steering: SteeringJoints
+    suspension: SuspensionJoints | None = Field(default=None, description="empty: the wheels do not move up and down")
 
 
 class Steering(Schema):
@@ -69,58 +72,6 @@ class Steering(Schema):
     ratio: float = Field(default=1.0, gt=0, description="[-] hand-wheel angle to road-wheel angle")
 
 
-class CoulombTyres(Schema):
-    """Tyre forces come from the contact's Coulomb friction alone; plus rolling resistance."""
-
-    kind: Literal["coulomb"] = "coulomb"
-    rolling_resistance: float = Field(ge=0, lt=1, description="[-] rolling moment / (load x radius)")
-
-
-class Powertrain(Schema):
-    """What the motor can give, at the wheels."""
-
-    max_torque: Torque = Field(gt=0, description="[N m] sum over the driven wheels")
-    max_power: Power = Field(gt=0, description="[W] sum over the driven wheels")
-    gears: list[Annotated[float, Field(gt=0)]] = Field(
-        default_factory=list, description="[-] ratios of the gearbox, first gear first. Data only"
-    )
-    final_drive: float | None = Field(default=None, gt=0, description="[-] ratio behind the gearbox. Data only")
-
-
-class Brakes(Schema):
-    """What the brakes can give."""
-
-    max_torque: Torque = Field(ge=0, description="[N m] sum over the four wheels")
-    front_share: float = Field(ge=0, le=1, description="[-] part of it that acts on the front axle")
-
-
-Duty = Annotated[float, Field(ge=0, le=1)]
-
-
-class Pedals(Schema):
-    """What a pedal position means. Data only: speed commands do not go through pedals yet."""
-
-    throttle: list[tuple[Duty, Duty]] = Field(
-        default_factory=list, description="[-], [-] pedal position and part of the drive torque, ascending"
-    )
-    brake: list[tuple[Duty, Annotated[Torque, Field(ge=0)]]] = Field(
-        default_factory=list, description="[-], [N m] pedal position and braking torque of the four wheels, ascending"
-    )
-
-    @field_validator("throttle", "brake")
-    @classmethod
-    def _ascending(cls, rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        if any(late[0] <= early[0] or late[1] < early[1] for early, late in pairwise(rows)):
-            raise ValueError("the rows should ascend")
-        return rows
-
-
-class Aerodynamics(Schema):
-    """Air resistance. Data only: no force is applied yet."""
-
-    drag_area: float = Field(ge=0, description="[m²] drag coefficient x frontal area")
-
-
 class VehicleSpec(Schema):
     """vehicle.yaml."""
 
@@ -133,11 +84,13 @@ class VehicleSpec(Schema):
     joints: Joints
     drive: Drive = Field(description="driven axle; the argument `drive` of the xacro follows it")
     steering: Steering
-    tyres: CoulombTyres
+    tyres: TyreSpec
     powertrain: Powertrain
     brakes: Brakes
     aerodynamics: Aerodynamics
+    suspension: Suspension | None = Field(default=None, description="springs of the joints named as suspension")
     pedals: Pedals = Field(default_factory=Pedals)
+    actuators: Actuators = Field(default_factory=Actuators)
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="dotted path of a number in this file -> where it is from, or why it is assumed",
@@ -214,6 +167,19 @@ class Pid(Schema):
     max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part alone")
 
 
+class PedalControl(Schema):
+    """The speed is held by throttle and brake pedal: mirdrake/controllers/pedal_control.py.
+
+    Only with tyres that take torques, brush or magic_formula; kp, ki and max_correction of `speed` are not used.
+    """
+
+    kind: Literal["pedals"]
+    kp: float = Field(default=1.5, ge=0, description="[1/s] acceleration over speed error")
+    ki: float = Field(default=0.5, ge=0, description="[1/s²]")
+    hold_speed: Speed = Field(default=0.3, gt=0, description="[m/s] below it a standing command presses the hold brake")
+    hold_grade: float = Field(default=0.3, ge=0, description="[-] grade on which the hold brake holds, as weight share")
+
+
 class ControlSpec(Schema):
     """control.yaml."""
 
@@ -221,7 +187,7 @@ class ControlSpec(Schema):
     dead_man: Duration = Field(default=0.2, gt=0, description="[s] without a command until zero speed is commanded")
     believes: Beliefs = Field(default_factory=Beliefs)
     speed: SpeedControl = Field(default_factory=SpeedControl)
-    wheel_speed: Annotated[VelocityServo | Pid, Field(discriminator="kind")]
+    wheel_speed: Annotated[VelocityServo | Pid | PedalControl, Field(discriminator="kind")]
     steering: Annotated[PositionServo | Pid, Field(discriminator="kind")]
 
 

@@ -12,6 +12,8 @@ from mirdrake.vehicles.inspect_urdf import check_actuators, check_urdf, resolve_
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.spec import ControlSpec, Drive, VariantSpec, VehicleSpec
+from mirdrake.vehicles.suspension import measure_spring_loads
+from mirdrake.vehicles.tyre_files import find_tyre_files
 from mirdrake.vehicles.xacro_render import Urdf, render_xacro
 from mirdrake.yaml_io import SchemaT, Source, load_yaml, shown
 from mirdrake.yaml_io import where as where_in
@@ -38,6 +40,7 @@ class Vehicle:
         geometry: measured on the kinematics.
         packages: package name -> folder, for Drake's PackageMap.
         warnings: what xacro and Drake's parser had to say, each with file and line.
+        spring_loads: what each spring of the suspension carries at rest [N] (4); empty without one.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Vehicle:
     geometry: VehicleGeometry
     packages: Mapping[str, str]
     warnings: tuple[str, ...] = ()
+    spring_loads: tuple[float, ...] = ()
 
 
 def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where: str = "") -> Vehicle:
@@ -69,6 +73,8 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
     spec = load_part(folder, "vehicle", VehicleSpec, change)
     control = load_part(folder, "control", ControlSpec, change)
     sensors = load_part(folder, "sensors", SensorsSpec, change)
+    find_tyre_files(spec, folder)
+    _check_pedals(spec, control)
     given = {name: str(value) for name, value in (arguments or {}).items()}
     values = change.arguments | given
     if "drive" in values:
@@ -174,7 +180,17 @@ def make_vehicle(
         geometry=geometry,
         packages=packages,
         warnings=(*urdf.warnings, *mesh_warnings, *drake_warnings),
+        spring_loads=measure_spring_loads(plant, spec=spec, geometry=geometry, where=place),
     )
+
+
+def _check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
+    """Refuse pedals with tyres that take no torque."""
+    if control.wheel_speed.kind == "pedals" and spec.tyres.kind == "coulomb":
+        raise ConfigError(
+            f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind brush or magic_formula, and those of "
+            f"vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"
+        )
 
 
 def with_drive(spec: VehicleSpec, drive: str, where: str) -> VehicleSpec:

@@ -83,6 +83,20 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
         ),
     ),
     (
+        "Suspension",
+        "suspension.xacro and variants/springs.yaml; all at the wheel",
+        (
+            ("carrier_mass", "what moves up and down besides wheel and knuckle", "kg"),
+            ("suspension_travel", "travel, up and down", "m"),
+            ("front_stiffness", "front spring", "N/m"),
+            ("front_damping", "front damper", "N s/m"),
+            ("front_anti_roll", "front anti-roll bar, over the difference of travel", "N/m"),
+            ("rear_stiffness", "rear spring", "N/m"),
+            ("rear_damping", "rear damper", "N s/m"),
+            ("rear_anti_roll", "rear anti-roll bar, over the difference of travel", "N/m"),
+        ),
+    ),
+    (
         "Contact",
         "contact.xacro",
         (

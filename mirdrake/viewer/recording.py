@@ -131,6 +131,8 @@ class _Reader:
         self.pose = signals[[f"{name}.{key}" for key in _POSE]].to_numpy()
         self._wheels = signals[[f"{name}.wheel_angle.{wheel}" for wheel in WHEELS]].to_numpy()
         self._steering = signals[[f"{name}.steering_angle.{side}" for side in ("left", "right")]].to_numpy()
+        self._springs = [joint for joint in part.suspension if f"{name}.travel.{WHEELS[0]}" in signals]
+        self._travel = signals[[f"{name}.travel.{wheel}" for wheel in WHEELS if self._springs]].to_numpy()
 
     def pose_at(self, plant_context: Any, row: int) -> None:
         """Write one sample into the plant's context."""
@@ -142,3 +144,5 @@ class _Reader:
             joint.set_angle(plant_context, angle)
         for joint, angle in zip(self._part.steering, self._steering[row], strict=True):
             joint.set_angle(plant_context, angle)
+        for joint, travel in zip(self._springs, self._travel[row], strict=True):
+            joint.set_translation(plant_context, travel)

@@ -1,0 +1,167 @@
+"""Sine with dwell (FMVSS 126, ISO 19365): amplitudes that rise until the last, each judged for stability."""
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.checks import check_entry, check_speed, note_held_speed
+from mirdrake.manoeuvres.metrics.straight import KMH
+from mirdrake.manoeuvres.metrics.transient import DwellResponse, dwell_response
+from mirdrake.manoeuvres.open_loop import SlowlyIncreasingSteerSpec
+from mirdrake.manoeuvres.record import Record
+from mirdrake.manoeuvres.rig import Rig
+from mirdrake.manoeuvres.steady_circle import SIDES
+from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Speed
+
+_TWO = "seen in two independent implementations"
+
+
+class SineWithDwellSpec(ManoeuvreSpec):
+    """One sine with a dwell at its second peak, coasting, with rising amplitudes: is the vehicle stable."""
+
+    title: ClassVar[str] = "Sine with dwell"
+    standard: ClassVar[str] = "FMVSS 126, ISO 19365"
+
+    speed: Speed = setting(80.0 * KMH, "at the beginning of steer [m/s]", "V", _TWO, gt=0.0)
+    tolerance: Speed = setting(2.0 * KMH, "allowed difference of it [m/s]", "R", "FMVSS 126", gt=0.0)
+    frequency: Frequency = setting(0.7, "of the sine [Hz]", "V", _TWO, gt=0.0)
+    dwell: Duration = setting(0.5, "at the second peak [s]", "V", _TWO, ge=0.0)
+    angle: Angle | None = setting(
+        None, "A, the hand-wheel angle at 0.3 g; left out: from a slowly increasing steer [rad]", "R", "FMVSS 126"
+    )
+    first: float = setting(1.5, "first amplitude over A [-]", "R", "FMVSS 126", gt=0.0)
+    increment: float = setting(0.5, "from one amplitude to the next, over A [-]", "R", "FMVSS 126", gt=0.0)
+    last: float = setting(6.5, "last amplitude over A [-]", "R", "FMVSS 126", gt=0.0)
+    least_last: Angle = setting(
+        math.radians(270.0), "last amplitude at least [rad]", "R", "FMVSS 126", scales=False, ge=0.0
+    )
+    turns: Literal["both", "left", "right"] = setting("both", "first direction of the steering [-]", "R", "FMVSS 126")
+    waits: tuple[float, float] = setting(
+        (1.0, 1.75), "after completion of steer, when the yaw rate counts [s]", "V", _TWO
+    )
+    shares: tuple[float, float] = setting((0.35, 0.20), "of the peak yaw rate allowed then [-]", "V", _TWO)
+    way: Length = setting(1.83, "lateral displacement at least [m]", "V", _TWO + "; mass up to 3500 kg", gt=0.0)
+    way_time: Duration = setting(1.07, "after beginning of steer, when it counts [s]", "V", _TWO, gt=0.0)
+    way_from: float = setting(
+        5.0, "amplitude over A from which on the displacement counts [-]", "R", "FMVSS 126", gt=0.0
+    )
+    threshold: Angle = setting(
+        math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak [rad]", "R", "FMVSS 126"
+    )
+    settle: Duration = setting(0.5, "straight ahead before [s]", "own", ge=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """A slowly increasing steer if A is not given, then all amplitudes to both sides."""
+        facts = rig.facts
+        check_speed(facts, self.speed)
+        angle = self.angle or self._find_angle(rig, outcome)
+        outcome.add("a", "A, the hand-wheel angle at 0.3 g", math.degrees(angle), "deg")
+        most = max(self.last * angle, self.least_last if facts.scale == 1.0 else 0.0)
+        amplitudes = [self.first * angle]
+        while amplitudes[-1] < most - 1e-9:
+            amplitudes.append(min(amplitudes[-1] + self.increment * angle, most))
+        allowed = min(facts.steering_limit, facts.steering_rate / (2.0 * math.pi * self.frequency)) * facts.ratio
+        kept = [one for one in amplitudes if one <= allowed]
+        if not kept:
+            raise NotPossible(
+                f"the first amplitude is {math.degrees(amplitudes[0]):.0f} deg at the hand-wheel, but its steering "
+                f"follows {self.frequency:g} Hz up to {math.degrees(allowed):.0f} deg only"
+            )
+        if len(kept) < len(amplitudes):
+            outcome.notes.append(
+                f"its steering follows {self.frequency:g} Hz up to {math.degrees(allowed):.0f} deg at the hand-wheel; "
+                f"{len(amplitudes) - len(kept)} larger amplitudes were left out"
+            )
+        note_held_speed(outcome, facts, pedals=rig.pedals)
+        sides = ["left", "right"] if self.turns == "both" else [self.turns]
+        worst: dict[str, list[tuple[float, DwellResponse]]] = {}
+        faults: list[str] = []
+        for side in sides:
+            for amplitude in kept:
+                record = self._sine(rig, side, amplitude)
+                found = self._judge(record, amplitude)
+                worst.setdefault(side, []).append((amplitude, found))
+                fault = self._fault(found, amplitude, angle, side)
+                if fault is not None:
+                    faults.append(fault)
+                    self._draw(outcome, record, side, fault=True)
+                    break
+            else:
+                self._draw(outcome, record, side, fault=False)
+        for side, results in worst.items():
+            for number, wait in enumerate(self.waits):
+                ratio = max(found.ratios[number] for _, found in results)
+                text = f"Largest yaw-rate ratio {wait:.3g} s after completion, {side}"
+                outcome.add(f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{100 * self.shares[number]:g} %")
+            ways = [found.displacement for amplitude, found in results if amplitude >= self.way_from * angle - 1e-9]
+            text = f"Smallest displacement {self.way_time:.3g} s after the beginning, {side}"
+            outcome.add(f"displacement_{side}", text, min(ways, default=math.nan), "m", f"at least {self.way:.3g} m")
+            largest = max(amplitude for amplitude, _ in results)
+            outcome.add(f"amplitude_{side}", f"Last amplitude, {side}", math.degrees(largest), "deg", "hand-wheel")
+        outcome.verdict = "fail" if faults else "pass"
+        outcome.reason = "; ".join(faults)
+
+    def _find_angle(self, rig: Rig, outcome: Outcome) -> float:
+        from mirdrake.manoeuvres.base import scaled
+
+        inner = Outcome("", "", "")
+        spec = scaled(SlowlyIncreasingSteerSpec(), rig.facts.scale).model_copy(update={"speed": self.speed})
+        spec.drive(rig, inner)
+        outcome.notes += inner.notes
+        return math.radians(inner.value("a") or math.nan)
+
+    def _sine(self, rig: Rig, side: str, amplitude: float) -> Record:
+        angle = SIDES[side] * amplitude / rig.facts.ratio
+        profile = {"kind": "sine_with_dwell", "amplitude": angle, "start": self.settle}
+        profile |= {"frequency": self.frequency, "dwell": self.dwell}
+        length = self.settle + 1.0 / self.frequency + self.dwell + max(self.waits) + 0.5
+        pedals = [[0.0, 0.0, 0.0, 0.0]] if rig.pedals else None
+        record = rig.run(
+            f"{side}_{math.degrees(amplitude):.4g}deg",
+            rig.open_driver(profile, pedals=pedals, speeds=None if pedals else [[0.0, self.speed]]),
+            duration=length,
+            speed=self.speed,
+        )
+        check_entry(
+            float(np.interp(self.settle, record.time, record.vx)), self.speed, self.tolerance, where="at the beginning"
+        )
+        return record
+
+    def _judge(self, record: Record, amplitude: float) -> DwellResponse:
+        return dwell_response(
+            record.time,
+            record.hand_wheel,
+            record.yaw_rate,
+            record.y_com,
+            after_completion=self.waits,
+            after_beginning=self.way_time,
+            threshold=min(self.threshold, 0.05 * amplitude),
+        )
+
+    def _fault(self, found: DwellResponse, amplitude: float, angle: float, side: str) -> str | None:
+        told = f"{side}, {math.degrees(amplitude):.0f} deg"
+        for ratio, share, wait in zip(found.ratios, self.shares, self.waits, strict=True):
+            if not ratio <= share:
+                return f"{told}: yaw rate {100 * ratio:.0f} % of its peak {wait:.3g} s after completion of steer"
+        if amplitude >= self.way_from * angle - 1e-9 and not found.displacement >= self.way:
+            return f"{told}: lateral displacement {found.displacement:.2f} m, at least {self.way:.3g} m are asked for"
+        return None
+
+    def _draw(self, outcome: Outcome, record: Record, side: str, *, fault: bool) -> None:
+        word = "the one that failed" if fault else "the largest"
+        name = f"{side}, {word}"
+        colour = 0 if side == "left" else 1
+        rows = (
+            ("Hand-wheel angle", "deg", np.degrees(record.hand_wheel)),
+            ("Yaw rate", "deg/s", np.degrees(record.yaw_rate)),
+            ("Lateral displacement", "m", record.y_com - record.y_com[0]),
+        )
+        for number, (label, unit, values) in enumerate(rows):
+            line = Line(name, record.time, values, "line", colour)
+            if len(outcome.charts) > number:
+                chart = outcome.charts[number]
+                outcome.charts[number] = Chart("Time", "s", label, unit, (*chart.lines, line))
+            else:
+                outcome.charts.append(Chart("Time", "s", label, unit, (line,)))

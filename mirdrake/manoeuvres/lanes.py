@@ -1,0 +1,259 @@
+"""Courses between cones: double lane change, obstacle avoidance, slalom; the highest speed without a touch."""
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from mirdrake.errors import ConfigError
+from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.checks import check_speed, note_held_speed
+from mirdrake.manoeuvres.courses import Body, Section, clearance, first_crossing
+from mirdrake.manoeuvres.facts import Facts
+from mirdrake.manoeuvres.metrics.straight import KMH
+from mirdrake.manoeuvres.record import Record
+from mirdrake.manoeuvres.rig import Rig
+from mirdrake.worlds.world import GRAVITY
+from mirdrake.yaml_io import Length, Speed
+
+_CHRONO = "Project Chrono double-lane-change demo"
+
+
+class CourseSpec(ManoeuvreSpec):
+    """What courses share: a planned line, a bisection of the entry speed."""
+
+    releases: ClassVar[bool] = False
+    """Whether the throttle is released before the course."""
+
+    lowest: Speed = setting(30.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
+    highest: Speed = setting(110.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
+    resolution: Speed = setting(2.0 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    margin: Length = setting(0.1, "between body and cones on the planned line, if there is room [m]", "own", ge=0.0)
+    run_up: Length = setting(30.0, "straight way before the course [m]", "own", gt=0.0)
+    run_out: Length = setting(25.0, "straight way behind the course [m]", "own", ge=0.0)
+
+    @abstractmethod
+    def sections(self, width: float) -> list[Section]:
+        """The course for a vehicle of a width [m]."""
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """A bisection between the lowest and the highest speed."""
+        facts = rig.facts
+        if self.highest <= self.lowest:
+            raise self.fault("highest", "must be above lowest")
+        sections = self.sections(facts.width)
+        tightest = min((section.high - section.low for section in sections), default=math.inf)
+        if tightest <= facts.width:
+            raise NotPossible(f"it is {facts.width:.2f} m wide, and a lane has {tightest:.2f} m")
+        if self.releases:
+            note_held_speed(outcome, facts, pedals=rig.pedals)
+        highest = min(self.highest, 0.95 * facts.top_speed)
+        check_speed(facts, self.lowest)
+        best, room = self._try(rig, sections, self.lowest)
+        if min(room) < 0.0:
+            raise NotPossible(
+                f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: it hits cones by "
+                f"{-min(room):.2f} m in section {int(np.argmin(room)) + 1}"
+            )
+        passed, failed = self.lowest, math.inf
+        speed, why = highest, ""
+        while min(failed, highest) - passed > self.resolution or failed == math.inf:
+            try:
+                record, found = self._try(rig, sections, speed)
+                fault = _fault(found, sections)
+            except Diverged as error:
+                fault, record, found = str(error), best, room
+            if fault:
+                failed, why = speed, fault
+            else:
+                passed, best, room = speed, record, found
+                if passed >= highest - 1e-9:
+                    break
+            speed = 0.5 * (passed + failed)
+        entry = self._entry(best, facts)
+        outcome.add(
+            "speed",
+            "Highest entry speed without a touch",
+            entry / KMH,
+            "km/h",
+            f"within {self.resolution / KMH:.1f} km/h",
+        )
+        if failed < math.inf:
+            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", why)
+        else:
+            outcome.notes.append("it passes at the highest speed that was tried")
+        outcome.add("exit", "Speed at the end of the course", _exit(best, sections) / KMH, "km/h")
+        outcome.add("room", "Smallest distance to the cones", min(room), "m")
+        course = (best.x + facts.front > sections[0].x0) & (best.x + facts.rear < sections[-1].x1)
+        for key, text, values, unit in (
+            ("lateral", "Largest lateral acceleration", best.lateral_acceleration / GRAVITY, "g"),
+            ("yaw_rate", "Largest yaw rate", np.degrees(best.yaw_rate), "deg/s"),
+            ("sideslip", "Largest sideslip angle", np.degrees(best.sideslip), "deg"),
+            ("hand_wheel", "Largest hand-wheel angle", np.degrees(best.hand_wheel), "deg"),
+            ("roll", "Largest roll angle", np.degrees(best.roll), "deg"),
+        ):
+            outcome.add(key, text, float(np.max(np.abs(values[course]), initial=0.0)), unit, "at the highest speed")
+        outcome.notes.append("the driver is a law that follows a planned line; another driver may be faster or slower")
+        self._draw(outcome, best, sections, facts)
+
+    def _try(self, rig: Rig, sections: list[Section], speed: float) -> tuple[Record, list[float]]:
+        facts = rig.facts
+        point = facts.pointing(speed)
+        start = sections[0].x0 - facts.front - self.run_up
+        end = sections[-1].x1 - facts.rear + self.run_out
+        line = {
+            "kind": "within",
+            "sections": [[s.x0, s.x1, *(None if math.isinf(v) else v for v in (s.low, s.high))] for s in sections],
+            "rear": facts.rear - point,
+            "front": facts.front - point,
+            "half_width": 0.5 * facts.width,
+            "margin": self.margin,
+            "start": start - 1.0,
+            "end": end + facts.front,
+            "smoothness": 8.0 * facts.scale,
+        }
+        coasts = self.releases and rig.pedals
+        driver = rig.line_driver(
+            line,
+            speeds=None if coasts else [[0.0, speed]],
+            pedals=[[0.0, 0.0, 0.0, 0.0]] if coasts else None,
+            ahead=point,
+        )
+        lane = max(s.high for s in sections if math.isfinite(s.high)) + 5.0 * facts.scale
+
+        def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
+            if state[0] > end:
+                return "the end of the course"
+            if abs(state[1]) > lane + 5.0 * facts.scale:
+                return "it left the course"
+            return "it came to a stand" if state[6] < 0.2 * speed else None
+
+        try:
+            record = rig.run(
+                f"v{speed / KMH:.2f}kmh",
+                driver,
+                duration=2.0 * (end - start) / speed,
+                speed=speed,
+                x=start,
+                stop=stop,
+            )
+        except ConfigError as error:
+            raise NotPossible(str(error).rsplit(": ", 1)[-1]) from None
+        body = Body(facts.rear, facts.front, 0.5 * facts.width)
+        room = clearance(record.x, record.y, record.yaw, body, sections)
+        return record, [float(value) for value in room]
+
+    def _entry(self, record: Record, facts: Facts) -> float:
+        at = first_crossing(record.time, record.x + facts.front, 0.0)
+        return float(np.interp(at, record.time, record.vx))
+
+    def _draw(self, outcome: Outcome, record: Record, sections: list[Section], facts: Facts) -> None:
+        edges: list[Line] = []
+        for number, section in enumerate(sections):
+            for level in (section.low, section.high):
+                if math.isfinite(level):
+                    name = "" if number or edges else "lines of cones"
+                    x = np.array([section.x0, section.x1])
+                    edges.append(Line(name, x, np.array([level, level]), "line", 2))
+        chosen = (record.x > sections[0].x0 - 15.0 * facts.scale) & (record.x < sections[-1].x1 + 10.0 * facts.scale)
+        cos, sin = np.cos(record.yaw[chosen]), np.sin(record.yaw[chosen])
+        x, y, half = record.x[chosen], record.y[chosen], 0.5 * facts.width
+        lines = [*edges, Line("middle of the rear axle", x, y, "line", 0)]
+        for sign, word in ((1.0, "front corners"), (-1.0, "")):
+            px, py = x + facts.front * cos - sign * half * sin, y + facts.front * sin + sign * half * cos
+            lines.append(Line(word, px, py, "dashed", 1))
+        outcome.charts.append(Chart("x", "m", "y", "m", tuple(lines)))
+        for label, unit, values in (
+            ("Hand-wheel angle", "deg", np.degrees(record.hand_wheel)),
+            ("Lateral acceleration", "m/s²", record.lateral_acceleration),
+        ):
+            line = Line(label, record.x[chosen], values[chosen])
+            outcome.charts.append(Chart("x", "m", label, unit, (line,)))
+
+
+def _fault(room: Sequence[float], sections: Sequence[Section]) -> str:
+    """Why a run did not pass; empty if it did."""
+    if any(math.isinf(value) for value in room):
+        return f"it did not get to section {[math.isinf(value) for value in room].index(True) + 1} of {len(sections)}"
+    worst = int(np.argmin(room))
+    return f"cones hit by {1000.0 * -room[worst]:.0f} mm in section {worst + 1}" if room[worst] < 0.0 else ""
+
+
+def _exit(record: Record, sections: Sequence[Section]) -> float:
+    at = first_crossing(record.time, record.x, sections[-1].x1)
+    return float(np.interp(at, record.time, record.vx)) if math.isfinite(at) else math.nan
+
+
+class DoubleLaneChangeSpec(CourseSpec):
+    """Double lane change at a held speed: the highest entry speed without touching a cone."""
+
+    title: ClassVar[str] = "Double lane change"
+    standard: ClassVar[str] = "ISO 3888-1"
+
+    lengths: tuple[float, float, float, float, float] = setting(
+        (15.0, 30.0, 25.0, 25.0, 30.0), "of lane A, gap, lane B, gap, lane C with exit [m]", "V", _CHRONO
+    )
+    factors: tuple[float, float, float] = setting((1.1, 1.2, 1.3), "lane over vehicle width [-]", "V", _CHRONO)
+    extra: Length = setting(0.25, "added to the widths of the lanes [m]", "V", _CHRONO, ge=0.0)
+    offset: Length = setting(3.5, "from the axis of lane A to the near edge of lane B [m]", "V", _CHRONO, ge=0.0)
+
+    def sections(self, width: float) -> list[Section]:
+        """Lanes A, B and C; C is aligned with the far edge of A."""
+        a, b, c = (factor * width + self.extra for factor in self.factors)
+        l1, g1, l2, g2, l3 = self.lengths
+        return [
+            Section(0.0, l1, -0.5 * a, 0.5 * a),
+            Section(l1 + g1, l1 + g1 + l2, self.offset, self.offset + b),
+            Section(l1 + g1 + l2 + g2, l1 + g1 + l2 + g2 + l3, -0.5 * a, -0.5 * a + c),
+        ]
+
+
+class ObstacleAvoidanceSpec(CourseSpec):
+    """Obstacle avoidance with the throttle released: the highest entry speed without touching a cone."""
+
+    title: ClassVar[str] = "Obstacle avoidance"
+    standard: ClassVar[str] = "ISO 3888-2"
+    releases: ClassVar[bool] = True
+
+    lengths: tuple[float, float, float, float, float] = setting(
+        (12.0, 13.5, 11.0, 12.5, 12.0), "of section 1, gap, section 3, gap, section 5 [m]", "V", _CHRONO
+    )
+    first_factor: float = setting(1.1, "width of section 1 over the vehicle's [-]", "V", _CHRONO, gt=0.0)
+    first_extra: Length = setting(0.25, "added to it [m]", "V", _CHRONO, ge=0.0)
+    second_extra: Length = setting(1.0, "width of section 3 less the vehicle's [m]", "V", _CHRONO, ge=0.0)
+    third_width: Length = setting(3.0, "width of section 5; others use 1.3 b + 0.25 m [m]", "V", _CHRONO, gt=0.0)
+    offset: Length = setting(1.0, "between the edges of sections 1 and 3 [m]", "V", _CHRONO, ge=0.0)
+
+    def sections(self, width: float) -> list[Section]:
+        """Sections 1, 3 and 5; 5 is aligned with the far edge of 1."""
+        a, b = self.first_factor * width + self.first_extra, width + self.second_extra
+        l1, g1, l2, g2, l3 = self.lengths
+        low = 0.5 * a + self.offset
+        return [
+            Section(0.0, l1, -0.5 * a, 0.5 * a),
+            Section(l1 + g1, l1 + g1 + l2, low, low + b),
+            Section(l1 + g1 + l2 + g2, l1 + g1 + l2 + g2 + l3, -0.5 * a, -0.5 * a + self.third_width),
+        ]
+
+
+class SlalomSpec(CourseSpec):
+    """Slalom round cones in a row at a held speed: the highest speed without touching one."""
+
+    title: ClassVar[str] = "Slalom"
+    standard: ClassVar[str] = "no standard; cones 18 m apart, as magazines have them"
+
+    spacing: Length = setting(18.0, "from cone to cone [m]", "R", "magazines", gt=0.0)
+    cones: int = setting(6, "number of cones [-]", "R", "magazines", ge=2, le=50)
+    radius: Length = setting(0.15, "of a cone [m]", "own", ge=0.0)
+    lowest: Speed = setting(20.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
+
+    def sections(self, width: float) -> list[Section]:  # noqa: ARG002 - as the base class has it
+        """A short section a cone, open to the other side."""
+        found = []
+        for number in range(self.cones):
+            x = number * self.spacing
+            low, high = (self.radius, math.inf) if number % 2 == 0 else (-math.inf, -self.radius)
+            found.append(Section(x - self.radius, x + self.radius, low, high))
+        return found

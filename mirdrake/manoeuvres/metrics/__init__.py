@@ -1,0 +1,1 @@
+"""Figures of handling as pure functions of logged signals."""

@@ -1,0 +1,242 @@
+"""Open-loop steering: step, slowly increasing, and frequency response."""
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.checks import check_entry, check_rate, check_speed, check_steering
+from mirdrake.manoeuvres.metrics.steady import fit_line, means, understeer_constant_speed
+from mirdrake.manoeuvres.metrics.straight import KMH
+from mirdrake.manoeuvres.metrics.transient import bandwidth, crossing, frequency_response, step_response
+from mirdrake.manoeuvres.rig import Rig
+from mirdrake.manoeuvres.steady_circle import SIDES, spun_or_steady
+from mirdrake.worlds.world import GRAVITY
+from mirdrake.yaml_io import Acceleration, AngularRate, Duration, Frequency, Speed
+
+
+class StepSteerSpec(ManoeuvreSpec):
+    """Step of the steering at constant speed: response times, overshoot, gains."""
+
+    title: ClassVar[str] = "Step steer"
+    standard: ClassVar[str] = "ISO 7401:2011, clause 10"
+
+    speed: Speed = setting(100.0 * KMH, "at the start [m/s]", "R", "ISO 7401", gt=0.0)
+    tolerance: Speed = setting(3.0 * KMH, "allowed difference of the speed at the step [m/s]", "R", "ISO 7401", gt=0.0)
+    lateral: Acceleration = setting(4.0, "steady lateral acceleration wanted [m/s^2]", "R", "ISO 7401", gt=0.0)
+    rise: Duration = setting(0.15, "of the steering, 0 to 100 % [s]", "R", "ISO 7401: 10 to 90 % within 0.15 s", ge=0.0)
+    turn: Literal["left", "right"] = setting("left", "direction [-]", "own")
+    settle: Duration = setting(1.0, "straight ahead before the step [s]", "own", ge=0.0)
+    length: Duration = setting(5.0, "after the step [s]", "own", gt=0.0)
+    average: Duration = setting(1.0, "at the end, over which steady values are taken [s]", "own", gt=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """A run to find the angle, and the run that counts."""
+        facts, sign = rig.facts, SIDES[self.turn]
+        check_speed(facts, self.speed)
+        angle = max(facts.steering_for(self.lateral, self.speed), 0.2 * facts.wheelbase * self.lateral / self.speed**2)
+        for number in range(3):
+            check_steering(facts, angle, what="the step")
+            fastest = angle / facts.steering_rate
+            if self.rise < fastest:
+                outcome.notes.append(
+                    f"its steering needs {fastest:.2f} s for the step; {self.rise:.2f} s are asked for"
+                )
+            profile = {"kind": "step", "amplitude": sign * angle, "start": self.settle, "rise": self.rise}
+            record = rig.run(
+                f"step_{number + 1}",
+                rig.open_driver(profile, speeds=[[0.0, self.speed]]),
+                duration=self.settle + self.length,
+                speed=self.speed,
+                stop=spun_or_steady(self.speed, self.settle),
+            )
+            if record.stop != "duration":
+                raise NotPossible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
+            end = record.time > record.time[-1] - self.average
+            found = abs(float(np.mean(record.lateral_acceleration[end])))
+            if abs(found - self.lateral) < 0.05 * self.lateral:
+                break
+            angle *= min(max(self.lateral / max(found, 1e-3), 0.4), 2.0)
+        else:
+            raise NotPossible(f"no angle gives {self.lateral:g} m/s²; the last one gave {found:.2f} m/s²")
+        outcome.notes = list(dict.fromkeys(outcome.notes))
+        before = float(np.interp(self.settle, record.time, record.vx))
+        check_entry(before, self.speed, self.tolerance, where="at the step")
+        time, steer = record.time, record.hand_wheel
+        yaw = step_response(time, steer, record.yaw_rate, last=self.average)
+        side = step_response(time, steer, record.lateral_acceleration, last=self.average)
+        ramp = _rise(time, steer)
+        outcome.add("speed", "Speed at the step", before / KMH, "km/h")
+        outcome.add("hand_wheel", "Hand-wheel angle", math.degrees(abs(float(np.mean(steer[end])))), "deg")
+        outcome.add("rise", "Steering, 10 to 90 %", ramp, "s", "as recorded at the road wheels")
+        outcome.add("lateral", "Steady lateral acceleration", abs(side.steady), "m/s²")
+        outcome.add("yaw_response", "Response time of the yaw rate", yaw.response_time, "s", "50 % steer to 90 %")
+        outcome.add("yaw_peak", "Peak time of the yaw rate", yaw.peak_time, "s", "none without overshoot")
+        outcome.add("yaw_overshoot", "Overshoot of the yaw rate", 100.0 * yaw.overshoot, "%")
+        outcome.add("yaw_gain", "Yaw-rate gain", yaw.gain, "1/s", "over the hand-wheel angle")
+        outcome.add("lateral_response", "Response time of the lateral acceleration", side.response_time, "s")
+        outcome.add("lateral_peak", "Peak time of the lateral acceleration", side.peak_time, "s")
+        outcome.add("lateral_overshoot", "Overshoot of the lateral acceleration", 100.0 * side.overshoot, "%")
+        outcome.add("lateral_gain", "Lateral-acceleration gain", side.gain * math.radians(1.0), "m/s² per deg")
+        slip = math.degrees(float(np.mean(record.sideslip[end]))) * sign
+        outcome.add("sideslip", "Steady sideslip angle", slip, "deg", "negative: the nose points into the turn")
+        factor = -slip * yaw.peak_time if yaw.peak_time == yaw.peak_time else math.nan
+        outcome.add("tb", "TB factor", factor, "deg s", "sideslip x peak time of the yaw rate")
+        shown = time > self.settle - 0.3
+        for label, unit, values in (
+            ("Hand-wheel angle", "deg", np.degrees(steer)),
+            ("Yaw rate", "deg/s", np.degrees(record.yaw_rate)),
+            ("Lateral acceleration", "m/s²", record.lateral_acceleration),
+        ):
+            outcome.charts.append(Chart("Time", "s", label, unit, (Line(label, time[shown], values[shown]),)))
+
+
+def _rise(time: np.ndarray, steer: np.ndarray) -> float:
+    final = float(np.mean(steer[-20:]))
+    return crossing(time, steer, 0.9 * final) - crossing(time, steer, 0.1 * final)
+
+
+class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
+    """Slowly increasing steering at constant speed: the angle A at 0.3 g, understeer, the limit."""
+
+    title: ClassVar[str] = "Slowly increasing steer"
+    standard: ClassVar[str] = "FMVSS 126, ISO 19365"
+
+    speed: Speed = setting(80.0 * KMH, "held [m/s]", "E", "MathWorks reference application: 50 mph (80 km/h)", gt=0.0)
+    rate: AngularRate = setting(
+        math.radians(13.5), "of the hand-wheel [rad/s]", "E", "MathWorks reference application", scales=False, gt=0.0
+    )
+    most: float = setting(
+        math.radians(270.0), "largest hand-wheel angle [rad]", "E", "MathWorks reference application", gt=0.0
+    )
+    limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends [m/s^2]", "own", gt=0.0)
+    at: Acceleration = setting(0.3 * GRAVITY, "lateral acceleration of the angle A [m/s^2]", "R", "FMVSS 126", gt=0.0)
+    fit_from: Acceleration = setting(0.1 * GRAVITY, "lower end of the regression [m/s^2]", "R", "FMVSS 126", ge=0.0)
+    fit_to: Acceleration = setting(0.375 * GRAVITY, "upper end of the regression [m/s^2]", "R", "FMVSS 126", gt=0.0)
+    turn: Literal["left", "right"] = setting("left", "direction [-]", "own")
+    settle: Duration = setting(1.0, "straight ahead before [s]", "own", ge=0.0)
+    window: Duration = setting(0.4, "over which signals are averaged [s]", "own", gt=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """One run."""
+        facts, sign = rig.facts, SIDES[self.turn]
+        check_speed(facts, self.speed)
+        rate = self.rate / facts.ratio * (1.0 if facts.scale == 1.0 else facts.ratio / 16.0)
+        check_rate(facts, rate, what="the steering")
+        most = min(self.most / facts.ratio, 0.98 * facts.steering_limit)
+        profile = {"kind": "ramp", "rate": sign * rate, "limit": most, "start": self.settle}
+        record = rig.run(
+            "increasing",
+            rig.open_driver(profile, speeds=[[0.0, self.speed]]),
+            duration=self.settle + most / rate + 0.5,
+            speed=self.speed,
+            stop=spun_or_steady(self.speed, self.settle, self.limit),
+        )
+        late = (record.time > self.settle) & (record.time < record.time[-1] - self.window)
+        ay = means(record.time, sign * record.lateral_acceleration, self.window)[late]
+        delta = means(record.time, sign * record.steering, self.window)[late]
+        speed = means(record.time, record.speed, self.window)[late]
+        line = fit_line(ay, delta, self.fit_from, self.fit_to)
+        fit = understeer_constant_speed(ay, delta, speed, facts.wheelbase, self.fit_from, self.fit_to)
+        if line is None or fit is None or float(np.max(ay, initial=0.0)) < self.at:
+            raise NotPossible(
+                f"it reached {np.max(ay, initial=0.0) / GRAVITY:.2f} g of the {self.at / GRAVITY:.2f} g that are "
+                f"needed ({record.stop})"
+            )
+        angle = facts.ratio * (line.offset + line.slope * self.at)
+        note = f"{line.low:.2f} to {line.high:.2f} m/s², {line.count} points"
+        outcome.add("a", f"A, the hand-wheel angle at {self.at / GRAVITY:.2g} g", math.degrees(angle), "deg", note)
+        per_g = math.degrees(fit.slope) * GRAVITY
+        outcome.add("understeer", "Understeer gradient, road wheels", per_g, "deg/g", note)
+        outcome.add("understeer_hand", "The same at the hand-wheel", per_g * facts.ratio, "deg/g")
+        outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", record.stop)
+        at_most = float(delta[int(np.argmax(ay))])
+        outcome.add("hand_wheel", "Hand-wheel angle there", math.degrees(at_most) * facts.ratio, "deg")
+        points = Line("recorded", ay[::5], np.degrees(delta[::5]) * facts.ratio, "dots")
+        ends = np.array([0.0, line.high * 1.3])
+        fitted = Line("regression", ends, np.degrees(line.offset + line.slope * ends) * facts.ratio, "dashed", 1)
+        outcome.charts.append(Chart("Lateral acceleration", "m/s²", "Hand-wheel angle", "deg", (points, fitted)))
+
+
+class FrequencyResponseSpec(ManoeuvreSpec):
+    """Gains and phases over frequency, from random or swept steering."""
+
+    title: ClassVar[str] = "Frequency response"
+    standard: ClassVar[str] = "ISO 7401:2011, clauses 12 and 14"
+
+    input: Literal["sweep", "random"] = setting("sweep", "what the wheel does [-]", "E", "ISO 7401:2011")
+    speed: Speed = setting(100.0 * KMH, "held [m/s]", "R", "ISO 7401", gt=0.0)
+    lateral: Acceleration = setting(
+        2.0, "lateral acceleration that the amplitude would give if it stayed [m/s^2]", "own", gt=0.0
+    )
+    first: Frequency = setting(0.2, "lowest frequency [Hz]", "R", "ISO 7401", gt=0.0)
+    last: Frequency = setting(3.0, "highest frequency [Hz]", "E", "Altair MotionView, sweep to 3 Hz", gt=0.0)
+    length: Duration = setting(
+        60.0, "of the steering; the standard drives random input for 12 min or more [s]", "own", gt=0.0
+    )
+    segment: Duration = setting(12.0, "of the stretches over which spectra are averaged [s]", "own", gt=0.0)
+    lag: float = setting(math.radians(45.0), "phase lag at which the bandwidth is read [rad]", "own", gt=0.0)
+    settle: Duration = setting(1.0, "straight ahead before [s]", "own", ge=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """One run."""
+        facts = rig.facts
+        if self.last <= self.first:
+            raise self.fault("last", "must be above first")
+        check_speed(facts, self.speed)
+        angle = max(facts.steering_for(self.lateral, self.speed), 0.2 * facts.wheelbase * self.lateral / self.speed**2)
+        check_steering(facts, angle, what="the steering")
+        check_rate(facts, 2.0 * math.pi * self.last * angle, what=f"{self.last:g} Hz")
+        profile = {
+            "kind": self.input,
+            "amplitude": angle,
+            "first": self.first,
+            "last": self.last,
+            "length": self.length,
+            "start": self.settle,
+        }
+        if self.input == "random":
+            profile["seed"] = rig.seed
+        record = rig.run(
+            self.input,
+            rig.open_driver(profile, speeds=[[0.0, self.speed]]),
+            duration=self.settle + self.length,
+            speed=self.speed,
+            stop=spun_or_steady(self.speed, self.settle),
+        )
+        if record.stop != "duration":
+            raise NotPossible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
+        band = {"first": self.first, "last": self.last, "segment": self.segment}
+        yaw = frequency_response(record.time, record.hand_wheel, record.yaw_rate, **band)
+        side = frequency_response(record.time, record.hand_wheel, record.lateral_acceleration, **band)
+        slowest = float(yaw.gain[0])
+        peak = int(np.argmax(yaw.gain))
+        outcome.add("hand_wheel", "Amplitude at the hand-wheel", math.degrees(angle) * facts.ratio, "deg")
+        outcome.add("yaw_gain", f"Yaw-rate gain at {yaw.frequency[0]:.2f} Hz", slowest, "1/s")
+        outcome.add("yaw_peak_ratio", "Largest over lowest gain", float(yaw.gain[peak]) / slowest, "1")
+        outcome.add("yaw_peak_frequency", "Frequency of the largest gain", float(yaw.frequency[peak]), "Hz")
+        lag = math.degrees(self.lag)
+        outcome.add("yaw_bandwidth", f"Bandwidth of the yaw rate, {lag:.0f} deg lag", bandwidth(yaw, self.lag), "Hz")
+        outcome.add(
+            "lateral_bandwidth",
+            f"Bandwidth of the lateral acceleration, {lag:.0f} deg lag",
+            bandwidth(side, self.lag),
+            "Hz",
+        )
+        one = 1.0 / facts.scale**0.5
+        outcome.add("yaw_phase", f"Phase of the yaw rate at {one:.3g} Hz", math.degrees(yaw.at(one)[1]), "deg")
+        outcome.add(
+            "lateral_phase", f"Phase of the lateral acceleration at {one:.3g} Hz", math.degrees(side.at(one)[1]), "deg"
+        )
+        outcome.add("coherence", "Smallest coherence of the yaw rate", float(np.min(yaw.coherence)), "1")
+        for label, unit, values in (
+            ("Yaw-rate gain", "1/s", (yaw.gain, None)),
+            ("Lateral-acceleration gain", "m/s² per rad", (side.gain, None)),
+            ("Phase", "deg", (np.degrees(yaw.phase), np.degrees(side.phase))),
+        ):
+            first, second = values
+            lines = [Line("yaw rate" if unit != "m/s² per rad" else "lateral acceleration", yaw.frequency, first)]
+            if second is not None:
+                lines.append(Line("lateral acceleration", side.frequency, second, "line", 1))
+            outcome.charts.append(Chart("Frequency", "Hz", label, unit, tuple(lines), log=True))

@@ -1,0 +1,57 @@
+"""Standing: does a held vehicle creep, on the flat and on a slope."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.metrics.straight import creep
+from mirdrake.manoeuvres.rig import Rig
+from mirdrake.yaml_io import Duration, Speed
+
+
+class ParkSpec(ManoeuvreSpec):
+    """Held at standstill on the flat, uphill and across a slope: how fast the vehicle creeps."""
+
+    title: ClassVar[str] = "Park"
+    standard: ClassVar[str] = "no standard; a check of the model at standstill"
+
+    grade: float = setting(0.12, "rise over run of the slope [-]", "own", gt=0.0, le=0.5)
+    brake: float = setting(1.0, "position of the pedal, if there is one [-]", "own", gt=0.0, le=1.0)
+    settle: Duration = setting(3.0, "time at the start that does not count [s]", "own", scales=False, ge=0.0)
+    length: Duration = setting(10.0, "time over which creeping is measured [s]", "own", scales=False, gt=0.0)
+    allowed: Speed = setting(1e-4, "creep speed that passes [m/s]", "own", scales=False, gt=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """Three runs."""
+        if rig.kind == "single_track":
+            raise NotPossible("brakes of the single-track model are smooth at standstill: held on a slope it creeps")
+        lines, faults = [], []
+        if not rig.pedals:
+            outcome.notes.append("it has no pedals: its wheels are held as by parking brakes")
+        for number, (name, text, grade, heading) in enumerate(
+            (
+                ("flat", "on the flat", 0.0, 0.0),
+                ("uphill", f"uphill, {100 * self.grade:g} %", self.grade, 0.0),
+                ("across", f"across a slope of {100 * self.grade:g} %", self.grade, 0.5 * math.pi),
+            )
+        ):
+            line = {"kind": "straight", "length": 50.0}
+            pedals = [[0.0, 0.0, self.brake, 0.0]] if rig.pedals else None
+            speeds = None if rig.pedals else [[0.0, 0.0]]
+            driver = rig.line_driver(line, pedals=pedals, speeds=speeds, hands=False)
+            ground = {"slope": {"grade": grade, "heading": heading}} if grade else None
+            record = rig.run(name, driver, duration=self.settle + self.length, ground=ground, parked=not rig.pedals)
+            speed, way = creep(record.time, record.x, record.y, settle=self.settle)
+            outcome.add(
+                f"creep_{name}", f"Creep {text}", 1000.0 * speed, "mm/s", f"at most {1000.0 * self.allowed:g} mm/s"
+            )
+            outcome.add(f"way_{name}", f"Way in {self.length:g} s, {text}", 1000.0 * way, "mm")
+            if not speed <= self.allowed:
+                faults.append(f"{text} it creeps at {1000.0 * speed:.3g} mm/s")
+            gone = 1000.0 * np.hypot(record.x - record.x[0], record.y - record.y[0])
+            lines.append(Line(text, record.time, gone, "line", number))
+        outcome.verdict = "fail" if faults else "pass"
+        outcome.reason = "; ".join(faults)
+        outcome.charts.append(Chart("Time", "s", "Way from the start", "mm", tuple(lines)))

@@ -1,0 +1,146 @@
+"""What a set of manoeuvres gave: as text, results.json and metrics.csv."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mirdrake.logs import write_file
+from mirdrake.manoeuvres.base import STATUS, Metric, Outcome, Used
+from mirdrake.manoeuvres.facts import Facts
+
+RESULTS, METRICS = "results.json", "metrics.csv"
+
+
+@dataclass(frozen=True)
+class HandlingResults:
+    """Outcomes of one vehicle.
+
+    Attributes:
+        facts: of the vehicle.
+        model: "full" or "single_track".
+        plant: settings of the plant.
+        friction: of the road [1].
+        outcomes: one a manoeuvre, in the order they were driven.
+        folder: where all is written; None: nowhere.
+    """
+
+    facts: Facts
+    model: str
+    plant: dict[str, Any]
+    friction: float
+    outcomes: Sequence[Outcome]
+    folder: Path | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """1 if a manoeuvre failed or diverged, else 0."""
+        return int(any(outcome.verdict in {"fail", "diverged"} for outcome in self.outcomes))
+
+    def data(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        facts = self.facts
+        return {
+            "vehicle": {
+                "name": facts.name,
+                "title": facts.title,
+                "mass_kg": round(facts.mass, 3),
+                "wheelbase_m": round(facts.wheelbase, 4),
+                "width_m": round(facts.width, 4),
+                "steering_ratio": facts.ratio,
+                "tyres": facts.tyres,
+                "pedals": facts.pedals,
+                "scale": round(facts.scale, 4),
+            },
+            "model": self.model,
+            "plant": self.plant,
+            "friction": self.friction,
+            "manoeuvres": [outcome.data() for outcome in self.outcomes],
+        }
+
+
+def write_results(results: HandlingResults) -> None:
+    """results.json and metrics.csv in the folder.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    assert results.folder is not None
+    write_file(results.folder / RESULTS, json.dumps(results.data(), indent=2, ensure_ascii=False) + "\n")
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["vehicle", "model", "manoeuvre", "verdict", "metric", "value", "unit", "text", "note"])
+    for outcome in results.outcomes:
+        start = [results.facts.name, results.model, outcome.name, outcome.verdict]
+        if not outcome.metrics:
+            table.writerow([*start, "", "", "", outcome.reason, ""])
+        for m in outcome.metrics:
+            value = "" if m.value is None else repr(m.value)
+            table.writerow([*start, m.key, value, m.unit, m.text, m.note])
+    write_file(results.folder / METRICS, text.getvalue())
+
+
+def told(metric: Metric) -> str:
+    """A figure's value to four digits, ``-`` for none."""
+    return number_told(metric.value)
+
+
+def number_told(value: float | None) -> str:
+    """Four significant digits, without an exponent where it can be."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if value == 0.0 or abs(value) < 1e-9:
+        return "0"
+    if abs(value) < 1e-4:
+        return f"{value:.2e}"
+    decimals = min(max(0, 3 - math.floor(math.log10(abs(value)))), 6)
+    text = f"{value:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def value_told(used: Used) -> str:
+    """A setting's value with its unit."""
+    value = used.value
+    if isinstance(value, tuple | list):
+        text = ", ".join(number_told(float(one)) for one in value)
+    elif isinstance(value, bool) or value is None:
+        text = {None: "-", True: "yes", False: "no"}[value]
+    else:
+        text = number_told(float(value)) if isinstance(value, int | float) else str(value)
+    extra = ""
+    if used.unit == "m/s" and isinstance(value, float):
+        extra = f" ({value * 3.6:.1f} km/h)"
+    elif used.unit.startswith("rad") and isinstance(value, float):
+        extra = f" ({math.degrees(value):.1f} {used.unit.replace('rad', 'deg')})"
+    return f"{text} {used.unit}".rstrip() + extra
+
+
+def status_told(used: Used) -> str:
+    """How sure a setting is, in words, with its source."""
+    word = "given" if used.given else STATUS.get(used.status, used.status)
+    return f"{word}: {used.source}" if used.source and not used.given else word
+
+
+def recalled(outcome: Outcome) -> list[str]:
+    """Names of the settings whose numbers are recalled only."""
+    return [used.name for used in outcome.used if used.status == "R" and not used.given]
+
+
+def describe(outcome: Outcome) -> Iterator[str]:
+    """An outcome as lines of text."""
+    runs = f"{len(outcome.runs)} run{'s' * (len(outcome.runs) != 1)}, {outcome.wall:.1f} s"
+    reason = f": {outcome.reason}" if outcome.reason else ""
+    yield f"{outcome.title} ({outcome.standard}) - {outcome.verdict}{reason} [{runs}]"
+    width = max((len(m.text) for m in outcome.metrics), default=0)
+    numbers = max((len(told(m)) for m in outcome.metrics), default=0)
+    for m in outcome.metrics:
+        note = f"   ({m.note})" if m.note else ""
+        yield f"  {m.text:{width}}  {told(m):>{numbers}} {m.unit}{note}".rstrip()
+    for note in outcome.notes:
+        yield f"  note: {note}"
+    if recalled(outcome) and outcome.verdict != "not possible":
+        yield f"  recalled, not verified: {', '.join(recalled(outcome))}"

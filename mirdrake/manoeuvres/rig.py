@@ -1,0 +1,328 @@
+"""Runs of a manoeuvre: the full plant, or the single-track model behind the same driver."""
+
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import yaml
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
+from pydrake.systems.primitives import LogVectorOutput
+
+from mirdrake.controllers.drivers import OwnDriverSpec
+from mirdrake.controllers.vectors import STATE
+from mirdrake.diagram import assemble
+from mirdrake.errors import RunError
+from mirdrake.logs import RunWriter, write_file
+from mirdrake.manoeuvres.base import Diverged
+from mirdrake.manoeuvres.facts import Facts
+from mirdrake.manoeuvres.record import Record, bicycle_angles
+from mirdrake.simulation import Simulation
+from mirdrake.single_track import SingleTrack, SingleTrackControl
+from mirdrake.single_track.dynamics import Variant
+from mirdrake.single_track.from_vehicle import estimate_parameters
+from mirdrake.vehicles import Vehicle
+from mirdrake.worlds import World
+from mirdrake.worlds.loading import make_world
+from mirdrake.worlds.world import SURFACE_MU
+
+Model = Literal["full", "single_track"]
+Stop = Callable[[float, Sequence[float]], str | None]
+"""Time [s] and state (12) of the vehicle to why the run is over, or None."""
+
+RATE = 100.0
+"""Samples of the logs per second [Hz]."""
+
+_LOOK = 0.05
+"""Time between two looks at whether to stop [s]."""
+
+_EXTENT = 20_000.0
+"""Side of the ground [m]."""
+
+_DRIVERS = "mirdrake.manoeuvres.drivers:"
+
+
+class _Enough(KeyboardInterrupt):
+    """Ends a run that has seen all it should; the simulation keeps what is done, as at Ctrl-C."""
+
+
+@dataclass
+class Rig:
+    """Where manoeuvres are driven.
+
+    Attributes:
+        model: name of the vehicle, for the diagram.
+        vehicle: the loaded vehicle.
+        facts: its figures.
+        kind: "full" or "single_track".
+        plant: settings of the plant, as in a diagram file.
+        friction: of the road [1].
+        seed: of everything random.
+        folder: where the runs are written, one folder a run; None writes nothing.
+        tell: told what is being driven.
+        records: all runs so far.
+    """
+
+    model: str
+    vehicle: Vehicle
+    facts: Facts
+    kind: Model = "full"
+    plant: Mapping[str, Any] = field(default_factory=dict)
+    friction: float = SURFACE_MU["asphalt"]
+    seed: int = 0
+    folder: Path | None = None
+    tell: Callable[[str], None] = lambda _: None
+    records: list[Record] = field(default_factory=list)
+
+    @property
+    def pedals(self) -> bool:
+        """Whether drivers may press pedals."""
+        return self.facts.pedals and self.kind == "full"
+
+    def line_driver(self, line: Mapping[str, Any], **settings: Any) -> dict[str, Any]:
+        """A driver along a line with the vehicle's numbers; with `pedals` it presses them."""
+        scale = self.facts.scale
+        kind = "PathPedalDriver" if settings.get("pedals") is not None else "PathDriver"
+        numbers = {
+            "ahead": self.facts.ahead,
+            "understeer": max(self.facts.understeer, 0.0),
+            "frequency": 5.0 / scale**0.5,
+            "preview": 0.1,
+        }
+        settings = {key: value for key, value in settings.items() if value is not None}
+        return {"kind": _DRIVERS + kind, "line": dict(line)} | numbers | settings
+
+    def open_driver(self, profile: Mapping[str, Any], **settings: Any) -> dict[str, Any]:
+        """A driver by a profile; with `pedals` it presses them."""
+        kind = "OpenLoopPedalDriver" if settings.get("pedals") is not None else "OpenLoopDriver"
+        settings = {key: value for key, value in settings.items() if value is not None}
+        return {"kind": _DRIVERS + kind, "profile": dict(profile)} | settings
+
+    def run(
+        self,
+        label: str,
+        driver: Mapping[str, Any],
+        *,
+        duration: float,
+        speed: float = 0.0,
+        y: float = 0.0,
+        x: float = 0.0,
+        ground: Mapping[str, Any] | None = None,
+        stop: Stop | None = None,
+        parked: bool = False,
+    ) -> Record:
+        """One run.
+
+        Args:
+            label: name of its folder.
+            driver: as under ``control`` of a diagram file.
+            duration: longest simulated time [s].
+            speed: at the start [m/s].
+            y: of the start [m].
+            x: the same [m].
+            ground: of the world, over flat asphalt: slope, patches.
+            stop: see :data:`Stop`.
+            parked: parking brakes hold the wheels; full plant only.
+
+        Raises:
+            Diverged: the run did.
+            ConfigError: a setting makes no sense.
+        """
+        self.tell(label)
+        world = {
+            "mirdrake": "world/1",
+            "name": label,
+            "ground": {"surface": "asphalt", "mu": self.friction, "size": [_EXTENT, _EXTENT]} | dict(ground or {}),
+        }
+        place = {"x": x, "y": y, "yaw": 0.0}
+        if self.kind == "full":
+            entry = {"model": self.model, "start": place, "speed": speed, "parked": parked}
+            record = self._run_plant(label, driver, world, entry, duration=duration, stop=stop)
+        else:
+            record = self._run_single_track(label, driver, world, place, duration=duration, speed=speed, stop=stop)
+        self.records.append(record)
+        return record
+
+    # --- the full plant --------------------------------------------------------------------------------------------
+
+    def _run_plant(
+        self,
+        label: str,
+        driver: Mapping[str, Any],
+        world: Mapping[str, Any],
+        entry: Mapping[str, Any],
+        *,
+        duration: float,
+        stop: Stop | None,
+    ) -> Record:
+        folder = self.folder / label if self.folder is not None else None
+        with tempfile.TemporaryDirectory() as scratch:
+            file = Path(scratch) / "world.yaml"
+            write_file(file, yaml.safe_dump(dict(world), sort_keys=False))
+            spec = {
+                "name": label,
+                "world": str(file),
+                "vehicles": {"ego": dict(entry)},
+                "control": {"ego": dict(driver)},
+                "plant": dict(self.plant),
+                "record": {"rate": RATE, "meshcat": False, "report": False},
+                "duration": duration,
+                "seed": self.seed,
+            }
+            assembly = assemble(spec)
+        truth = assembly.diagram.GetSubsystemByName("ego.truth")
+        reason = ["duration"]
+
+        def watch(context: Context, last: list[float] = [-1.0]) -> None:  # noqa: B006 - memory of one run
+            now = context.get_time()
+            if stop is None or now < last[0] + _LOOK:
+                return
+            last[0] = now
+            why = stop(now, truth.state.Eval(truth.GetMyContextFromRoot(context)).tolist())
+            if why is not None:
+                reason[0] = why
+                raise _Enough
+
+        try:
+            run = Simulation(assembly).run(monitor=watch)
+        except RunError as error:
+            raise Diverged(f"{label}: {error}") from None
+        ended = str(run.summary["stop_reason"])
+        if ended == "interrupted" and reason[0] == "duration":
+            raise KeyboardInterrupt
+        signals = run.signals
+        if folder is not None:
+            data = dict(run.spec)
+            data["world"] = {**data["world"], "name": "world.yaml"}
+            summary = run.summary | {"stop_reason": ended if reason[0] == "duration" else reason[0], "world": label}
+            self._write(folder, data, signals, run.units, summary, world)
+        if ended.startswith("diverged"):
+            raise Diverged(f"{label}: {ended}")
+        columns = {str(name).removeprefix("ego."): signals[name].to_numpy() for name in signals}
+        units = {name.removeprefix("ego."): unit for name, unit in run.units.items()}
+        angle = bicycle_angles(columns["steering_angle.left"], columns["steering_angle.right"])
+        return self._record(label, signals.index.to_numpy(), columns, angle, units, reason[0])
+
+    # --- the single-track model -------------------------------------------------------------------------------------
+
+    def _run_single_track(
+        self,
+        label: str,
+        driver: Mapping[str, Any],
+        world: Mapping[str, Any],
+        place: Mapping[str, float],
+        *,
+        duration: float,
+        speed: float,
+        stop: Stop | None,
+    ) -> Record:
+        began = time.perf_counter()
+        scene: World = make_world(dict(world))
+        parameters = estimate_parameters(
+            self.vehicle, friction=self.friction, gravity=[float(part) for part in scene.ground.gravity]
+        )
+        builder = DiagramBuilder()
+        model = builder.AddNamedSystem("single_track", SingleTrack(parameters, Variant("brush", True, actuators=True)))
+        control = builder.AddNamedSystem("control", SingleTrackControl(self.vehicle, mass=parameters.mass))
+        pilot = OwnDriverSpec(**dict(driver)).make_system(self.vehicle, scene, where=label)
+        builder.AddNamedSystem("driver", pilot)
+        builder.Connect(control.steering, model.steering)
+        builder.Connect(control.forces, model.forces)
+        for port in (control.state, pilot.GetInputPort("state")):
+            builder.Connect(model.state, port)
+        builder.Connect(model.steering_angle, control.steering_angle)
+        builder.Connect(pilot.GetOutputPort("command"), control.command)
+        ports = (model.state, model.steering_angle, control.status, pilot.GetOutputPort("command"))
+        logs = [LogVectorOutput(port, builder, publish_period=1.0 / RATE) for port in ports]
+        diagram = builder.Build()
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        model.set_state(model.GetMyContextFromRoot(context), x=place["x"], y=place["y"], vx=speed)
+        reason, last = ["duration"], [-1.0]
+
+        def watch(now_context: Context) -> EventStatus:
+            now = now_context.get_time()
+            if stop is None or now < last[0] + _LOOK:
+                return EventStatus.DidNothing()
+            last[0] = now
+            why = stop(now, model.state.Eval(model.GetMyContextFromRoot(now_context)).tolist())
+            if why is None:
+                return EventStatus.DidNothing()
+            reason[0] = why
+            return EventStatus.ReachedTermination(model, why)
+
+        simulator.set_monitor(watch)
+        try:
+            simulator.Initialize()
+            simulator.AdvanceTo(duration)
+        except Exception as error:  # whatever a step may raise
+            raise Diverged(f"{label}: {str(error).splitlines()[0]}") from None
+        found = [log.FindLog(context) for log in logs]
+        times = found[0].sample_times().copy()
+        columns = {signal.name: row for signal, row in zip(STATE, found[0].data(), strict=True)}
+        units = {"time": "s"} | {signal.name: signal.unit for signal in STATE}
+        columns["steering_angle"], units["steering_angle"] = found[1].data()[0], "rad"
+        for name, unit, row in zip(
+            ("speed_setpoint", "steering_setpoint", "speed_trim", "speed_command", "steering_command"),
+            ("m/s", "rad", "m/s", "m/s", "rad"),
+            (*found[2].data(), *found[3].data()[:2]),
+            strict=True,
+        ):
+            columns[name], units[name] = row, unit
+        if not all(np.isfinite(values).all() for values in columns.values()):
+            raise Diverged(f"{label}: a state is no finite number")
+        if self.folder is not None:
+            table = pd.DataFrame({f"ego.{name}": values for name, values in columns.items()}, index=times)
+            named = {f"ego.{name}" if name != "time" else name: unit for name, unit in units.items()}
+            data = {"model": "single_track", "vehicle": self.model, "driver": dict(driver), "speed": speed}
+            summary = {"stop_reason": reason[0], "wall_s": round(time.perf_counter() - began, 3)}
+            self._write(self.folder / label, data, table, named, summary, world)
+        angle = columns.pop("steering_angle")
+        return self._record(label, times, columns, angle, units, reason[0])
+
+    # --- both -------------------------------------------------------------------------------------------------------
+
+    def _record(
+        self,
+        label: str,
+        times: Any,
+        columns: dict[str, Any],
+        angle: Any,
+        units: Mapping[str, str],
+        stop: str,
+    ) -> Record:
+        taken = ("x", "y", "vx", "vy", "roll")
+        return Record(
+            label=label,
+            time=times,
+            yaw=np.unwrap(columns["yaw"]),
+            yaw_rate=columns["wz"],
+            steering=angle,
+            ahead=self.facts.ahead,
+            ratio=self.facts.ratio,
+            others={name: values for name, values in columns.items() if name not in taken},
+            units=units,
+            stop=stop,
+            **{name: columns[name] for name in taken},
+        )
+
+    def _write(
+        self,
+        folder: Path,
+        data: Mapping[str, Any],
+        table: pd.DataFrame,
+        units: Mapping[str, str],
+        summary: Mapping[str, Any],
+        world: Mapping[str, Any],
+    ) -> None:
+        """A run folder, as those of ``mirdrake run``; the world lies beside its spec."""
+        writer = RunWriter(folder, data)
+        write_file(folder / "world.yaml", yaml.safe_dump(dict(world), sort_keys=False))
+        columns = {str(name): table[name].to_numpy() for name in table}
+        writer.write_signals(table.index.to_numpy(dtype=float), columns, units)
+        writer.finish(lambda: summary)

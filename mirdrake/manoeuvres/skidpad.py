@@ -1,0 +1,160 @@
+"""Skidpad: laps of a figure of eight between cones, or of a circle."""
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.checks import check_speed, check_steering
+from mirdrake.manoeuvres.metrics.straight import KMH
+from mirdrake.manoeuvres.metrics.transient import crossing
+from mirdrake.manoeuvres.record import Record
+from mirdrake.manoeuvres.rig import Rig
+from mirdrake.worlds.world import GRAVITY
+from mirdrake.yaml_io import Length, Speed
+
+_FSAE = "FSAE Rules 2026, D.10"
+_TIMED = ("right", "left")
+
+
+class SkidpadSpec(ManoeuvreSpec):
+    """Two laps to the right and two to the left, the second of each timed; the fastest within the lane."""
+
+    title: ClassVar[str] = "Skidpad"
+    standard: ClassVar[str] = "Formula SAE Rules 2026, D.10"
+
+    layout: Literal["eight", "circle"] = setting("eight", "figure of eight, or a circle of path_radius [-]", "V", _FSAE)
+    path_radius: Length = setting(9.125, "of the middle of the lane [m]", "V", _FSAE, gt=0.0)
+    width: Length = setting(3.0, "of the lane [m]", "V", _FSAE, gt=0.0)
+    diameter: Length = setting(17.10, "of the formula g = 2.012 D / t² [m]", "E", "FSAE 2014", gt=0.0)
+    highest: Speed = setting(60.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
+    lowest: Speed = setting(15.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
+    resolution: Speed = setting(0.5 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """A bisection of the speed."""
+        facts = rig.facts
+        if self.highest <= self.lowest:
+            raise self.fault("highest", "must be above lowest")
+        room = self.width - facts.width
+        if room <= 0.0:
+            raise NotPossible(f"it is {facts.width:.2f} m wide, and the lane has {self.width:.2f} m")
+        check_speed(facts, self.lowest)
+        check_steering(facts, math.atan(facts.wheelbase / self.path_radius), what=f"a radius of {self.path_radius:g} m")
+        passed, failed = 0.0, math.inf
+        highest = min(self.highest, 0.95 * facts.top_speed, 1.3 * math.sqrt(12.0 * self.path_radius))
+        best: Record | None = None
+        why, speed = "", self.lowest
+        while failed - passed > self.resolution and passed < highest - 1e-9:
+            try:
+                record, fault = self._try(rig, speed)
+            except Diverged as error:
+                record, fault = best, str(error)  # type: ignore[assignment]
+            if fault:
+                if best is None:
+                    raise NotPossible(f"at {speed / KMH:.0f} km/h, the lowest speed, {fault}")
+                failed, why = speed, fault
+            else:
+                passed, best = speed, record
+            speed = highest if failed == math.inf else 0.5 * (passed + failed)
+        assert best is not None
+        times = self._laps(best)
+        mean = float(np.mean(times))
+        for side, lap in zip(_TIMED if self.layout == "eight" else ("left",), times, strict=False):
+            outcome.add(f"lap_{side}", f"Timed lap, {side}", lap, "s")
+        outcome.add("lap", "Lap time, mean", mean, "s")
+        if facts.scale == 1.0:
+            note = "of the timed laps" if self.layout == "eight" else "D = 2 path radius"
+            diameter = self.diameter if self.layout == "eight" else 2.0 * self.path_radius
+            outcome.add("g_formula", "g = 2.012 D / t², D in m", 2.012 * diameter / mean**2, "g", note)
+        chosen = best.time > best.time[-1] - mean
+        outcome.add(
+            "lateral",
+            "Mean lateral acceleration, last lap",
+            float(np.mean(np.abs((best.vx * best.yaw_rate)[chosen]))) / GRAVITY,
+            "g",
+        )
+        outcome.add("speed", "Speed", float(np.mean(best.speed[chosen])) / KMH, "km/h", "centre of mass, last lap")
+        if failed < math.inf:
+            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", why)
+        else:
+            outcome.notes.append("it stays in the lane at the highest speed that was tried")
+        if facts.scale == 1.0 and self.layout == "eight":
+            outcome.notes.append(
+                f"it is {facts.width:.2f} m wide in a lane of {self.width:g} m, made for narrower cars"
+            )
+        self._draw(outcome, best)
+
+    def _try(self, rig: Rig, speed: float) -> tuple[Record, str]:
+        radius, facts = self.path_radius, rig.facts
+        lap = 2.0 * math.pi * radius
+        if self.layout == "eight":
+            line = {"kind": "eight", "radius": radius, "laps": 2}
+            ways = 4.0 * lap
+        else:
+            line = {"kind": "circle", "radius": radius, "turn": 1.0, "laps": 2.2}
+            ways = 2.1 * lap
+        duration = ways / speed * 1.05 + 0.5
+        half = 0.5 * (self.width - facts.width)
+        settled = lap / speed
+        faults: list[str] = []
+
+        def stop(time: float, state: Sequence[float]) -> str | None:
+            x = state[0] + facts.ahead * math.cos(state[5])
+            y = state[1] + facts.ahead * math.sin(state[5])
+            away = min(abs(math.hypot(x, y - centre) - radius) for centre in (-radius, radius))
+            part = (time % (2.0 * settled)) > settled * 1.05
+            if away > half + 0.02 and (part or away > 3.0 * self.width):
+                faults.append(f"it left its lane by {away - half:.2f} m")
+                return faults[-1]
+            if state[6] < 0.7 * speed:
+                faults.append("it lost its speed")
+                return faults[-1]
+            return None
+
+        record = rig.run(
+            f"v{speed / KMH:.2f}kmh",
+            rig.line_driver(line, speeds=[[0.0, speed]]),
+            duration=duration,
+            speed=speed,
+            x=-facts.ahead,
+            stop=stop,
+        )
+        return record, faults[0] if faults else ""
+
+    def _laps(self, record: Record) -> list[float]:
+        """Times of the timed laps: the second of each direction, from angle to angle about the centre."""
+        found = []
+        for number, centre in enumerate((-self.path_radius, self.path_radius)):
+            if self.layout == "circle" and number == 0:
+                continue
+            angle = np.unwrap(np.arctan2(record.y_com - centre, record.x_com))
+            turned = np.abs(angle - angle[0])
+            if self.layout == "circle":
+                starts = [2.0 * math.pi]
+                time, values = record.time, turned
+            else:
+                half = record.time[-1] * 0.5
+                part = record.time < half + 1e-9 if number == 0 else record.time >= half * 0.96
+                time, values = record.time[part], np.abs(angle[part] - angle[part][0])
+                starts = [2.0 * math.pi]
+            end = float(values[-1])
+            first = min(starts[0], max(end - 2.0 * math.pi - 0.05, 0.1))
+            found.append(crossing(time, values, first + 2.0 * math.pi) - crossing(time, values, first))
+        return found
+
+    def _draw(self, outcome: Outcome, record: Record) -> None:
+        turn = np.linspace(0.0, 2.0 * math.pi, 181)
+        lines = []
+        centres = (-self.path_radius, self.path_radius) if self.layout == "eight" else (self.path_radius,)
+        for number, centre in enumerate(centres):
+            for edge in (-0.5, 0.5):
+                radius = self.path_radius + edge * self.width
+                name = "edges of the lane" if number == 0 and edge < 0.0 else ""
+                lines.append(Line(name, radius * np.cos(turn), centre + radius * np.sin(turn), "line", 2))
+        lines.append(Line("centre of mass", record.x_com, record.y_com, "line", 0))
+        outcome.charts.append(Chart("x", "m", "y", "m", tuple(lines), equal=True))
+        lateral = Line("Lateral acceleration", record.time, record.vx * record.yaw_rate)
+        outcome.charts.append(Chart("Time", "s", "Lateral acceleration", "m/s²", (lateral,)))

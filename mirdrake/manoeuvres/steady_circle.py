@@ -1,0 +1,179 @@
+"""Steady-state circle: constant radius with rising speed, or constant speed with rising steering (ISO 4138)."""
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from mirdrake.manoeuvres.base import Array, Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.checks import check_rate, check_speed, check_steering
+from mirdrake.manoeuvres.metrics.steady import (
+    Fit,
+    characteristic_speed,
+    critical_speed,
+    fit_line,
+    means,
+    understeer_constant_radius,
+    understeer_constant_speed,
+)
+from mirdrake.manoeuvres.metrics.straight import KMH
+from mirdrake.manoeuvres.record import Record
+from mirdrake.manoeuvres.rig import Rig, Stop
+from mirdrake.worlds.world import GRAVITY
+from mirdrake.yaml_io import Acceleration, AngularRate, Duration, Length, Speed
+
+SIDES: dict[str, float] = {"left": 1.0, "right": -1.0}
+
+
+class SteadyStateCircleSpec(ManoeuvreSpec):
+    """Steady-state circle: constant radius with rising speed, or constant speed with rising steering."""
+
+    title: ClassVar[str] = "Steady-state circle"
+    standard: ClassVar[str] = "ISO 4138:2021"
+
+    method: Literal["constant_radius", "constant_speed"] = setting(
+        "constant_radius", "which of the methods [-]", "E", "ISO 4138:2021"
+    )
+    turns: Literal["both", "left", "right"] = setting("both", "turns that are driven [-]", "E", "ISO 4138:2021")
+    radius: Length = setting(100.0, "of the circle; constant radius [m]", "R", "ISO 4138, at least 30 m", gt=0.0)
+    speed: Speed = setting(100.0 * KMH, "constant speed [m/s]", "R", "ISO 4138", gt=0.0)
+    first_lateral: Acceleration = setting(0.5, "lateral acceleration at the start [m/s^2]", "own", gt=0.0)
+    speed_rate: Acceleration = setting(0.25, "rise of the speed; constant radius [m/s^2]", "own", gt=0.0)
+    steering_rate: AngularRate = setting(
+        math.radians(8.0), "rise of the hand-wheel angle; constant speed [rad/s]", "own", scales=False, gt=0.0
+    )
+    tolerance: Length = setting(2.0, "offset at which it has left the circle; constant radius [m]", "own", gt=0.0)
+    limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends [m/s^2]", "own", gt=0.0)
+    fit_from: Acceleration = setting(1.0, "lower end of the regressions [m/s^2]", "own", ge=0.0)
+    fit_to: Acceleration = setting(4.0, "upper end of the regressions [m/s^2]", "own", gt=0.0)
+    settle: Duration = setting(4.0, "time at the start that does not count [s]", "own", ge=0.0)
+    window: Duration = setting(1.0, "over which signals are averaged [s]", "own", gt=0.0)
+
+    def drive(self, rig: Rig, outcome: Outcome) -> None:
+        """Both turns; see the base class."""
+        if self.fit_to <= self.fit_from:
+            raise self.fault("fit_to", "must be above fit_from")
+        sides = ["left", "right"] if self.turns == "both" else [self.turns]
+        gradients, peaks, lines, sides_lines, roll_lines = [], [], [], [], []
+        for number, side in enumerate(sides):
+            radius = self.method == "constant_radius"
+            record = self._circle(rig, side) if radius else self._speed(rig, side)
+            steady = self._points(record, SIDES[side])
+            fit = self._fit(rig, steady)
+            if fit is None:
+                raise NotPossible(
+                    f"the turn to the {side} gave no steady points from {self.fit_from:g} to {self.fit_to:g} m/s² "
+                    f"(largest {np.max(steady['ay'], initial=0.0):.2f} m/s²; {record.stop})"
+                )
+            ratio, wheelbase = rig.facts.ratio, rig.facts.wheelbase
+            peak = float(np.max(steady["ay"]))
+            gradients.append(fit.slope)
+            peaks.append(peak)
+            per_g = math.degrees(fit.slope) * GRAVITY
+            note = f"{fit.low:.2f} to {fit.high:.2f} m/s², {fit.count} points, rms {math.degrees(fit.error):.3f} deg"
+            outcome.add(f"understeer_{side}", f"Understeer gradient, {side}, road wheels", per_g, "deg/g", note)
+            outcome.add(f"understeer_hand_{side}", f"The same at the hand-wheel, {side}", per_g * ratio, "deg/g")
+            for key, text in (("roll", "Roll gradient"), ("beta", "Sideslip gradient")):
+                slope = fit_line(steady["ay"], steady[key], self.fit_from, self.fit_to)
+                value = math.degrees(slope.slope) * GRAVITY if slope else None
+                outcome.add(f"{key}_{side}", f"{text}, {side}", value, "deg/g", _SIGNS[key])
+            outcome.add(f"largest_{side}", f"Largest lateral acceleration, {side}", peak / GRAVITY, "g", record.stop)
+            lines += _curves(steady, "delta", side, number, ratio=ratio, fit=fit if radius else None)
+            sides_lines += _curves(steady, "beta", side, number)
+            roll_lines += _curves(steady, "roll", side, number)
+        mean = float(np.mean(gradients))
+        outcome.add("understeer", "Understeer gradient, mean", math.degrees(mean) * GRAVITY, "deg/g")
+        outcome.add("largest", "Largest lateral acceleration, mean", float(np.mean(peaks)) / GRAVITY, "g")
+        outcome.add("characteristic_speed", "Characteristic speed", characteristic_speed(wheelbase, mean) / KMH, "km/h")
+        outcome.add("critical_speed", "Critical speed", critical_speed(wheelbase, mean) / KMH, "km/h")
+        for label, drawn in (("Hand-wheel angle", lines), ("Sideslip angle", sides_lines), ("Roll angle", roll_lines)):
+            outcome.charts.append(Chart("Lateral acceleration", "m/s²", label, "deg", tuple(drawn)))
+
+    def _circle(self, rig: Rig, side: str) -> Record:
+        sign, radius = SIDES[side], self.radius
+        start = math.sqrt(self.first_lateral * radius)
+        check_speed(rig.facts, math.sqrt(self.fit_to * radius))
+        check_steering(rig.facts, math.atan(rig.facts.wheelbase / radius), what=f"a circle of {radius:g} m")
+        top = min(math.sqrt(self.limit * radius), 0.98 * rig.facts.top_speed)
+        rising = (top - start) / self.speed_rate
+        speeds = [[0.0, start], [self.settle, start], [self.settle + rising, top]]
+        distance = start * self.settle + 0.5 * (start + top) * rising
+        line = {"kind": "circle", "radius": radius, "turn": sign, "laps": distance / (2.0 * math.pi * radius) + 0.2}
+        centre = sign * radius
+        ahead = rig.facts.ahead
+
+        def stop(time: float, state: Sequence[float]) -> str | None:
+            x, y, yaw = state[0], state[1], state[5]
+            away = math.hypot(x + ahead * math.cos(yaw), y + ahead * math.sin(yaw) - centre) - radius
+            if time > self.settle and abs(away) > self.tolerance:
+                return f"it left the circle by {self.tolerance:g} m"
+            return None
+
+        return rig.run(
+            f"{side}",
+            rig.line_driver(line, speeds=speeds, frequency=2.5 / rig.facts.scale**0.5, integral=0.5),
+            duration=self.settle + rising,
+            speed=start,
+            stop=stop,
+        )
+
+    def _speed(self, rig: Rig, side: str) -> Record:
+        check_speed(rig.facts, self.speed)
+        rate = self.steering_rate / rig.facts.ratio
+        check_rate(rig.facts, rate, what="the steering")
+        limit = 0.95 * rig.facts.steering_limit
+        profile = {"kind": "ramp", "rate": SIDES[side] * rate, "limit": limit, "start": self.settle}
+        return rig.run(
+            f"{side}",
+            rig.open_driver(profile, speeds=[[0.0, self.speed]]),
+            duration=self.settle + min(limit / rate, 90.0),
+            speed=self.speed,
+            stop=spun_or_steady(self.speed, self.settle, self.limit),
+        )
+
+    def _points(self, record: Record, sign: float) -> dict[str, Array]:
+        """Averaged signals of the part that counts, positive in the turn."""
+        late = record.time > self.settle
+        late &= record.time < record.time[-1] - 0.5 * self.window
+        ay = record.vx * record.yaw_rate * sign
+        named = {"ay": ay, "delta": sign * record.steering, "beta": sign * record.sideslip, "roll": sign * record.roll}
+        named["speed"] = record.speed
+        return {key: means(record.time, values, self.window)[late][::10] for key, values in named.items()}
+
+    def _fit(self, rig: Rig, steady: dict[str, Array]) -> Fit | None:
+        if self.method == "constant_radius":
+            return understeer_constant_radius(steady["ay"], steady["delta"], self.fit_from, self.fit_to)
+        return understeer_constant_speed(
+            steady["ay"], steady["delta"], steady["speed"], rig.facts.wheelbase, self.fit_from, self.fit_to
+        )
+
+
+_SIGNS = {"roll": "positive: the body leans out of the turn", "beta": "negative: the nose points into the turn"}
+
+
+def spun_or_steady(speed: float, settle: float, limit: float = math.inf) -> Stop:
+    """Stop when the car is far slower than wanted, slides sideways, or its lateral acceleration is large enough."""
+
+    def stop(time: float, state: Sequence[float]) -> str | None:
+        vx, vy, rate = state[6], state[7], state[11]
+        if time > settle and abs(vy) > 0.6 * max(abs(vx), 0.3 * speed):
+            return "it spun"
+        if time > settle and vx < 0.6 * speed:
+            return "it lost its speed"
+        if time > settle and abs(vx * rate) > limit:
+            return f"{limit:g} m/s² reached"
+        return None
+
+    return stop
+
+
+def _curves(
+    steady: dict[str, Array], key: str, side: str, colour: int, *, ratio: float = 1.0, fit: Fit | None = None
+) -> list[Line]:
+    lines = [Line(side, steady["ay"], np.degrees(steady[key]) * ratio, "dots", colour)]
+    if fit is not None:
+        x = np.array([0.0, fit.high * 1.15])
+        y = np.degrees(fit.offset + fit.slope * x) * ratio
+        lines.append(Line(f"{side}, line of the gradient", x, y, "dashed", colour))
+    return lines

@@ -1,0 +1,74 @@
+"""An actuator between what is asked and what acts: a pure delay, then a lag of first order with a limited rate.
+
+The input is held between two steps, so that the step is exact: with y the output, u the delayed input, τ the time
+constant and R the largest rate, dy/dt = (u - y) / τ within ± R. While |u - y| > R τ the output runs at the rate R; from
+then on the rest decays with exp(-t/τ). Without a time constant the output follows at once, within the rate.
+"""
+
+from math import exp, inf
+
+from mirdrake.errors import ConfigError
+from mirdrake.vehicles.powertrain_spec import Actuator
+from mirdrake.yaml_io import where
+
+
+class ActuatorLaw:
+    """One actuator, stepped at a fixed period; its memory is a list of `size` numbers of the caller's.
+
+    Attributes:
+        size: numbers to remember: the inputs on their way, then the output.
+
+    Args:
+        actuator: delay, time constant and rate.
+        period: time between steps [s].
+
+    Raises:
+        ConfigError: the delay is not a multiple of the period.
+    """
+
+    def __init__(self, actuator: Actuator, *, period: float) -> None:
+        self._steps = round(actuator.delay / period)
+        if abs(self._steps * period - actuator.delay) > 1e-9:
+            near = max(self._steps, 1) * period
+            raise ConfigError(
+                f"{where(actuator, 'delay')}: {actuator.delay:g} s is not a multiple of the {period:g} s between two "
+                f"set-points; write for example {near:g}"
+            )
+        self._period, self._time = period, actuator.time_constant
+        self._rate = inf if actuator.rate is None else actuator.rate
+        self.size = self._steps + 1
+
+    def rest(self, value: float) -> list[float]:
+        """The memory of an actuator that has stood at a value."""
+        return [value] * self.size
+
+    def step(self, memory: list[float], value: float) -> tuple[list[float], float]:
+        """Advance by one period with the value asked for now.
+
+        Returns:
+            The memory for the next step, and the output at the end of the period; without delay and lag the value.
+        """
+        line = [*memory[:-1], value]
+        output = follow(memory[-1], line[0], period=self._period, time_constant=self._time, rate=self._rate)
+        return [*line[1:], output], output
+
+
+def follow(output: float, wanted: float, *, period: float, time_constant: float, rate: float = inf) -> float:
+    """Output of a lag with a limited rate after a period in which `wanted` stands still; exact.
+
+    Args:
+        output: at the start of the period.
+        wanted: what it goes to.
+        period: [s].
+        time_constant: τ [s]; 0: no lag.
+        rate: largest change a second.
+    """
+    gap = wanted - output
+    if rate == inf:
+        return wanted if time_constant == 0.0 else wanted - gap * exp(-period / time_constant)
+    sign, distance = (1.0, gap) if gap >= 0.0 else (-1.0, -gap)
+    running = max(distance - rate * time_constant, 0.0) / rate  # time at the full rate
+    if running >= period:
+        return output + sign * rate * period
+    rest = distance - rate * running
+    return wanted - sign * rest * exp(-(period - running) / time_constant) if time_constant > 0.0 else wanted

@@ -1,0 +1,81 @@
+"""Slip of a wheel held by its brake (antilock) or by the motor (traction control).
+
+Measured are the spin rate ω of the wheel and the speed v of its centre along its plane; a real car has to estimate v
+from its four wheels and its acceleration, here it is exact. With σ = -1 for braking and +1 for driving, R the rolling
+radius, v0 = max(v, lowest speed) and J the inertia about the axle, u >= 0 the torque that acts::
+
+    slip s = σ (ω R - v) / v0          J dω/dt = σ u + o
+
+where o is all else, above all the road. It is what the last period tells: o = J Δω / h - σ u_last. The torque that lets
+a slip error go with the rate `gain` is, by inserting ds/dt = -gain (s - target)::
+
+    u = σ J (dv/dt) / R - J gain (s - target) v0 / R - σ o
+
+and the wheel gets the smaller one of this and of what the driver asks for. The road's answer need not be known; it is
+late by half a period and by the relaxation of the tyre, which is why the gain cannot be much above 20 1/s.
+"""
+
+from typing import NamedTuple
+
+from mirdrake.vehicles.powertrain_spec import Antilock, Traction
+
+BRAKING, DRIVING = -1.0, 1.0
+
+
+class SlipState(NamedTuple):
+    """Memory of the slip control of a wheel.
+
+    Attributes:
+        active: 1 while it acts, else 0.
+        torque: last torque u [N m].
+        rate: last spin rate [rad/s].
+        speed: last speed of the wheel's centre [m/s].
+        started: 0 before the first step.
+    """
+
+    active: float = 0.0
+    torque: float = 0.0
+    rate: float = 0.0
+    speed: float = 0.0
+    started: float = 0.0
+
+
+def hold_slip(
+    state: SlipState,
+    wanted: float,
+    *,
+    direction: float,
+    rate: float,
+    speed: float,
+    options: Antilock | Traction,
+    radius: float,
+    inertia: float,
+    period: float,
+) -> tuple[SlipState, float]:
+    """Torque of one wheel for the next period; equations in the head of the module.
+
+    Args:
+        state: what the last step returned.
+        wanted: torque asked for [N m], not negative.
+        direction: :data:`BRAKING` or :data:`DRIVING`.
+        rate: spin rate of the wheel, positive in the direction of travel [rad/s].
+        speed: speed of its centre along its plane in that direction [m/s].
+        options: target, gain, lowest speed.
+        radius: of the rolling wheel [m].
+        inertia: about the axle, with what turns along [kg m²].
+        period: [s]
+
+    Returns:
+        The state, and the torque [N m], never more than `wanted`.
+    """
+    slip = direction * (rate * radius - speed) / max(speed, options.min_speed)
+    too_slow = direction == BRAKING and speed < options.min_speed
+    if not state.started or too_slow or wanted <= 0.0:
+        return SlipState(0.0, wanted, rate, speed, 1.0), wanted
+    others = inertia * (rate - state.rate) / period - direction * state.torque
+    pull = inertia * (speed - state.speed) / (period * radius)
+    reach = inertia * options.gain * max(speed, options.min_speed) / radius
+    limit = max(direction * (pull - others) - reach * (slip - options.target_slip), 0.0)
+    active = limit < wanted and (state.active > 0.0 or slip > 0.5 * options.target_slip)
+    torque = limit if active else wanted
+    return SlipState(float(active), torque, rate, speed, 1.0), torque

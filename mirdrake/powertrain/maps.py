@@ -1,0 +1,55 @@
+"""Tables of pedals and torques, read forwards and backwards: straight lines between rows, level beyond them."""
+
+from collections.abc import Sequence
+
+from mirdrake.vehicles.powertrain_spec import Pedals
+
+Rows = Sequence[tuple[float, float]]
+"""(argument, value), the arguments ascending."""
+
+
+def read_map(rows: Rows, argument: float) -> float:
+    """Value of a table at an argument."""
+    if argument <= rows[0][0]:
+        return rows[0][1]
+    x0, y0 = rows[0]
+    for x1, y1 in rows:
+        if argument < x1:
+            return y0 + (y1 - y0) * (argument - x0) / (x1 - x0)
+        x0, y0 = x1, y1
+    return y0
+
+
+def invert_map(rows: Rows, value: float) -> float:
+    """Smallest argument at which a table with rising values reaches a value; the last one if it never does.
+
+    A value that is not above the first row's needs no argument at all: 0, not the end of the dead zone.
+    """
+    x0, y0 = rows[0]
+    if value <= y0:
+        return 0.0
+    for x1, y1 in rows:
+        if value <= y1:
+            return x0 + (x1 - x0) * (value - y0) / (y1 - y0)
+        x0, y0 = x1, y1
+    return x0
+
+
+class PedalMaps:
+    """What the pedals of a vehicle mean, and which positions mean a wanted force.
+
+    Attributes:
+        throttle: rows of pedal position [1] and part of the drive torque [1].
+        brake: rows of pedal position [1] and torque of the four brakes [N m].
+
+    Args:
+        pedals: of vehicle.yaml.
+        brake_torque: of all brakes at most [N m].
+    """
+
+    def __init__(self, pedals: Pedals, *, brake_torque: float) -> None:
+        self.throttle: Rows = pedals.throttle or [(0.0, 0.0), (1.0, 1.0)]
+        brake = [(at, min(torque, brake_torque)) for at, torque in pedals.brake] or [(0.0, 0.0)]
+        if brake[-1][0] < 1.0:
+            brake.append((1.0, brake_torque))
+        self.brake: Rows = brake

@@ -1,0 +1,274 @@
+"""The handling report: all manoeuvres of a vehicle on one page, which needs no network and no other file."""
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
+
+from mirdrake.logs import write_file
+from mirdrake.manoeuvres.base import Chart, Outcome
+from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
+from mirdrake.report.figures import drawing_style, thin, to_svg
+from mirdrake.report.svg import THEME, embed_svg
+
+_TEMPLATE = "handling.html.jinja"
+_COLOURS = ("main", "own1", "edge", "own2", "own3")
+_FILE_COLOURS = {
+    "ink": "#17202a", "muted": "#5d6975", "grid": "#e5e8ec", "paper": "#ffffff", "edge": "#8a949e",
+    "main": "#0067a5", "own1": "#c65000", "own2": "#00825e", "own3": "#a6378a",
+}  # fmt: skip
+_WIDTH, _HEIGHT, _MAP_WIDTH = 480.0, 300.0, 980.0  # [px]
+_LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 12.0, 44.0  # [px]
+_POINTS = 400
+_WORDS = {
+    "done": "done",
+    "pass": "passed",
+    "fail": "failed",
+    "not possible": "not possible",
+    "diverged": "diverged",
+}
+
+
+def write_handling(results: HandlingResults) -> Path:
+    """Write handling.html, and the figures of each manoeuvre as SVG, into the folder of the results.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    assert results.folder is not None
+    path = results.folder / "handling.html"
+    write_file(path, render_handling(results))
+    for outcome in results.outcomes:
+        if outcome.charts:
+            shown = [chart for chart in outcome.charts if _says_something(chart)]
+            write_file(results.folder / outcome.name / f"{outcome.name}.svg", draw_sheet(shown))
+    return path
+
+
+def render_handling(results: HandlingResults) -> str:
+    """The text of the page; see :func:`write_handling`."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"figure": _figure, "value": value_told, "status": status_told}
+    with drawing_style():
+        sections = [
+            {
+                "outcome": outcome,
+                "word": _WORDS[outcome.verdict],
+                "tone": outcome.verdict.replace(" ", "-"),
+                "recalled": recalled(outcome),
+                "charts": _charts(outcome),
+                "key": _key_figures(outcome),
+            }
+            for outcome in results.outcomes
+        ]
+    facts = results.facts
+    return environment.get_template(_TEMPLATE).render(
+        results=results,
+        facts=facts,
+        sections=sections,
+        model="full plant" if results.model == "full" else "single-track model",
+        tiles=_tiles(results),
+        warnings=_warnings(results),
+        counts=_counts(results.outcomes),
+    )
+
+
+def _tiles(results: HandlingResults) -> list[tuple[str, str, str]]:
+    facts, p = results.facts, results.facts.parameters
+    front = 100.0 * p.rear_length / p.wheelbase
+    per_g = math.degrees(facts.understeer) * 9.80665
+    return [
+        ("Mass", f"{number_told(facts.mass)} kg", f"{front:.0f} % on the front axle"),
+        ("Wheelbase", f"{facts.wheelbase:.3f} m", f"{facts.width:.2f} m wide"),
+        ("Centre of mass", f"{p.com_height:.3f} m", f"high, {facts.ahead:.3f} m before the rear axle"),
+        ("Steering ratio", f"{facts.ratio:g}", f"road wheels to {math.degrees(facts.steering_limit):.0f}°"),
+        ("Tyres", facts.tyres.replace("_", " "), f"on a road of friction {results.friction:g}"),
+        ("Driven by", "pedals" if facts.pedals else "speed command", _powertrain(results)),
+        ("Model", "full plant" if results.model == "full" else "single track", _plant(results)),
+        ("Scale", f"{facts.scale:.3g}", "full size" if facts.scale == 1.0 else f"an estimate has {per_g:.2f} deg/g"),
+    ]
+
+
+def _powertrain(results: HandlingResults) -> str:
+    return f"up to {results.facts.top_speed * 3.6:.0f} km/h by its power"
+
+
+def _plant(results: HandlingResults) -> str:
+    plant = results.plant
+    if results.model != "full":
+        return "brush tyres, relaxation"
+    return f"{plant.get('contact')} contact, step {1000.0 * float(plant.get('time_step', 0.0)):g} ms"
+
+
+def _warnings(results: HandlingResults) -> list[str]:
+    found = []
+    if results.facts.tyres == "coulomb" and results.model == "full":
+        found.append(
+            "Its tyres are of kind coulomb: dry friction without slip angles. Understeer, response times and what "
+            "happens near the limit are those of dry friction, not of a tyre."
+        )
+    if results.model == "single_track":
+        found.append(
+            "The single-track model has assumed cornering stiffnesses, no roll and no load transfer across the car."
+        )
+    if not results.facts.pedals:
+        found.append("It is driven by a speed command: acceleration and braking are those of its speed control.")
+    return found
+
+
+def _counts(outcomes: Sequence[Outcome]) -> str:
+    words = [_WORDS[outcome.verdict] for outcome in outcomes]
+    return ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
+
+
+def _key_figures(outcome: Outcome) -> str:
+    """The first figures, for the table at the top."""
+    if outcome.verdict in {"not possible", "diverged"}:
+        return outcome.reason
+    keys = _KEYS.get(outcome.name, ())
+    chosen = [m for m in outcome.metrics if m.key in keys and m.value is not None]
+    return "; ".join(f"{m.text[:1].lower()}{m.text[1:]} {_figure(m.value)} {m.unit}" for m in chosen)
+
+
+_KEYS = {
+    "steady_state_circle": ("understeer", "largest"),
+    "step_steer": ("yaw_response", "yaw_overshoot"),
+    "frequency_response": ("yaw_bandwidth", "lateral_bandwidth"),
+    "slowly_increasing_steer": ("a", "largest"),
+    "sine_with_dwell": ("amplitude_left", "displacement_left"),
+    "double_lane_change": ("speed",),
+    "obstacle_avoidance": ("speed",),
+    "slalom": ("speed",),
+    "skidpad": ("lap", "lateral"),
+    "acceleration": ("time_100kmh", "time_top", "quarter_mile"),
+    "braking": ("distance_100", "mfdd"),
+    "split_friction_braking": ("distance", "sideways"),
+    "coast_down": ("force_100", "time_100_80"),
+    "park": ("creep_flat", "creep_uphill"),
+}
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else number_told(value).replace("-", "−")
+
+
+# --- charts ----------------------------------------------------------------------------------------------------------
+
+
+def _charts(outcome: Outcome) -> list[dict[str, Any]]:
+    """The charts of a manoeuvre that show something; of an odd number of halves the last one is wide."""
+    shown = [chart for chart in outcome.charts if _says_something(chart)]
+    halves = [number for number, chart in enumerate(shown) if not _is_map(chart)]
+    alone = halves[-1] if len(halves) % 2 else -1
+    return [
+        _chart(chart, f"{outcome.name}{number}-", wide=_is_map(chart) or (number == alone and not chart.equal))
+        for number, chart in enumerate(shown)
+    ]
+
+
+def _says_something(chart: Chart) -> bool:
+    """Whether any of its curves is not all zero, as roll is in a model without roll."""
+    return any(bool(np.any(np.abs(np.nan_to_num(line.y)) > 1e-9)) for line in chart.lines)
+
+
+def _chart(chart: Chart, prefix: str, *, wide: bool) -> dict[str, Any]:
+    """One chart as an SVG element, with its legend."""
+    figure = _figure_of([chart], THEME, width=_MAP_WIDTH if wide else _WIDTH)
+    text = f"{chart.y_label} over {chart.x_label[:1].lower()}{chart.x_label[1:]}"
+    text = "From above" if chart.y_label == "y" else text
+    picture = embed_svg(to_svg(figure), prefix, attributes={"class": "plot", "role": "img", "aria-label": text})
+    legend = [
+        (line.name, f"var(--{_COLOURS[line.colour]})", line.style)
+        for line in chart.lines
+        if line.name and len({one.name for one in chart.lines if one.name}) > 1
+    ]
+    return {"picture": Markup(picture), "title": text, "legend": legend, "wide": wide}
+
+
+def _is_map(chart: Chart) -> bool:
+    return chart.x_label == "x" and chart.y_label == "y" and not chart.equal
+
+
+def draw_sheet(charts: Sequence[Chart]) -> str:
+    """All charts of a manoeuvre below one another, as an SVG document of its own."""
+    with drawing_style():
+        text = to_svg(_figure_of(charts, THEME, width=_MAP_WIDTH if any(map(_is_map, charts)) else 640.0, legend=True))
+    for name, value in _FILE_COLOURS.items():
+        text = text.replace(THEME[name], value)
+    return re.sub(r"(<svg [^>]*>)", r'\1<rect width="100%" height="100%" fill="#ffffff"/>', text, count=1)
+
+
+def _figure_of(charts: Sequence[Chart], theme: dict[str, str], *, width: float, legend: bool = False) -> Figure:
+    rows = [_HEIGHT if not chart.equal else width * 1.5 for chart in charts]
+    head = _TOP + (20.0 if legend else 0.0)
+    total = sum(rows)
+    figure = Figure(figsize=(width / 72.0, total / 72.0), dpi=72.0)
+    top = total
+    for chart, height in zip(charts, rows, strict=True):
+        box = (_LEFT / width, (top - height + _BOTTOM) / total)
+        axes = figure.add_axes((*box, (width - _LEFT - _RIGHT) / width, (height - _BOTTOM - head) / total))
+        _draw(axes, chart, theme)
+        named = [line for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
+        if legend and len(named) > 1:
+            axes.legend(
+                handles=named, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, borderaxespad=0.1
+            )
+        top -= height
+    return figure
+
+
+def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
+    seen: set[str] = set()
+    for line in chart.lines:
+        x, y = np.asarray(line.x, dtype=float), np.asarray(line.y, dtype=float)
+        if len(x) > 2 * _POINTS and line.style != "dots" and bool(np.all(np.diff(x) >= 0.0)):
+            x, y = thin(x, y, _POINTS)
+        elif len(x) > 2 * _POINTS:
+            step = len(x) // _POINTS
+            x, y = x[::step], y[::step]
+        name = line.name if line.name and line.name not in seen else "_"
+        seen.add(line.name)
+        style: dict[str, Any] = {"linestyle": "solid", "linewidth": 1.6}
+        if line.style == "dashed":
+            style = {"linestyle": "dashed", "linewidth": 1.3}
+        elif line.style == "dots":
+            style = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markeredgewidth": 0.0}
+        axes.plot(x, y, color=theme[_COLOURS[line.colour]], label=name, **style)
+    axes.grid(color=theme["grid"], linewidth=1.0)
+    axes.set_xlabel(f"{chart.x_label} [{chart.x_unit}]", labelpad=3.0)
+    axes.set_ylabel(f"{chart.y_label} [{chart.y_unit}]")
+    axes.yaxis.set_label_coords(-(_LEFT - 14.0) / axes.get_window_extent().width, 0.5)
+    axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+    low, high = axes.get_ylim()
+    if high - low < 1e-6 * max(abs(high), 1e-6) or high - low < 1e-7:
+        axes.set_ylim(low - 0.5, high + 0.5)
+    if chart.log:
+        axes.set_xscale("log")
+        axes.set_xticks([tick for tick in (0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0) if _inside(axes, tick)])
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
+    if low < 0.0 < high:
+        axes.axhline(0.0, color=theme["muted"], linewidth=0.8)
+    if chart.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _inside(axes: Axes, tick: float) -> bool:
+    low, high = axes.get_xlim()
+    return bool(low <= tick <= high)

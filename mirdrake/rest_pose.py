@@ -1,0 +1,130 @@
+"""How a vehicle stands: height, pitch, roll and travel of its wheels, so that nothing moves when a run begins.
+
+Seven unknowns: height z, pitch θ and roll φ of the vehicle frame, and the load N of each wheel. Four equations say that
+wheel, tyre and spring fit between body and road, three that the loads carry the car, with c the centre of mass, p the
+wheel centres (p_y: where their planes meet the road) and g gravity in axes along and across the car:
+
+    R - p_z = compression(N)              Σ N = -m g_z
+    Σ p_x N = m (c_z g_x - c_x g_z)       Σ p_y N = m (c_z g_y - c_y g_z)
+
+The road holds the car at the road's height, so its forces along the road have no moment here: the car is held by its
+brakes or moves at constant speed. Newton's method with finite differences finds all of it in a few steps.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
+
+from mirdrake.vehicles import Vehicle
+
+_ITERATIONS = 20
+_SCALE = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0, 1.0])  # steps of the finite differences [m, rad, rad, N]
+
+
+class Standing(Protocol):
+    """What is asked of a vehicle in a plant, :class:`mirdrake.plant.VehicleInPlant`."""
+
+    @property
+    def vehicle(self) -> Vehicle: ...  # noqa: D102
+    @property
+    def instance(self) -> ModelInstanceIndex: ...  # noqa: D102
+    @property
+    def base(self) -> RigidBody: ...  # noqa: D102
+    @property
+    def suspension(self) -> tuple[Joint, ...]: ...  # noqa: D102
+    @property
+    def compression(self) -> tuple[Callable[[float], float], Callable[[float], float]]: ...  # noqa: D102
+
+
+class RestPose(NamedTuple):
+    """How a vehicle stands on the road plane.
+
+    Attributes:
+        z: height of the vehicle frame's origin [m].
+        pitch: positive nose down [rad].
+        roll: positive to the right [rad].
+        travel: of each wheel, in the order of WHEELS [m]; zeros without suspension.
+    """
+
+    z: float
+    pitch: float
+    roll: float
+    travel: tuple[float, ...]
+
+
+def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -> RestPose | None:
+    """How a vehicle stands under the plant's gravity, or None where it does not stand on all wheels.
+
+    Args:
+        plant: the finalised plant.
+        part: the vehicle.
+        yaw: its heading, of interest on a slope [rad].
+    """
+    geometry, springs = part.vehicle.geometry, part.vehicle.spec.suspension
+    context = plant.CreateDefaultContext()
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    mass = float(plant.CalcTotalMass(context, [part.instance]))
+    com = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])
+    g = RotationMatrix.MakeZRotation(-yaw).multiply(plant.gravity_field().gravity_vector())
+    tracks = np.array([geometry.front_track, -geometry.front_track, geometry.rear_track, -geometry.rear_track])
+    radii = np.array(geometry.wheel_radii)
+    centres = np.column_stack([[geometry.wheelbase] * 2 + [0.0] * 2, 0.5 * tracks, radii])
+    carried = np.zeros(4)  # road load of each wheel at travel 0
+    if springs is not None:
+        below = [plant.GetBodiesKinematicallyAffectedBy([joint.index()]) for joint in part.suspension]
+        unsprung = [sum(plant.get_body(body).default_mass() for body in bodies) for bodies in below]
+        carried = np.array(part.vehicle.spring_loads) - g[2] * np.array(unsprung)
+
+    def travel(loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        if springs is None:
+            return np.zeros(4)
+        found = []
+        for axle, spring in ((0, springs.front), (2, springs.rear)):
+            left, right = (loads - carried)[axle : axle + 2]
+            both, apart = (
+                (left + right) / spring.stiffness,
+                (left - right) / (spring.stiffness + 2.0 * spring.anti_roll),
+            )
+            found += [0.5 * (both + apart), 0.5 * (both - apart)]
+        return np.array(found)
+
+    def residual(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        z, pitch, roll, *loads = unknown
+        N = np.array(loads)
+        R_WB = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix()
+        lifted = centres + np.outer(travel(N), [0.0, 0.0, 1.0])
+        p, c = lifted @ R_WB.T + [0.0, 0.0, z], R_WB @ com + [0.0, 0.0, z]
+        pressed = [part.compression[i // 2](load) for i, load in enumerate(loads)]
+        sums = [N.sum() + mass * g[2], p[:, 0] @ N - mass * (c[2] * g[0] - c[0] * g[2])]
+        across = p[:, 1] - radii * R_WB[1, 2]  # a leaning wheel stands on the point of its plane that is on the road
+        sums += [across @ N - mass * (c[2] * g[1] - c[1] * g[2])]
+        return np.concatenate([radii - p[:, 2] - pressed, np.array(sums) / (mass * 10.0)])
+
+    share = com[0] / geometry.wheelbase
+    start = -0.5 * mass * g[2] * np.array([share, share, 1.0 - share, 1.0 - share])
+    pressed = [part.compression[i // 2](load) for i, load in enumerate(start)]
+    unknown = np.array([-pressed[2], (pressed[0] - pressed[2]) / geometry.wheelbase, 0.0, *start])
+    if (start <= 0.0).any():
+        return None
+    for _ in range(_ITERATIONS):
+        now = residual(unknown)
+        if np.abs(now).max() < 1e-12:
+            break
+        slopes = [(residual(unknown + step) - now) / step.sum() for step in np.diag(_SCALE)]
+        unknown = unknown - np.linalg.solve(np.column_stack(slopes), now)
+        if not np.isfinite(unknown).all() or (unknown[3:] <= 0.0).any():
+            return None
+    if np.abs(residual(unknown)).max() > 1e-9:
+        return None
+    moved: Sequence[float] = travel(unknown[3:]).tolist()
+    if any(
+        not joint.position_lower_limits()[0] < z < joint.position_upper_limits()[0]
+        for joint, z in zip(part.suspension, moved, strict=False)
+    ):
+        return None
+    return RestPose(float(unknown[0]), float(unknown[1]), float(unknown[2]), tuple(moved))

@@ -1,0 +1,78 @@
+"""Powertrain and brakes in front of the single-track model: the same laws, on wheels that turn with the car."""
+
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from mirdrake.controllers.vectors import STATE
+from mirdrake.powertrain import PEDALS, STATUS, Measured, PowertrainLaw
+from mirdrake.powertrain.system import RATE
+from mirdrake.signals import declare_state_output, declare_vector_input
+from mirdrake.single_track.system import FORCES
+from mirdrake.vehicles import Vehicle
+
+_VX = [signal.name for signal in STATE].index("vx")
+
+
+def make_single_track_law(vehicle: Vehicle, *, mass: float, rotating: float) -> PowertrainLaw:
+    """The law of a vehicle without slip of its wheels.
+
+    Args:
+        vehicle: a loaded vehicle.
+        mass: of the vehicle [kg].
+        rotating: what its turning parts add to it [kg].
+    """
+    geometry = vehicle.geometry
+    return PowertrainLaw(
+        vehicle.spec,
+        radii=geometry.wheel_radii,
+        mass=mass,
+        wheelbase=geometry.wheelbase,
+        rotating=rotating,
+        period=1.0 / RATE,
+    )
+
+
+class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """From pedals to the forces of the single-track model.
+
+    Input ports:
+        pedals (3): throttle, brake, gear.
+        state (12): of the vehicle.
+    Output ports:
+        forces (3) [N, N, m/s]: drive force, brake force, and the speed, as there are no servos.
+        powertrain_status (9): as of the full vehicle.
+
+    The outputs are discrete states, updated as often as those of the full vehicle's powertrain.
+
+    Args:
+        law: of the vehicle, from :func:`make_single_track_law`.
+    """
+
+    def __init__(self, law: PowertrainLaw) -> None:
+        super().__init__()
+        self._law = law
+        self.pedals = declare_vector_input(self, "pedals", PEDALS)
+        self.state = declare_vector_input(self, "state", STATE)
+        self._forces = self.DeclareDiscreteState(len(FORCES))
+        self._status = self.DeclareDiscreteState(len(STATUS))
+        self._memory = self.DeclareDiscreteState(law.rest())
+        self.forces = declare_state_output(self, "forces", FORCES, self._forces)
+        self.powertrain_status = declare_state_output(self, "powertrain_status", STATUS, self._status)
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / RATE, 0.0, self._update)
+
+    def _initialize(self, context: Context, values: DiscreteValues) -> None:
+        values.set_value(self._memory, self._law.rest(self.state.Eval(context)[_VX].item()))
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        speed = self.state.Eval(context)[_VX].item()
+        memory = context.get_discrete_state(self._memory).value().tolist()
+        rates = [speed / radius for radius in self._law.radii]
+        measured = Measured((rates[0], rates[1], rates[2], rates[3]), (speed,) * 4, speed)
+        memory, torques = self._law.step(memory, self.pedals.Eval(context).tolist(), measured)
+        drive, brake = (
+            sum(torque / radius for torque, radius in zip(four, self._law.radii, strict=True))
+            for four in (torques.drive, torques.brake)
+        )
+        values.set_value(self._forces, [drive, brake, speed])
+        values.set_value(self._status, torques.status)
+        values.set_value(self._memory, memory)

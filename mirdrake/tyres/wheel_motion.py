@@ -1,0 +1,225 @@
+"""How a wheel moves on the road, and what a force of the road on it is in the plant's generalised forces.
+
+All of it from the plant's state as floats: base pose and velocity, travel of the suspension along z of the vehicle
+frame B, steering angle about the same direction, spin about the axle. For a handful of wheels this is faster than
+asking the plant, and it has no contexts.
+
+The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
+wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
+the road. The radius h is the distance of P from the wheel centre, and the effective rolling radius as well: so the
+slip velocity is that of the point of the wheel that is at P, a force at P does no other work than against it, and a
+wheel with v = ω h rolls freely.
+"""
+
+from collections.abc import MutableSequence, Sequence
+from math import asin, cos, hypot, sin
+from typing import NamedTuple
+
+from mirdrake.plant import VehicleInPlant
+
+_FLAT = 1e-3  # least cosine of the inclination: a wheel that lies on its side has no rolling direction
+_LEAST_RADIUS = 1e-3  # [m]
+
+Index = tuple[int, int]
+"""Of a joint in the plant's positions and in its velocities."""
+
+
+class WheelPlace(NamedTuple):
+    """Where a wheel is on its vehicle, and in the plant's state.
+
+    Attributes:
+        pivot: position in B of its steering axis at the height of the wheel centre, or of its centre if it is not
+            steered [m]; suspension at rest.
+        offset: lateral distance of its centre from there [m].
+        spin: index of its spin rate in the plant's generalised velocities.
+        steering: its steering joint, or None.
+        suspension: its suspension joint, along z of B, or None.
+        base: its vehicle's floating base.
+    """
+
+    pivot: tuple[float, float, float]
+    offset: float
+    spin: int
+    steering: Index | None
+    suspension: Index | None
+    base: Index
+
+
+def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
+    """The wheels of a vehicle in a finalised plant, in the order of :data:`mirdrake.vehicles.WHEELS`."""
+    geometry = part.vehicle.geometry
+    front, rear, kingpin = (0.5 * t for t in (geometry.front_track, geometry.rear_track, geometry.kingpin_track))
+    length, high, low = geometry.wheelbase, geometry.front_wheel_radius, geometry.rear_wheel_radius
+    places = [((length, kingpin, high), front - kingpin), ((length, -kingpin, high), kingpin - front)]
+    places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
+    steering = [*((joint.position_start(), joint.velocity_start()) for joint in part.steering), None, None]
+    travels = getattr(part, "suspension", ()) or (None,) * len(places)
+    base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())
+    return [
+        WheelPlace(
+            pivot,
+            offset,
+            wheel.velocity_start(),
+            steered,
+            None if travel is None else (travel.position_start(), travel.velocity_start()),
+            base,
+        )
+        for (pivot, offset), wheel, steered, travel in zip(places, part.wheels, steering, travels, strict=True)
+    ]
+
+
+class WheelMotion(NamedTuple):
+    """A wheel in the world.
+
+    Attributes:
+        x: position of its centre [m].
+        y: the same, to the left.
+        z: the same, upwards.
+        axle: direction of its axle, to the left (3).
+        up: direction of steering axis and suspension, z of B (3).
+        arm_base: contact centre from the vehicle frame's origin (3) [m].
+        arm_pivot: contact centre from the steering axis (3) [m].
+        ahead: direction of the tyre's x axis on the road (2).
+        radius: distance of the wheel centre from the contact centre [m].
+        inclination: of the wheel plane, positive when its top leans to the right [rad].
+        vx: speed of the contact centre ahead, as a point of what carries the wheel [m/s].
+        vy: the same to the left [m/s].
+        slip_x: Vsx = vx - ω h [m/s], negative when driving.
+        spin: ω about the axle, relative to what carries the wheel [rad/s].
+        sink: speed of the wheel centre downwards [m/s].
+    """
+
+    x: float
+    y: float
+    z: float
+    axle: tuple[float, float, float]
+    up: tuple[float, float, float]
+    arm_base: tuple[float, float, float]
+    arm_pivot: tuple[float, float, float]
+    ahead: tuple[float, float]
+    radius: float
+    inclination: float
+    vx: float
+    vy: float
+    slip_x: float
+    spin: float
+    sink: float
+
+
+class BaseMotion(NamedTuple):
+    """The vehicle frame B in the world: rotation by rows, position [m], angular [rad/s] and linear velocity [m/s]."""
+
+    rows: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+    place: Sequence[float]
+    turning: Sequence[float]
+    velocity: Sequence[float]
+
+
+def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
+    """The vehicle frame from the plant's state.
+
+    Args:
+        x: positions and velocities of the plant.
+        base: floating base.
+        positions: number of the plant's positions.
+    """
+    q, v = base[0], positions + base[1]
+    w, i, j, k, *place = x[q : q + 7]
+    half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the norm drift
+    rows = (
+        (1.0 - (j * j + k * k) / half, (i * j - w * k) / half, (i * k + w * j) / half),
+        ((i * j + w * k) / half, 1.0 - (i * i + k * k) / half, (j * k - w * i) / half),
+        ((i * k - w * j) / half, (j * k + w * i) / half, 1.0 - (i * i + j * j) / half),
+    )
+    return BaseMotion(rows, place, x[v : v + 3], x[v + 3 : v + 6])
+
+
+def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positions: int) -> WheelMotion:
+    """The motion of a wheel; arguments as of :func:`base_motion`."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
+    bx, by, bz = base.place
+    wx, wy, wz = base.turning
+    sine, cosine, rate, travel, rise = 0.0, 1.0, 0.0, 0.0, 0.0
+    if wheel.steering is not None:
+        angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
+        sine, cosine = sin(angle), cos(angle)
+    if wheel.suspension is not None:
+        travel, rise = x[wheel.suspension[0]], x[positions + wheel.suspension[1]]
+
+    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, 0).
+    px, py, pz = wheel.pivot
+    pz += travel
+    kx, ky, kz = bx + xx * px + xy * py + xz * pz, by + yx * px + yy * py + yz * pz, bz + zx * px + zy * py + zz * pz
+    ax, ay, az = xy * cosine - xx * sine, yy * cosine - yx * sine, zy * cosine - zx * sine
+    cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
+
+    # Contact centre: from the wheel centre down the wheel plane.
+    level = max(hypot(ax, ay), _FLAT)
+    radius = max(cz / level, _LEAST_RADIUS)
+    along, across = ay / level, ax / level  # tyre axes: x (along, -across), y (across, along)
+    sx, sy = cx + radius * az * across, cy + radius * az * along
+
+    # Its velocity, carried by base, suspension and steering.
+    rx, ry, rz = sx - bx, sy - by, -bz
+    ex, ey, ez = sx - kx, sy - ky, -kz
+    vx = base.velocity[0] + wy * rz - wz * ry + rise * xz + rate * (yz * ez - zz * ey)
+    vy = base.velocity[1] + wz * rx - wx * rz + rise * yz + rate * (zz * ex - xz * ez)
+    ahead = vx * along - vy * across
+    spin = x[positions + wheel.spin]
+    return WheelMotion(
+        cx,
+        cy,
+        cz,
+        (ax, ay, az),
+        (xz, yz, zz),
+        (rx, ry, rz),
+        (ex, ey, ez),
+        (along, -across),
+        radius,
+        asin(max(-1.0, min(1.0, az))),
+        ahead,
+        vx * across + vy * along,
+        ahead - spin * radius,
+        spin,
+        wy * (cx - bx) - wx * (cy - by) - base.velocity[2] - rise * zz,
+    )
+
+
+def add_road_force(
+    force: MutableSequence[float],
+    wheel: WheelPlace,
+    motion: WheelMotion,
+    fx: float,
+    fy: float,
+    mz: float,
+    *,
+    turn: float = 0.0,
+) -> None:
+    """Add a force of the road on a wheel to generalised forces.
+
+    Args:
+        force: generalised forces of the plant (num_velocities) [N, N m], changed.
+        wheel: the wheel.
+        motion: its motion.
+        fx: force at the contact centre, ahead [N].
+        fy: the same to the left [N].
+        mz: moment about the vertical [N m].
+        turn: small angle by which the force is turned to the left [rad], as of a car that turns during a step.
+    """
+    along, minus_across = motion.ahead
+    x, y = fx * along - fy * minus_across, fx * minus_across + fy * along
+    x, y = x - turn * y, y + turn * x
+    rx, ry, rz = motion.arm_base
+    base = wheel.base[1]
+    force[base] -= rz * y
+    force[base + 1] += rz * x
+    force[base + 2] += rx * y - ry * x + mz
+    force[base + 3] += x
+    force[base + 4] += y
+    force[wheel.spin] += mz * motion.axle[2] - motion.radius * fx
+    kx, ky, kz = motion.up
+    if wheel.steering is not None:
+        ex, ey, ez = motion.arm_pivot
+        force[wheel.steering[1]] += (ky * x - kx * y) * ez + kz * (ex * y - ey * x + mz)
+    if wheel.suspension is not None:
+        force[wheel.suspension[1]] += kx * x + ky * y

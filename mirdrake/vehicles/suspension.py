@@ -1,0 +1,126 @@
+"""Checks of a vehicle's suspension, and what each of its springs carries.
+
+A suspended wheel hangs on a chain of joints: base_link, prismatic joint along z, at the front the steering joint, wheel
+joint. Travel is positive when the wheel moves up into the body (bump), and 0 as the car stands, loaded.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from xml.etree import ElementTree
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+
+from mirdrake.errors import ConfigError, MirdrakeError, ModelError
+from mirdrake.vehicles.geometry import TOLERANCE, VehicleGeometry
+from mirdrake.vehicles.spec import WHEELS, VehicleSpec
+from mirdrake.vehicles.xacro_render import Urdf
+from mirdrake.worlds.world import GRAVITY
+from mirdrake.yaml_io import where as where_in
+
+_STEERED = {"front_left": "left", "front_right": "right"}
+
+
+def find_suspension_faults(
+    urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]
+) -> Iterator[MirdrakeError]:
+    """Joints without springs, springs without joints, and wheels that hang on other joints than vehicle.yaml says.
+
+    Args:
+        urdf: the expanded model.
+        spec: joint roles and springs.
+        joints: of the model, by name.
+    """
+    names = spec.joints.suspension
+    if names is not None and spec.suspension is None:
+        yield ConfigError(
+            f"{where_in(spec, 'joints', 'suspension')}: the joints have no springs; add the section suspension"
+        )
+    if names is None and spec.suspension is not None:
+        yield ConfigError(
+            f"{where_in(spec, 'suspension')}: the springs have no joints; name them under joints.suspension"
+        )
+    above = {child: joint for joint in joints.values() if (child := _end(joint, "child"))}
+    for wheel in WHEELS:
+        roles = [getattr(spec.joints.wheels, wheel)]
+        roles += [getattr(spec.joints.steering, _STEERED[wheel])] if wheel in _STEERED else []
+        own = getattr(names, wheel) if names is not None else None
+        if roles[0] not in joints:
+            continue  # said elsewhere
+        chain, link = [], _end(joints[roles[0]], "child")
+        while link in above and link != spec.base_link and above[link] not in chain:
+            chain.append(above[link])
+            link = _end(above[link], "parent")
+        for joint in chain:
+            name, kind = joint.get("name", ""), joint.get("type", "")
+            if name != own and name not in roles and kind != "fixed":
+                yield ModelError(
+                    f"{urdf.where(joint)}: joint '{name}' is {kind} and carries the {wheel} wheel, but has no role; "
+                    f"name it in vehicle.yaml under joints.suspension.{wheel}, or make it fixed"
+                )
+        if own is not None and own in joints and joints[own] not in chain:
+            at = where_in(spec, "joints", "suspension", wheel)
+            yield ConfigError(f"{at}: joint '{own}' does not carry the {wheel} wheel; name the one above '{roles[0]}'")
+
+
+def _end(joint: ElementTree.Element, tag: str) -> str:
+    """Link at one end of a joint."""
+    end = joint.find(tag)
+    return "" if end is None else end.get("link", "")
+
+
+def measure_spring_loads(
+    plant: MultibodyPlant, *, spec: VehicleSpec, geometry: VehicleGeometry, where: Callable[[str], str]
+) -> tuple[float, ...]:
+    """What each spring carries when the car stands as designed [N] (4), in the order of WHEELS; empty without springs.
+
+    That is the load of the wheel on the road less the weight of what hangs below the joint. The axles share the weight
+    by their moments. Left and right do on each axle, so that a car whose centre of mass is off its middle stands level.
+
+    Args:
+        plant: holds the vehicle and nothing else, finalised.
+        spec: joint roles.
+        geometry: of the vehicle.
+        where: ``file:line`` of a joint in its source.
+
+    Raises:
+        ModelError: an axis that is not vertical, limits that are not on both sides of zero, a spring without load.
+    """
+    if spec.joints.suspension is None:
+        return ()
+    context = plant.CreateDefaultContext()
+    base = plant.GetBodyByName(spec.base_link)
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
+    x, y, _ = plant.CalcCenterOfMassPositionInWorld(context).tolist()
+    weight, share = plant.CalcTotalMass(context) * GRAVITY, x / geometry.wheelbase
+    mean_track = share * geometry.front_track + (1.0 - share) * geometry.rear_track
+    loads = []
+    for i, name in enumerate(spec.joints.suspension.names()):
+        joint, at = plant.GetJointByName(name), where(name)
+        X_BJ = plant.CalcRelativeTransform(context, base.body_frame(), joint.frame_on_parent())
+        axis = X_BJ.rotation().multiply(joint.translation_axis())
+        if abs(axis[2] - 1.0) > TOLERANCE:
+            shown = " ".join(f"{value:.4g}" for value in np.where(np.abs(axis) < 1e-9, 0.0, axis))
+            raise ModelError(
+                f"{at}: suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
+                "it should be 0 0 1, so that a positive travel lifts the wheel"
+            )
+        low, high = joint.position_lower_limit(), joint.position_upper_limit()
+        if not -math.inf < low < 0.0 < high < math.inf:
+            raise ModelError(
+                f"{at}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
+                "it needs the rebound travel below zero and the bump travel above"
+            )
+        below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
+        unsprung = sum(float(plant.get_body(body).default_mass()) for body in below) * GRAVITY
+        axle = weight * (share if i < 2 else 1.0 - share)
+        side = 0.5 + (1.0 if i % 2 == 0 else -1.0) * y / mean_track
+        load = axle * side - unsprung
+        if load <= 0.0:
+            raise ModelError(
+                f"{at}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
+                f"{unsprung:.4g} N of what hangs below; move the centre of mass, or make the wheel lighter"
+            )
+        loads.append(load)
+    return tuple(loads)

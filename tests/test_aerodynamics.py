@@ -1,0 +1,172 @@
+"""The air against closed forms: drag, wind, lift, where they act, and a coast-down.
+
+With k = ½ ρ A and the inertia m' = m + 4 I / R² of a car on rolling wheels, a coast-down without other losses is
+v(t) = v0 / (1 + k v0 t / m'); in a wind along the road the same holds of the speed past the air.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from mirdrake.aerodynamics import AirForces, feels_air, pressure_centre
+from mirdrake.diagram import assemble, load_diagram, make_spec
+from mirdrake.errors import ConfigError
+from mirdrake.plant import PlantSpec, make_plant, set_start
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import load_world
+from tests.rigs import free_rolling
+
+AREA, DENSITY = 0.825, 1.2
+MASS = 1616.0 + 4 * 0.5 * 20.0  # with the spin of four cylinders of 20 kg
+
+
+def in_air(*, density=DENSITY, wind=(0.0, 0.0), **shape):
+    """A Bolt with some of its aerodynamics changed, in a plant, and the air around it."""
+    vehicle = free_rolling(load_vehicle("bolt"))
+    air = vehicle.spec.aerodynamics.model_copy(update=shape)
+    vehicle = replace(vehicle, spec=vehicle.spec.model_copy(update={"aerodynamics": air}))
+    builder = DiagramBuilder()
+    parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(contact="point"))
+    part = parts.vehicles["ego"]
+    return builder, parts.plant, part, AirForces(parts.plant, part, density=density, wind=wind)
+
+
+def air_force(*, speed, yaw=0.0, turning=0.0, **options):
+    """Generalised force on the base [N m, N] in a state: forward speed [m/s], heading [rad], yaw rate [rad/s]."""
+    _, plant, part, air = in_air(**options)
+    root = plant.CreateDefaultContext()
+    set_start(plant, root, part, x=3.0, y=-2.0, yaw=yaw, speed=speed)
+    velocities = plant.GetVelocities(root).copy()
+    start = part.base.floating_velocities_start_in_v()
+    velocities[start + 2] = turning
+    plant.SetVelocities(root, velocities)
+    context = air.CreateDefaultContext()
+    air.plant_state.FixValue(context, plant.GetPositionsAndVelocities(root))
+    state = air.EvalUniquePeriodicDiscreteUpdate(context)
+    force = np.array(state.value(0))
+    assert np.delete(force, range(start, start + 6)) == pytest.approx(0.0)
+    assert np.array(state.value(1)) == pytest.approx(force[start + 3 : start + 6])
+    return force[start : start + 6], plant, part, root
+
+
+def test_drag_is_half_the_density_times_area_times_speed_squared_and_points_backwards():
+    force, *_ = air_force(speed=20.0)
+    assert force[3:] == pytest.approx([-0.5 * DENSITY * AREA * 400.0, 0.0, 0.0])
+    assert air_force(speed=-20.0)[0][3] == pytest.approx(0.5 * DENSITY * AREA * 400.0)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 2.5])
+def test_wind_counts_by_the_velocity_of_the_air_past_the_car(yaw):
+    force, *_ = air_force(speed=12.0, yaw=yaw, wind=(-3.0, 5.0))
+    past = np.array([-3.0, 5.0]) - 12.0 * np.array([np.cos(yaw), np.sin(yaw)])
+    assert force[3:5] == pytest.approx(0.5 * DENSITY * AREA * np.linalg.norm(past) * past)
+    assert force[5] == 0.0
+    assert air_force(speed=8.0, wind=(8.0, 0.0))[0] == pytest.approx(0.0, abs=1e-9)  # driving with the wind
+
+
+def test_drag_acts_at_the_centre_of_mass_or_at_a_stated_height():
+    for height in (None, 0.9, 0.0):
+        force, plant, part, root = air_force(speed=20.0, yaw=0.4, wind=(0.0, 6.0), height=height)
+        com = plant.CalcCenterOfMassPositionInWorld(root, [part.instance])
+        lever = com - plant.EvalBodyPoseInWorld(root, part.base).translation()
+        torque = force[:3] - np.cross(lever, force[3:])  # about the centre of mass
+        up = plant.EvalBodyPoseInWorld(root, part.base).rotation().matrix()[:, 2]
+        above = (0.5 if height is None else height) - 0.5
+        assert torque == pytest.approx(np.cross(above * up, force[3:]), abs=1e-9)
+        assert pressure_centre(plant, part) == pytest.approx((0.56 * 2.601, 0.0, 0.5 if height is None else height))
+
+
+def test_a_car_that_turns_on_the_spot_of_its_pressure_centre_feels_no_wind_there():
+    # yaw rate w moves the centre of mass by w x to the left, a wind of that speed goes with it
+    x = 0.56 * 2.601
+    assert air_force(speed=0.0, turning=2.0, wind=(0.0, 2.0 * x))[0] == pytest.approx(0.0, abs=1e-2)
+
+
+def test_lift_loads_each_axle_by_its_own_coefficient():
+    front, rear = 0.1, -0.2
+    force, *_ = air_force(speed=30.0, drag_area=0.0, front_lift_area=front, rear_lift_area=rear)
+    q = 0.5 * DENSITY * 900.0
+    assert force[5] == pytest.approx(q * (front + rear), rel=1e-5)
+    assert force[1] == pytest.approx(-q * front * 2.601, rel=1e-5)  # up at the front: nose up is negative about y
+    side, *_ = air_force(speed=0.0, wind=(0.0, 30.0), drag_area=0.0, front_lift_area=front)
+    assert side == pytest.approx(0.0, abs=1e-9)  # across the car
+
+
+@pytest.mark.parametrize("step", [0.0025, 0.005])
+@pytest.mark.parametrize("wind", [0.0, -10.0, 10.0])
+def test_coast_down_follows_the_closed_form(wind, step):
+    builder, plant, part, air = in_air(wind=(wind, 0.0))
+    builder.AddSystem(air)
+    builder.Connect(plant.get_state_output_port(), air.plant_state)
+    builder.Connect(air.generalized_force, plant.get_applied_generalized_force_input_port())
+    straight = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators(part.instance))))
+    builder.Connect(straight.get_output_port(), plant.get_desired_state_input_port(part.instance))
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    start, duration = 40.0, 8.0
+    set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0, speed=start)
+    simulator.AdvanceTo(duration)
+    past, k = start - wind, 0.5 * DENSITY * AREA
+    expected = past / (1.0 + k * past * duration / MASS) + wind
+    got = plant.GetVelocities(context)[part.base.floating_velocities_start_in_v() + 3]
+    assert (start - got) == pytest.approx(start - expected, rel=0.005)
+
+
+def test_a_diagram_has_the_air_its_plant_says():
+    def settled(**plant):
+        spec = {
+            "world": "empty",
+            "vehicles": {"ego": {"model": "bolt", "speed": 25}},
+            "control": {"ego": {"kind": "constant", "speed": 25}},
+            "plant": {"contact": "point", **plant},
+        }
+        signals = Simulation(assemble(spec)).run(duration=6.0).signals.loc[5.0:]
+        radius = 0.3234 - 8875.0 / 2.0 / 2e5  # tyres of 2e5 N/m under the front axle's load
+        return sum(signals[f"ego.wheel_torque.{wheel}"].mean() for wheel in ("front_left", "front_right")) / radius
+
+    # what drives against the air is what drives with it less what drives without
+    still = settled(air_density=0)
+    assert settled() - still == pytest.approx(0.5 * DENSITY * AREA * 625.0, rel=0.03)
+    assert settled(wind=[-5, 0]) - still == pytest.approx(0.5 * DENSITY * AREA * 900.0, rel=0.03)
+
+
+def test_without_air_or_area_nothing_is_added():
+    def systems(model, **plant):
+        spec = {"world": "empty", "vehicles": {"ego": {"model": model}}, "plant": plant}
+        spec["control"] = {"ego": {"kind": "constant", "speed": 0}}
+        return {system.get_name() for system in assemble(spec).diagram.GetSystems()}
+
+    assert "ego.aerodynamics" in systems("bolt")
+    assert "ego.aerodynamics" not in systems("bolt", air_density=0)
+    _, _, part, _ = in_air(drag_area=0.0)
+    assert not feels_air(part, 1.2)
+
+
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        (
+            "air_density: -1",
+            "air.yaml:3: plant.air_density: -1 is not allowed; it should be greater than or equal to 0",
+        ),
+        ("wind: [1]", "air.yaml:3: plant.wind"),
+        ("wind: 3", "air.yaml:3: plant.wind: 3 is not a list"),
+        ("wind: [0, fast]", "air.yaml:3: plant.wind.1: 'fast' is not a number"),
+    ],
+)
+def test_bad_values_are_refused_with_file_and_line(tmp_path, plant, said):
+    file = tmp_path / "air.yaml"
+    file.write_text(f"world: empty\nvehicles: {{ego: {{model: bolt}}}}\nplant: {{{plant}}}\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_diagram(str(file))
+    assert said in str(caught.value)
+
+
+def test_wind_takes_units():
+    spec = make_spec({"world": "empty", "vehicles": {"ego": {"model": "bolt"}}, "plant": {"wind": ["36 km/h", 0]}})
+    assert spec.plant.wind == (10.0, 0.0)
