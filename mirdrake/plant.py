@@ -298,7 +298,8 @@ def add_vehicle(
             actuator.set_controller_gains(gains)
 
     tyres = []
-    for joint, radius, width in zip(wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True):
+    sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
+    for wheel, joint, radius, width in sizes:
         geometries = plant.GetCollisionGeometriesForBody(joint.child_body())
         if len(geometries) != 1:
             raise ModelError(
@@ -308,7 +309,7 @@ def add_vehicle(
         scene_graph.ChangeShape(
             source_id=plant.get_source_id(),
             geometry_id=geometries[0],
-            shape=make_wheel_shape(contact, radius=radius, width=width),
+            shape=make_wheel_shape(contact, radius=radius, width=width, mirrored=wheel.endswith("right")),
             X_FG=RigidTransform(),
         )
         scene_graph.collision_filter_manager().Apply(

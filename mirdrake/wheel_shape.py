@@ -25,35 +25,42 @@ triple the ripple of the yaw rate (0.3 and 0.2 % against 0.05 %), 48 halve it; t
 Point = tuple[float, float, float]
 
 
-def make_wheel_shape(contact: ContactModel, *, radius: float, width: float) -> Shape:
+def make_wheel_shape(contact: ContactModel, *, radius: float, width: float, mirrored: bool = False) -> Shape:
     """The contact shape of a wheel whose spin axis is the y axis of its frame.
 
     Args:
         contact: "hydroelastic" gives a compliant volume mesh, "point" an ellipsoid.
         radius: outer radius [m].
         width: width of the tread [m].
+        mirrored: for the wheels of the right side, see :func:`write_wheel_vtk`.
     """
     if contact == "point":
         return Ellipsoid(radius, width / 2.0, radius)
-    contents = write_wheel_vtk(radius=radius, width=width, segments=SEGMENTS)
+    contents = write_wheel_vtk(radius=radius, width=width, segments=SEGMENTS, mirrored=mirrored)
     return Mesh(InMemoryMesh(mesh_file=MemoryFile(contents, ".vtk", "wheel")))
 
 
-def write_wheel_vtk(*, radius: float, width: float, segments: int) -> str:
+def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: bool = False) -> str:
     """A solid wheel as a tetrahedral VTK file (legacy ASCII text).
 
     The centre carries the full pressure, all points of the surface none. Below the tread the hydroelastic pressure
     therefore grows linearly with depth, E·depth/radius, evenly across the width. One inner point makes the fewest
     tetrahedra, four a sector, and contact costs by the polygon.
 
+    All sectors are cut along the same diagonal of the tread, so that the load of a rolling wheel acts some millimetres
+    beside the middle, the more the larger speed times step is. A right wheel is therefore the mirror image of a left
+    one: together they do not tilt the car.
+
     Args:
         radius: outer radius [m].
         width: width along y [m].
         segments: number of equal sectors around the axle.
+        mirrored: at the plane y = 0.
     """
     sector = 2.0 * pi / segments
     corner = radius * sqrt(sector / sin(sector))  # the polygon has the area of the circle
     angles = [sector * (i + 0.5) for i in range(segments)]
+    width = -width if mirrored else width
     right: list[Point] = [(corner * cos(a), -width / 2.0, corner * sin(a)) for a in angles]
     left: list[Point] = [(x, -y, z) for x, y, z in right]
     points = [*right, *left, (0.0, 0.0, 0.0), (0.0, -width / 2.0, 0.0), (0.0, width / 2.0, 0.0)]

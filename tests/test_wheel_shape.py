@@ -42,6 +42,14 @@ def test_every_inner_face_is_shared_by_two_tetrahedra_and_only_the_centre_is_ins
     assert set(range(cells.max() + 1)) - surface == {24}
 
 
+def test_a_right_wheel_is_the_mirror_image_of_a_left_one():
+    left, left_cells = read(write_wheel_vtk(radius=0.3, width=0.2, segments=12))
+    right, right_cells = read(write_wheel_vtk(radius=0.3, width=0.2, segments=12, mirrored=True))
+    assert np.array_equal(right, left * [1.0, -1.0, 1.0])
+    assert {frozenset(cell) for cell in right_cells.tolist()} == {frozenset(cell) for cell in left_cells.tolist()}
+    assert (volumes(right, right_cells) > 0.0).all()
+
+
 def test_hydroelastic_contact_gets_the_mesh_and_points_an_ellipsoid():
     assert isinstance(make_wheel_shape("hydroelastic", radius=0.3, width=0.2), Mesh)
     shape = make_wheel_shape("point", radius=0.3, width=0.2)

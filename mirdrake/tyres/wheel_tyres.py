@@ -360,7 +360,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         torque -= radius * (before.fx + stiffness * (kappa - before.kappa))
         if brake > 0.0:
             torque += max(-brake, min(brake, -inertia * spin - torque))
-        return slope * torque / inertia
+        return float(slope * torque / inertia)
 
     def _tyre(self, wheel: int, load: float, inclination: float, friction: float) -> TyreAtLoad:
         """The tyre at a load; the last one of each wheel is kept, a pure function of its key."""
