@@ -18,9 +18,10 @@ from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
 
 ContactModel = Literal["hydroelastic", "point"]
 
-SEGMENTS = 32
-"""Sectors around the circumference: 6 cm of tread each for a car. Measured on a circle at 5 m/s, 16 and 24 sectors
-triple the ripple of the yaw rate (0.3 and 0.2 % against 0.05 %), 48 halve it; the cost differs by 5 %."""
+SEGMENTS = 64
+"""Sectors around the circumference: 3 cm of tread each for a car. With 32 the load of a wheel at 15 m/s scatters by 10 %
+from step to step of 5 ms, with 64 by 1.5 % and with 96 by 0.4 %; at 30 m/s, where a wheel rolls over its whole patch
+in a step, by 21, 4 and 3 %. Measured on the Bolt; 64 cost 8 % more than 32, 96 as much again."""
 
 Point = tuple[float, float, float]
 
