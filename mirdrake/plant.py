@@ -164,8 +164,13 @@ class VehicleInPlant:
         return front(weight * share / 2.0), rear(weight * (1.0 - share) / 2.0)
 
     def rolling_radii(self, plant: MultibodyPlant) -> tuple[float, float]:
-        """Height of the front and the rear axle over the road [m] when the car rests on the flat."""
-        geometry = self.vehicle.geometry
+        """Speed over spin rate of a front and a rear wheel that roll freely on the flat [m].
+
+        The height of the axle at rest, or the effective rolling radius of a tyre model.
+        """
+        geometry, tyres = self.vehicle.geometry, self.vehicle.spec.tyres
+        if tyres.kind != "coulomb":
+            return tyres.rolling_ratio * geometry.front_wheel_radius, tyres.rolling_ratio * geometry.rear_wheel_radius
         front, rear = self.rest_compressions(plant)
         return geometry.front_wheel_radius - front, geometry.rear_wheel_radius - rear
 

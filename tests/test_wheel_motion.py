@@ -49,6 +49,7 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
     velocities = plant.GetVelocities(context)
     world = plant.world_frame()
     for place, joint in zip(wheel_places(part), part.wheels, strict=True):
+        place = place._replace(rolling=None)
         motion = wheel_motion(
             state, place, base_motion(state, place.base, plant.num_positions()), plant.num_positions()
         )
@@ -79,6 +80,20 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
         add_road_force(force, place, motion, fx, fy, mz)
         wanted = jacobian.T @ np.array([0.0, 0.0, mz, *(fx * ahead + fy * left)])
         assert force == pytest.approx(wanted, abs=1e-9 * 1e3)
+
+
+def test_a_force_does_no_work_but_against_the_slip_whatever_the_rolling_radius(parts):
+    plant, part, context = parts.plant, parts.vehicles["ego"], some_state(parts, 5)
+    state, velocities = plant.GetPositionsAndVelocities(context).tolist(), plant.GetVelocities(context)
+    for place in wheel_places(part):
+        place = place._replace(rolling=0.31)
+        motion = wheel_motion(
+            state, place, base_motion(state, place.base, plant.num_positions()), plant.num_positions()
+        )
+        assert motion.slip_x == pytest.approx(motion.vx - 0.31 * motion.spin)
+        force = [0.0] * plant.num_velocities()
+        add_road_force(force, place, motion, 1234.0, -2345.0, 0.0)
+        assert force @ velocities == pytest.approx(1234.0 * motion.slip_x - 2345.0 * motion.vy, rel=1e-9)
 
 
 def test_a_wheel_whose_centre_sinks_says_so(parts):

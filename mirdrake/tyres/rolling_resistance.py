@@ -22,7 +22,7 @@ the facets of the wheel, and what is cancelled follows N·ω without lag. At sta
 the measured moment itself is cancelled: it is the restoring moment of a faceted wheel, which would otherwise roll the
 car onto a facet.
 
-The tyre's own moment is -Crr N h tanh(ω/ω_0), with h the height of the axle above the road, so that the road pushes
+The tyre's own moment is -Crr N Re tanh(ω/ω_0), with Re the effective rolling radius, so that the road pushes
 back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
 """
 
@@ -161,7 +161,7 @@ class RollingResistance(LeafSystem):
         for i, (wheel, contact, pose) in enumerate(zip(self._wheels, contacts, poses, strict=True)):
             place, load, spin = wheel.place, contact.load, pose.spin
             ax, ay, _ = pose.axle
-            torque = -wheel.coefficient * load * pose.z * tanh(spin / SMOOTH_SPEED)
+            torque = -wheel.coefficient * load * pose.rolling * tanh(spin / SMOOTH_SPEED)
             base = place.base[1]
             if self._cancel:
                 row = 3 * i

@@ -291,7 +291,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
             kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
 
             # How the spin changes.
-            drive, brake, radius = torques[i], torques[count + i], motion.radius
+            drive, brake, radius = torques[i], torques[count + i], motion.rolling
             mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
             if not wheel.held:
                 kappa += self._slip_change(

@@ -20,6 +20,18 @@ class CoulombTyres(_AnyTyres):
     kind: Literal["coulomb"] = "coulomb"
 
 
+class _SlipTyres(_AnyTyres):
+    """What tyres with slip have."""
+
+    rolling_ratio: float = Field(
+        default=0.97,
+        gt=0.5,
+        le=1,
+        description="[-] effective rolling radius over the unloaded one; radial tyres of cars have 0.97: ETRTO's rolling "
+        "circumference is 3.05 diameters (recalled)",
+    )
+
+
 class BrushAxle(Schema):
     """The tyres of an axle as brush tyres; each number is for one tyre."""
 
@@ -36,7 +48,7 @@ class BrushAxle(Schema):
     relaxation_y: Length = Field(gt=0, description="[m] relaxation length of lateral slip")
 
 
-class BrushTyres(_AnyTyres):
+class BrushTyres(_SlipTyres):
     """Tyre forces from a brush model (Fiala) with relaxation: few numbers, each with a meaning."""
 
     kind: Literal["brush"]
@@ -87,7 +99,7 @@ class TyreScale(Schema):
         return {name: getattr(self, name) for name in type(self).model_fields if name in self.model_fields_set}
 
 
-class MagicFormulaTyres(_AnyTyres):
+class MagicFormulaTyres(_SlipTyres):
     """Tyre forces from the Magic Formula 5.2, 6.1 or 6.2 with relaxation, parameters from .tir files."""
 
     kind: Literal["magic_formula"]
