@@ -314,7 +314,13 @@ def add_vehicle(
         scene_graph.ChangeShape(
             source_id=plant.get_source_id(),
             geometry_id=geometries[0],
-            shape=make_wheel_shape(contact, radius=radius, width=width, mirrored=wheel.endswith("right")),
+            shape=make_wheel_shape(
+                contact,
+                radius=radius,
+                width=width,
+                mirrored=wheel.endswith("right"),
+                fine=vehicle.spec.tyres.kind != "coulomb",
+            ),
             X_FG=RigidTransform(),
         )
         scene_graph.collision_filter_manager().Apply(
