@@ -101,18 +101,31 @@ class TyreSpring:
     Attributes:
         softness: [m/N^power].
         power: exponent [1].
+        radius: of a wheel that touches with a patch [m]; 0 for one that touches with a point.
     """
 
     softness: float
     power: float
+    radius: float = 0.0
 
     def __call__(self, load: float) -> float:
         """Compression [m] under a load [N]."""
         return float(self.softness * max(load, 0.0) ** self.power)
 
-    def load(self, depth: float) -> float:
-        """Load [N] at a compression [m]."""
-        return float((max(depth, 0.0) / self.softness) ** (1.0 / self.power))
+    def load(self, depth: float, *, way: float = 0.0) -> float:
+        """Load [N] at a compression [m] of a wheel that rolls some way in a step of the plant [m].
+
+        The pressure that Drake predicts for the end of the step is that of the patch a way s ahead, but on the old
+        patch from -a to a: proportional to a² - x² + 2 s x where that is positive, a = sqrt(2 R depth). So a rolling
+        wheel carries more at a depth than a standing one.
+        """
+        load = float((max(depth, 0.0) / self.softness) ** (1.0 / self.power))
+        if self.radius <= 0.0 or depth <= 0.0 or way == 0.0:
+            return load
+        a = sqrt(2.0 * self.radius * depth)
+        s = abs(way)
+        x = s - sqrt(s * s + a * a)
+        return load * 0.75 * ((a - x) * a * a - (a**3 - x**3) / 3.0 + s * (a * a - x * x)) / a**3
 
 
 @dataclass(frozen=True)
@@ -385,7 +398,7 @@ def _compression(material: ProximityProperties, contact: ContactModel, radius: f
         stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
         return TyreSpring(1.0 / stiffness, 1.0)
     modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
-    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0)
+    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0, radius)
 
 
 def matched_friction(tyre: float, road: float, *, plane: float) -> float:

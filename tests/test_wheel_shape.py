@@ -1,6 +1,6 @@
 """The contact shapes of a wheel."""
 
-from math import pi
+from math import pi, sqrt
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.geometry import Ellipsoid, Mesh
 
+from mirdrake.plant import TyreSpring
 from mirdrake.wheel_shape import make_wheel_shape, write_wheel_vtk
 
 
@@ -55,3 +56,15 @@ def test_hydroelastic_contact_gets_the_mesh_and_points_an_ellipsoid():
     shape = make_wheel_shape("point", radius=0.3, width=0.2)
     assert isinstance(shape, Ellipsoid)
     assert (shape.a(), shape.b(), shape.c()) == (0.3, 0.1, 0.3)
+
+
+@pytest.mark.parametrize("way", [0.0, 0.01, 0.08, 0.3])
+def test_a_rolling_wheel_carries_the_pressure_of_a_patch_a_step_ahead_within_its_old_patch(way):
+    depth, radius, modulus, width = 0.008, 0.32, 1e7, 0.2
+    spring = TyreSpring((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0), 2.0 / 3.0, radius)
+    half = sqrt(2.0 * radius * depth)
+    x = np.linspace(-half, half, 20001)
+    pressure = np.maximum(modulus / radius * (depth - x**2 / (2.0 * radius) + way * x / radius), 0.0)
+    load = width * np.trapezoid(pressure, x)
+    assert spring.load(depth, way=way) == pytest.approx(load, rel=1e-5)
+    assert spring.load(depth, way=-way) == pytest.approx(load, rel=1e-5)

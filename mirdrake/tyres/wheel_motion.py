@@ -7,9 +7,9 @@ asking the plant, and it has no contexts.
 The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
 wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
 the road. A wheel with v = ω Re rolls freely. With contact friction the effective rolling radius Re is the distance h of
-P from the wheel centre; a tyre model has its own, as its belt is longer than 2 π h. The slip velocity is v - ω Re, and a
-force ahead has the lever Re about the axle, so that it does no other work than against the slip. (It has the lever h
-about the car: the difference is a shift of the load by less than 3 % of the force's way.)
+P from the wheel centre; a tyre model has its own, as its belt is longer than 2 π h. The slip velocity is v - ω Re, and
+a force ahead has the lever Re about the axle, so that it works against the slip only. About the car it has the lever h;
+the difference is as if the load acted some millimetres beside the axle, as it does.
 """
 
 from collections.abc import MutableSequence, Sequence

@@ -11,7 +11,7 @@ change over the step is therefore predicted, linearly implicit::
 
     (I / dt + h S b) Δω = T + M_drive + M_brake - h {F' + S (κ - κ')},     κ(Δω) = κ + b Δω
 
-with the spin inertia I, the radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at the middle
+with the spin inertia I, the rolling radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at the middle
 of the step, and T the torque from elsewhere (servo, bearing, rolling resistance, pitching body), which is what the last
 step's change of ω cannot be explained with otherwise. The law is asked at the slip of the middle, κ + b Δω; this is
 the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero, whatever T is.
@@ -72,7 +72,7 @@ _SMALL = 1e-9
 _LIFTED = 0.1  # of the static load, below which loads are not compared
 _SAME = 1e-3  # relative change of the load, or of the inclination [rad], for which no new curve is made
 _BLEND = 0.2  # part of a new comparison that is believed
-_TRUST = 10.0  # largest ratio of measured to sprung load that is believed; a fast hydroelastic wheel rides up
+_TRUST = 3.0  # largest ratio of measured to sprung load that is believed
 
 
 class SpinningWheel(NamedTuple):
@@ -314,7 +314,8 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         self, wheel: SpinningWheel, motion: WheelMotion, before: _Memory, measured: float
     ) -> tuple[float, float, float]:
         """Load of a wheel now, ratio of measured to sprung load, and sprung load; see the head of the module."""
-        sprung = wheel.spring.load(wheel.radius - motion.radius + self._period * motion.sink)
+        depth = wheel.radius - motion.radius + self._period * motion.sink
+        sprung = wheel.spring.load(depth, way=self._period * motion.spin * wheel.radius)
         ratio = before.ratio
         if 0.0 <= before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
             ratio += _BLEND * (max(1.0 / _TRUST, min(_TRUST, measured / before.sprung)) - ratio)
