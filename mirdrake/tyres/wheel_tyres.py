@@ -11,10 +11,11 @@ change over the step is therefore predicted, linearly implicit::
 
     (I / dt + h S b) Δω = T + M_drive + M_brake - h {F' + S (κ - κ')},     κ(Δω) = κ + b Δω
 
-with the spin inertia I, the rolling radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at the middle
-of the step, and T the torque from elsewhere (servo, bearing, rolling resistance, pitching body), which is what the last
-step's change of ω cannot be explained with otherwise. The law is asked at the slip of the middle, κ + b Δω; this is
-the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero, whatever T is.
+with the spin inertia I, the rolling radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at
+the middle of the step, and T the torque from elsewhere (servo, bearing, rolling resistance, pitching body), which is
+what the last step's change of ω cannot be explained with otherwise. The law is asked at the slip of the middle,
+κ + b Δω; this is the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero,
+whatever T is.
 
 The load is measured more rarely than the plant steps, and a moment ago; a friction force that follows it so late would
 drive the pitching of a braking car. What the tyre's depth says at the end of the step follows at once, and is kept in
