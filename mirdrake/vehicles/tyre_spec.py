@@ -27,8 +27,8 @@ class _SlipTyres(_AnyTyres):
         default=0.97,
         gt=0.5,
         le=1,
-        description="[-] effective rolling radius over the unloaded one; radial tyres of cars have 0.97: ETRTO's rolling "
-        "circumference is 3.05 diameters (recalled)",
+        description="[-] effective rolling radius over the unloaded one; radial tyres of cars have 0.97 by ETRTO: a "
+        "rolling circumference of 3.05 diameters (recalled)",
     )
 
 
