@@ -88,3 +88,13 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:  # too long, or in a folder we may not enter
         return False
+
+
+def installed_version(distribution: str) -> str | None:
+    """Version of an installed distribution, or None where Python finds its package without one, as in a source tree."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, EventStatus
 
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
@@ -92,6 +92,7 @@ class Simulation:
         progress: Progress | None = None,
         change: Callable[[Context], None] | None = None,
         monitor: Callable[[Context], None] | None = None,
+        until: Callable[[Context], bool] | None = None,
     ) -> Run:
         """One run; see :func:`simulate`.
 
@@ -102,6 +103,8 @@ class Simulation:
             progress: see :func:`simulate`.
             change: changes the new Context before the start, for example gains or masses.
             monitor: called with the Context after every step; it looks and changes nothing.
+            until: asked with the Context after every step, and at the start; the run ends as soon as it says True, with
+                the stop reason "condition".
         """
         assembly, simulator = self.assembly, self._simulator
         end = assembly.spec.duration if duration is None else duration
@@ -124,15 +127,16 @@ class Simulation:
         if writer is not None and (assembly.cameras or assembly.arrays or vector_sensors(assembly)):
             recorder = Recorder(assembly, writer.folder)
             watchers.append(recorder)
-        if watchers:
-            simulator.set_monitor(lambda context: _call_all(watchers, context))
+        met = threading.Event()
+        if watchers or until is not None:
+            simulator.set_monitor(lambda context: _watch(watchers, until, met, context))
         telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
         try:
             with _interrupt() as interrupted, recorder or nullcontext():
                 simulator.Initialize()
-                reason = self._advance(context, end, telemetry, blocks, events, progress, interrupted)
+                reason = self._advance(context, end, telemetry, blocks, events, progress, interrupted, met)
         except KeyboardInterrupt:
             reason = "interrupted"
         except RunError:  # the folder cannot be written any more
@@ -144,7 +148,7 @@ class Simulation:
         blocks.add(times, columns, telemetry.units)
         wall = time.perf_counter() - began
         simulated = float(context.get_time())
-        if failure is None and reason not in {"duration", "laps"}:
+        if failure is None and reason not in {"duration", "laps", "condition"}:
             events.add(simulated, "stop", reason)
         elif failure is not None:
             events.add(simulated, "failure", failure)
@@ -186,6 +190,7 @@ class Simulation:
         events: Events,
         progress: Progress | None,
         interrupted: threading.Event,
+        met: threading.Event,
     ) -> str:
         """Advance block by block until something stops the run; returns the reason."""
         plant = self.assembly.parts.plant
@@ -200,8 +205,10 @@ class Simulation:
             slices = round(SLOW_BLOCK / SLICE)
         while context.get_time() < end - 1e-9:
             count += 1
-            self._simulator.AdvanceTo(min(count * SLICE, end))
-            if count % slices and not interrupted.is_set() and context.get_time() < end - 1e-9:
+            if not met.is_set():
+                self._simulator.AdvanceTo(min(count * SLICE, end))
+            stopping = interrupted.is_set() or met.is_set()
+            if count % slices and not stopping and context.get_time() < end - 1e-9:
                 continue
             times, columns = telemetry.read(context)
             blocks.add(times, columns, telemetry.units)
@@ -216,6 +223,8 @@ class Simulation:
             lap = columns.get(f"{vehicles[0]}.lap")
             if laps is not None and lap is not None and lap.size and lap[-1] >= laps:
                 return "laps"
+            if met.is_set():
+                return "condition"
             if interrupted.is_set() and context.get_time() < end - 1e-9:
                 return "interrupted"
         return "duration"
@@ -269,9 +278,19 @@ def _failure(error: Exception) -> str:
     return text if file.is_relative_to(Path(__file__).parent) else f"{shown(file)}:{frame.tb_lineno}: {text}"
 
 
-def _call_all(watchers: list[Callable[[Context], None]], context: Context) -> None:
+def _watch(
+    watchers: list[Callable[[Context], None]],
+    until: Callable[[Context], bool] | None,
+    met: threading.Event,
+    context: Context,
+) -> EventStatus:
+    """Drake's monitor: everybody looks; the event is set when the condition is met, and the step was the last."""
     for watcher in watchers:
         watcher(context)
+    if until is None or not until(context):
+        return EventStatus.DidNothing()
+    met.set()
+    return EventStatus.ReachedTermination(None, "condition")
 
 
 def default_folder(name: str, *, base: Path | None = None) -> Path:

@@ -3,7 +3,6 @@
 import platform
 import sys
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from pydrake.systems.framework import System
 from mirdrake.controllers.spec import ScheduleSpec
 from mirdrake.diagram import Assembly
 from mirdrake.logs import spec_hash
+from mirdrake.paths import installed_version
 from mirdrake.telemetry import Array
 
 STRAIGHT = 1e-4
@@ -45,7 +45,8 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
             content[f"{name}.commands"] = spec_hash({"rows": driver.schedule().rows})
     for name, system in assembly.own_systems().items():
         content[name] = spec_hash({"source": _source_text(system)})
-    versions = {name: version(name) for name in ("mirdrake", "drake", "numpy")} | {"python": platform.python_version()}
+    versions = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
+    versions["python"] = platform.python_version()
     digest = spec_hash({"spec": data, "content": content})
     if folder is not None:
         data["folder"] = folder

@@ -91,11 +91,13 @@ def manoeuvre(name: str, wheelbase: float) -> Manoeuvre:
 
     - step: 0.4 g at 1 s, within 0.2 s; held for 2.8 s.
     - sweep: 0.3 g, 0.2 to 2 Hz, frequency linear in time over 15 s.
+    - low_sweep: the same to 0.7 Hz, the top of the swept sine of MathWorks' reference applications.
     - ramp: to 0.5 g in 6.5 s.
     """
     per_g = GRAVITY * wheelbase / SPEED**2
-    if name == "sweep":
-        top, start, low, slope = 0.3 * per_g, 0.5, 0.2, (2.0 - 0.2) / 15.0
+    if name in {"sweep", "low_sweep"}:
+        high = 2.0 if name == "sweep" else 0.7
+        top, start, low, slope = 0.3 * per_g, 0.5, 0.2, (high - 0.2) / 15.0
 
         def phase(t: float) -> float:
             return 2.0 * math.pi * (low + 0.5 * slope * t) * t

@@ -28,7 +28,7 @@ MASS = 1616.0 + 4 * 0.5 * 20.0  # with the spin of four cylinders of 20 kg
 def in_air(*, density=DENSITY, wind=(0.0, 0.0), **shape):
     """A Bolt with some of its aerodynamics changed, in a plant, and the air around it."""
     vehicle = free_rolling(load_vehicle("bolt"))
-    air = vehicle.spec.aerodynamics.model_copy(update=shape)
+    air = vehicle.spec.aerodynamics.model_copy(update={"drag_area": AREA} | shape)
     vehicle = replace(vehicle, spec=vehicle.spec.model_copy(update={"aerodynamics": air}))
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(contact="point"))
@@ -131,8 +131,9 @@ def test_a_diagram_has_the_air_its_plant_says():
 
     # what drives against the air is what drives with it less what drives without
     still = settled(air_density=0)
-    assert settled() - still == pytest.approx(0.5 * DENSITY * AREA * 625.0, rel=0.03)
-    assert settled(wind=[-5, 0]) - still == pytest.approx(0.5 * DENSITY * AREA * 900.0, rel=0.03)
+    area = load_vehicle("bolt").spec.aerodynamics.drag_area
+    assert settled() - still == pytest.approx(0.5 * DENSITY * area * 625.0, rel=0.03)
+    assert settled(wind=[-5, 0]) - still == pytest.approx(0.5 * DENSITY * area * 900.0, rel=0.03)
 
 
 def test_without_air_or_area_nothing_is_added():

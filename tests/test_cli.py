@@ -246,6 +246,19 @@ def test_the_version_is_that_of_the_package(here: Callable[..., tuple[int, str, 
     assert here("--version")[:2] == (0, f"mirdrake {version('mirdrake')}\n")
 
 
+def test_sources_that_nobody_installed_say_so(
+    here: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import importlib.metadata
+
+    def missing(name: str) -> str:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", missing)
+    assert here("--version")[:2] == (0, "mirdrake, version unknown: its sources are used, not installed\n")
+    assert here("list")[0] == 0
+
+
 def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
     command = f"set -o pipefail; {sys.executable} -m mirdrake.cli list | true"
     done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -1,11 +1,17 @@
 """What the documentation shows works."""
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
+from mirdrake.diagram import assemble
+from mirdrake.simulation import Simulation
 from mirdrake.suites import collect_cases
+from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.spec import ControlSpec, VehicleSpec
 from mirdrake.worlds import load_world
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -17,6 +23,14 @@ WORLDS = [
         re.findall(r"```yaml\n(mirdrake: world/1\n.*?)```", page.read_text("utf-8"), re.DOTALL)
     )
 ]
+YAML = [
+    (page, number, yaml.safe_load(text))
+    for page in ("tyres.md", "powertrain.md", "suspension.md")
+    for number, text in enumerate(
+        re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / page).read_text("utf-8"), re.DOTALL)
+    )
+]
+PARTS = [row for row in YAML if set(row[2]) <= set(VehicleSpec.model_fields) | set(ControlSpec.model_fields)]
 
 
 @pytest.mark.parametrize(("page", "number", "text"), WORLDS, ids=[f"{page}-{number}" for page, number, _ in WORLDS])
@@ -35,3 +49,63 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def _bolt_with(folder: Path, part: dict[str, object]) -> str:
+    """A copy of the Bolt's folder with a variant in which a part of vehicle.yaml or control.yaml is another one."""
+    source = ROOT / "models" / "bolt"
+    shutil.copytree(source, folder / "bolt")
+    variant = yaml.safe_load((source / "variants" / "handling.yaml").read_text("utf-8"))
+    variant.pop("arguments", None)
+    variant["vehicle"].pop("suspension")
+    variant["vehicle"]["joints"].pop("suspension")
+    for section in ("powertrain", "tyres"):
+        if section in part:
+            variant["vehicle"].pop(section)
+    variant["vehicle"].pop("sources")
+    for key, value in part.items():
+        if key in ControlSpec.model_fields and key not in VehicleSpec.model_fields:
+            variant["control"][key] = value
+        else:
+            variant["vehicle"][key] = value
+    if "suspension" in part:
+        variant["arguments"] = {"suspension": "true"}
+    (folder / "bolt" / "variants" / "page.yaml").write_text(yaml.safe_dump(variant, allow_unicode=True), "utf-8")
+    return f"{folder / 'bolt'}@page"
+
+
+@pytest.mark.parametrize(("page", "number", "part"), PARTS, ids=[f"{page}-{number}" for page, number, _ in PARTS])
+def test_a_part_of_a_vehicle_in_the_documentation_drives(tmp_path, page, number, part):
+    model = _bolt_with(tmp_path, part)
+    spec = load_vehicle(model).spec.model_dump()
+    for key, value in part.items():
+        if key in spec and isinstance(value, dict) and "kind" in value:
+            assert spec[key]["kind"] == value["kind"]
+    run = Simulation(
+        assemble(
+            {
+                "world": "empty",
+                "vehicles": {"ego": {"model": model}},
+                "plant": {"contact": "point"},
+                "control": {"ego": {"kind": "constant", "speed": 3, "steering": 0.02}},
+            }
+        )
+    ).run(duration=1.0)
+    assert run["ego.vx"].iloc[-1] > 1.0
+
+
+def test_a_foot_of_ones_own_presses_the_pedals(tmp_path, monkeypatch):
+    """The diagram of docs/powertrain.md, which asks for no speed."""
+    (tmp_path / "my_pedals.py").write_text(
+        "from pydrake.systems.framework import LeafSystem\n\n\n"
+        "class Foot(LeafSystem):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.DeclareVectorOutputPort('pedals', 3, lambda context, out: out.SetFromVector([0.3, 0.0, 1.0]))\n",
+        encoding="utf-8",
+    )
+    spec = next(data for page, _, data in YAML if page == "powertrain.md" and "systems" in data)
+    monkeypatch.chdir(tmp_path)
+    run = Simulation(assemble(spec)).run(duration=1.0)
+    assert run["ego.powertrain.throttle"].iloc[-1] == pytest.approx(0.3, abs=0.01)
+    assert run["ego.vx"].iloc[-1] > 0.5

@@ -160,6 +160,32 @@ def test_full_model_follows_the_package_as_published(name, steering, tmp_path):
     assert side > {"step": 85.0, "sweep": 45.0, "ramp": 95.0}[steering]
 
 
+LOW_SWEEP = {
+    "Ford Escort": ((98.4, 88.4), (97.3, 90.8)),
+    "BMW 320i": ((98.3, 87.8), (96.7, 92.0)),
+    "VW Vanagon": ((99.3, 88.8), (99.0, 91.7)),
+}
+"""Fits of full and reduced model, yaw rate and lateral acceleration, to the package as published up to 0.7 Hz [%]."""
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_reduced_model_follows_the_package_as_published_up_to_0_7_hz(name):
+    p = car(name)
+    steer = manoeuvre("low_sweep", p.a + p.b)
+    yaw, side = fits(reference_trace(name, steer), single_track_trace(p, steer))
+    assert yaw > 95.0
+    assert side > 90.0
+    assert (yaw, side) == pytest.approx(LOW_SWEEP[name][1], abs=1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CARS)
+def test_full_model_follows_the_package_as_published_up_to_0_7_hz(name, tmp_path):
+    found = fits(*_both(tmp_path, name, "published", "low_sweep"))
+    assert found[0] > 95.0
+    assert found == pytest.approx(LOW_SWEEP[name][0], abs=1.5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CARS)
 def test_shifts_and_sway_alone_change_the_package_more_than_our_model_differs(name, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from mirdrake.plant import PlantSpec
 from tests.rigs import GRAVITY, coasting_car
 
-BOLT_CRR = 0.0073
+BOLT_CRR = 0.0079
 SETTLE, COAST = 0.6, 2.0
 
 

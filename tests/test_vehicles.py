@@ -247,9 +247,9 @@ def test_an_unknown_vehicle_is_refused_with_the_place_of_the_name() -> None:
 
 
 def test_a_misspelt_xacro_argument_is_refused(copy: Path) -> None:
-    assert (
-        message_of(ModelError, driv="rear")
-        == "bolt/main.urdf.xacro: unknown argument 'driv'; did you mean 'drive'? (allowed: drive, suspension, values)"
+    assert message_of(ModelError, driv="rear") == (
+        "bolt/main.urdf.xacro: unknown argument 'driv'; did you mean 'drive'? "
+        "(allowed: drive, payload, suspension, values)"
     )
 
 

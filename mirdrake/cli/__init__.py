@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from mirdrake.errors import MirdrakeError
+from mirdrake.paths import installed_version
 
 VERBS = {
     "run": "run",
     "list": "listing",
     "manoeuvre": "manoeuvre",
+    "validate": "validate",
     "view": "view",
     "check": "check",
     "draw": "draw",
@@ -41,6 +43,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake replay runs/drive            watch a run again, with what its cameras saw beside it
   mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
   mirdrake manoeuvre braking bolt       standard manoeuvres, and a handling report; --list shows them
+  mirdrake validate bolt                simulated against published figures of the real car, side by side
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
 Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of
@@ -93,6 +96,5 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _version() -> str:
-    from importlib.metadata import version
-
-    return f"mirdrake {version('mirdrake')}"
+    number = installed_version("mirdrake")
+    return f"mirdrake {number}" if number else "mirdrake, version unknown: its sources are used, not installed"

@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
@@ -72,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
         vehicle,
         facts,
         kind=options.model,
-        plant=settings.plant.model_dump(),
+        plant=settings.plant.model_dump(exclude_unset=True),
         friction=settings.friction,
         seed=settings.seed,
         folder=folder,
@@ -94,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
             print("\n".join(describe(outcome)), flush=True)
     line.clear()
     if outcomes:
-        results = HandlingResults(facts, options.model, rig.plant, rig.friction, outcomes, folder)  # type: ignore[arg-type]
+        results = HandlingResults(facts, options.model, _plant(settings, rig.contact), rig.friction, outcomes, folder)
         folder.mkdir(parents=True, exist_ok=True)
         write_results(results)
         from mirdrake.report.handling import write_handling  # Matplotlib takes half a second
@@ -109,6 +110,11 @@ def run(options: argparse.Namespace) -> int:
         print("interrupted; what was done is kept", file=sys.stderr)
         return 130
     return results.exit_code
+
+
+def _plant(settings: Any, contact: str) -> dict[str, Any]:
+    """Settings of the plant as they were used."""
+    return {**settings.plant.model_dump(), "contact": contact}
 
 
 def _list(text: str, settings: object) -> None:

@@ -44,8 +44,9 @@ def check_entry(speed: float, wanted: float, tolerance: float, *, where: str) ->
         )
 
 
-def note_held_speed(outcome: Outcome, facts: Facts, *, pedals: bool) -> None:
+def note_held_speed(outcome: Outcome, *, pedals: bool) -> None:
     """Say that a vehicle without pedals cannot coast."""
     if not pedals:
-        why = "the single-track model" if facts.pedals else "control.yaml: no wheel_speed of kind pedals"
-        outcome.notes.append(f"it has no pedals ({why}): the speed is held in place of coasting")
+        outcome.notes.append(
+            "it has no pedals (control.yaml: no wheel_speed of kind pedals): the speed is held in place of coasting"
+        )

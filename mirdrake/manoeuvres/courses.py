@@ -6,7 +6,7 @@ thought of as its edges and never stand in the world.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,9 @@ from scipy.sparse import csr_matrix
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.manoeuvres.base import Array
+
+_STRAIGHT = 0.002
+"""Curvature [1/m] that a planned line may have more for each radian that it turns less."""
 
 _SAMPLES = 9
 """Points on each side of the body that are checked against the cones."""
@@ -66,7 +69,12 @@ class Line:
         """
         low = 0 if near is None else max(0, near - reach)
         high = len(self.s) if near is None else min(len(self.s), near + reach)
-        index = low + int(np.argmin((self.x[low:high] - x) ** 2 + (self.y[low:high] - y) ** 2))
+        distances = np.hypot(self.x[low:high] - x, self.y[low:high] - y)
+        if near is None:  # a line of several laps passes the same place again: its first lap counts
+            step = float(self.s[1] - self.s[0])
+            first = int(np.argmax(distances <= float(np.min(distances)) + step))
+            distances = distances[: first + reach]
+        index = low + int(np.argmin(distances))
         yaw = float(self.yaw[index])
         dx, dy = x - float(self.x[index]), y - float(self.y[index])
         along, lateral = dx * math.cos(yaw) + dy * math.sin(yaw), dy * math.cos(yaw) - dx * math.sin(yaw)
@@ -105,12 +113,29 @@ def circle(*, radius: float, turn: float = 1.0, laps: float = 1.0) -> Line:
     return from_curvature(np.full(count, math.copysign(1.0 / radius, turn)), step)
 
 
-def eight(*, radius: float, laps: int = 2) -> Line:
-    """Laps to the right, then as many to the left, from the middle of a figure of eight along x."""
+def eight(*, radius: float, laps: int = 2, ease: float = 0.0) -> Line:
+    """Laps to the right, then as many to the left, from the middle of a figure of eight along x.
+
+    Args:
+        radius: of both circles [m].
+        laps: of each.
+        ease: way before and behind the middle on which the curvature goes steadily from one circle's to the other's
+            [m]; both circles move outwards for it, by about ease² / (6 radius).
+    """
     step = 2.0 * math.pi * radius / max(240, math.ceil(2.0 * math.pi * radius / 0.25))
     count = round(2.0 * math.pi * radius * laps / step)
-    curvature = np.concatenate((np.full(count, -1.0 / radius), np.full(count + 1, 1.0 / radius)))
-    return from_curvature(curvature, step)
+    way = step * (np.arange(2 * count + count // 10) - count + 0.5)
+    line = from_curvature(np.clip(way / max(ease, 0.1 * step), -1.0, 1.0) / radius, step)
+    # Turned and moved so that the centres lie on the y axis, as far from the origin.
+    centres = [
+        np.array([line.x[i] - turn * radius * np.sin(line.yaw[i]), line.y[i] + turn * radius * np.cos(line.yaw[i])])
+        for i, turn in ((0, -1.0), (-1, 1.0))
+    ]
+    across, middle = centres[1] - centres[0], 0.5 * (centres[0] + centres[1])
+    angle = math.atan2(across[0], across[1])
+    x, y = line.x - middle[0], line.y - middle[1]
+    cos, sin = math.cos(angle), math.sin(angle)
+    return replace(line, x=x * cos - y * sin, y=x * sin + y * cos, yaw=line.yaw + angle)
 
 
 def within(
@@ -127,7 +152,7 @@ def within(
     """The line of the rear axle's centre through sections whose largest curvature is smallest: a linear programme.
 
     The curvature is taken for y'', as slopes are small; its slope is kept small as well, so that a steering wheel can
-    follow.
+    follow, and a little its sum, so that the line is straight where it need not bend.
 
     Args:
         sections: of the course, see :class:`Section`; None is no edge.
@@ -145,20 +170,22 @@ def within(
     step = max((end - start) / 400.0, min(0.5, front / 10.0))
     x = np.arange(start, end + step, step)
     count = len(x)
-    rows: list[Array] = []
+    values: list[float] = []
+    at: tuple[list[int], list[int]] = ([], [])  # rows and columns
     limits: list[float] = []
-    size = count + 2  # y, largest y'', largest y'''
+    size = 2 * count + 2  # y, largest y'', largest y''', amounts of y''
 
     def add(coefficients: Mapping[int, float], limit: float) -> None:
-        row = np.zeros(size)
         for index, value in coefficients.items():
-            row[index] += value
-        rows.append(row)
+            values.append(value)
+            at[0].append(len(limits))
+            at[1].append(index)
         limits.append(limit)
 
     for i in range(1, count - 1):
+        add({count + 2 + i: 1.0, count: -1.0}, 0.0)
         for sign in (1.0, -1.0):
-            add({i - 1: sign / step**2, i: -2.0 * sign / step**2, i + 1: sign / step**2, count: -1.0}, 0.0)
+            add({i - 1: sign / step**2, i: -2.0 * sign / step**2, i + 1: sign / step**2, count + 2 + i: -1.0}, 0.0)
     for i in range(1, count - 2):
         for sign in (1.0, -1.0):
             cubic = sign / step**3
@@ -183,10 +210,11 @@ def within(
     fixed[still, count - 1], fixed[still, count - 2] = 1.0, -1.0
     cost = np.zeros(size)
     cost[count], cost[count + 1] = 1.0, smoothness
-    bounds = [(None, None)] * count + [(0.0, None)] * 2
+    cost[count + 2 :] = _STRAIGHT * step
+    bounds = [(None, None)] * count + [(0.0, None)] * (size - count)
     found = linprog(
         cost,
-        A_ub=csr_matrix(np.array(rows)),
+        A_ub=csr_matrix((values, at), shape=(len(limits), size)),
         b_ub=np.array(limits),
         A_eq=fixed,
         b_eq=np.zeros(still + 1),

@@ -17,6 +17,9 @@ The law of the lines: steering ahead of time for the curvature to come, and feed
 Systems 10(4), 2012), with gains that give the offset a natural frequency and a damping::
 
     δ = (L + K v²) κ(s + v τ) - k (e + ℓ sin(ψ - ψ_line)),   k = ω² (L + K v²) / v²,   ℓ = 2 ζ v / ω
+
+The course ψ of the point is told ahead by τ, and both take the yaw rate. A slow car turns as soon as its wheels do:
+what the yaw rate differs from that of the line comes back through the steering at once, so that its share is limited.
 """
 
 import math
@@ -33,12 +36,19 @@ from mirdrake.errors import ConfigError
 from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.profiles import make_profile
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.worlds.world import GRAVITY
 
 PEDALS = signals(
     ("throttle", "", "0 to 1"),
     ("brake", "", "0 to 1"),
     ("gear", "", "1 drive, 0 neutral, -1 reverse"),
 )
+_THROTTLE = 0.5
+"""Throttle over the speed that is missing, while one is held [s/m]."""
+
+_AT_ONCE = (0.3, 0.25)
+"""Largest feedback of the yaw rate on itself at a crawl, and its increase with v / sqrt(g L) [1]."""
+
 _SLOWEST = 0.5
 """Speed below which the law of the lines takes the car for this fast [m/s]."""
 
@@ -93,6 +103,7 @@ class _Driver(LeafSystem):
         steer: the law of the steering.
         speeds: rows of time [s] and wanted speed [m/s]; None: always the present speed.
         pedals: rows of time [s], throttle, brake and gear; None: no such port.
+        held: speed [m/s] that the throttle holds up to an x of the world [m], whatever `pedals` says.
         period: time between updates [s].
 
     Raises:
@@ -106,12 +117,14 @@ class _Driver(LeafSystem):
         speeds: Sequence[Sequence[float]] | None,
         pedals: Sequence[Sequence[float]] | None,
         period: float,
+        held: Sequence[float] | None = None,
     ) -> None:
         super().__init__()
         owner = type(self).__name__
         self._steer = steer
         self._speeds = make_rows(speeds, 1, f"{owner}: speeds") if speeds is not None else None
         self._pedal_rows = make_rows(pedals, 3, f"{owner}: pedals") if pedals is not None else None
+        self._held = make_rows([held], 1, f"{owner}: held").rows[0] if held is not None else None
         self.period = check_number(owner, "period", period, unit="s", above=0.0)
         self.state = declare_vector_input(self, "state", STATE)
         self._command = self.DeclareDiscreteState(3)
@@ -126,7 +139,10 @@ class _Driver(LeafSystem):
         time, state = context.get_time(), self.state.Eval(context).tolist()
         speed = self._speeds.at(time)[0] if self._speeds is not None else state[6]
         values.set_value(self._command, [speed, self._steer(time, state), time])
-        if self._pedal_rows is not None:
+        if self._held is not None and state[0] < self._held[1]:
+            throttle = min(max(_THROTTLE * (self._held[0] - state[6]), 0.0), 1.0)
+            values.set_value(self._pedals, [throttle, 0.0, 1.0])
+        elif self._pedal_rows is not None:
             values.set_value(self._pedals, list(self._pedal_rows.at(time)))
 
 
@@ -181,6 +197,8 @@ class PathDriver(_Driver):
         damping: its damping ratio [1].
         preview: delay until the steering acts [s].
         integral: share of the feedback of a lasting offset that is added every second [1/s].
+        course: which direction is that of the line: 1 of the velocity, 0 of the body, as of a driver who looks where
+            the bonnet points and catches a car that turns away under him [1].
         hands: False holds the wheel straight, whatever happens.
         period: time between updates [s].
     """
@@ -197,6 +215,7 @@ class PathDriver(_Driver):
         damping: float = 1.0,
         preview: float = 0.1,
         integral: float = 0.0,
+        course: float = 1.0,
         hands: bool = True,
         period: float = 0.01,
     ) -> None:
@@ -209,23 +228,26 @@ class PathDriver(_Driver):
             damping=damping,
             preview=preview,
             integral=integral,
+            course=course,
         )
         super().__init__(law if hands else _straight_ahead, speeds=speeds, pedals=None, period=period)
 
 
 class PathPedalDriver(_Driver):
-    """Follows a line, and presses the pedals; arguments as those of :class:`PathDriver` and `pedals`.
+    """Follows a line, and presses the pedals; arguments as those of :class:`PathDriver`, `pedals` and `held`.
 
     Args:
         line: see :class:`PathDriver`, as all but pedals.
         vehicle: see there.
         pedals: rows of time [s], throttle, brake and gear; left out: neutral.
+        held: speed [m/s], and x of the world [m] up to which the throttle holds it; then the pedals are pressed.
         ahead: see there.
         understeer: see there.
         frequency: see there.
         damping: see there.
         preview: see there.
         integral: see there.
+        course: see there.
         hands: see there.
         period: see there.
     """
@@ -236,12 +258,14 @@ class PathPedalDriver(_Driver):
         vehicle: DrivenVehicle,
         *,
         pedals: Sequence[Sequence[float]] | None = None,
+        held: Sequence[float] | None = None,
         ahead: float = 0.0,
         understeer: float = 0.0,
         frequency: float = 3.0,
         damping: float = 1.0,
         preview: float = 0.1,
         integral: float = 0.0,
+        course: float = 1.0,
         hands: bool = True,
         period: float = 0.01,
     ) -> None:
@@ -254,9 +278,11 @@ class PathPedalDriver(_Driver):
             damping=damping,
             preview=preview,
             integral=integral,
+            course=course,
         )
         rows = pedals or [(0.0, 0.0, 0.0, 0.0)]
-        super().__init__(law if hands else _straight_ahead, speeds=None, pedals=rows, period=period)
+        steer = law if hands else _straight_ahead
+        super().__init__(steer, speeds=None, pedals=rows, held=held, period=period)
 
 
 def _straight_ahead(time: float, state: list[float]) -> float:  # noqa: ARG001
@@ -273,6 +299,7 @@ def line_law(
     damping: float,
     preview: float,
     integral: float = 0.0,
+    course: float = 1.0,
 ) -> Steer:
     """The law of the module's text for a line; see :class:`PathDriver` for the arguments.
 
@@ -295,10 +322,13 @@ def line_law(
         speed = max(math.hypot(vx, vy), _SLOWEST)
         heading, here = line.at(s)
         _, coming = line.at(s + speed * preview)
-        course = yaw + math.atan2(vy + ahead * rate, max(vx, _SLOWEST))  # of the point that follows the line
-        error = math.remainder(course - heading, 2.0 * math.pi) + (rate - speed * here) * preview
         reach = wheelbase + max(understeer, 0.0) * speed**2
         omega = min(frequency, speed / wheelbase)
+        most = _AT_ONCE[0] + _AT_ONCE[1] * speed / math.sqrt(GRAVITY * wheelbase)
+        turning = (rate - speed * here) * min(1.0, most / (2.0 * damping * omega * (abs(ahead) / speed + preview)))
+        sideways = vy + ahead * (speed * here + turning)  # of the point that follows the line
+        direction = yaw + course * math.atan2(sideways, max(vx, _SLOWEST))
+        error = math.remainder(direction - heading, 2.0 * math.pi) + turning * preview
         gain, lever = omega**2 * reach / speed**2, 2.0 * damping * speed / omega
         if 0.0 < passed < 1.0:
             memory["sum"] = min(max(memory["sum"] + integral * gain * offset * passed, -limit), limit)

@@ -71,10 +71,11 @@ class SineWithDwellSpec(ManoeuvreSpec):
             )
         if len(kept) < len(amplitudes):
             outcome.notes.append(
-                f"its steering follows {self.frequency:g} Hz up to {math.degrees(allowed):.0f} deg at the hand-wheel; "
-                f"{len(amplitudes) - len(kept)} larger amplitudes were left out"
+                f"its steering follows {self.frequency:.3g} Hz up to {math.degrees(allowed):.0f} deg at the "
+                f"hand-wheel; {len(amplitudes) - len(kept)} larger amplitudes, up to "
+                f"{math.degrees(amplitudes[-1]):.0f} deg, were left out"
             )
-        note_held_speed(outcome, facts, pedals=rig.pedals)
+        note_held_speed(outcome, pedals=rig.pedals)
         sides = ["left", "right"] if self.turns == "both" else [self.turns]
         worst: dict[str, list[tuple[float, DwellResponse]]] = {}
         faults: list[str] = []
@@ -100,8 +101,13 @@ class SineWithDwellSpec(ManoeuvreSpec):
             outcome.add(f"displacement_{side}", text, min(ways, default=math.nan), "m", f"at least {self.way:.3g} m")
             largest = max(amplitude for amplitude, _ in results)
             outcome.add(f"amplitude_{side}", f"Last amplitude, {side}", math.degrees(largest), "deg", "hand-wheel")
-        outcome.verdict = "fail" if faults else "pass"
+        outcome.verdict = "fail" if faults else "pass" if len(kept) == len(amplitudes) else "not possible"
         outcome.reason = "; ".join(faults)
+        if outcome.verdict == "not possible":
+            outcome.reason = (
+                f"beyond {math.degrees(kept[-1]):.0f} deg its steering is too slow for {self.frequency:.3g} Hz; up to "
+                f"there it passes, but {math.degrees(amplitudes[-1]):.0f} deg are asked for"
+            )
 
     def _find_angle(self, rig: Rig, outcome: Outcome) -> float:
         from mirdrake.manoeuvres.base import scaled

@@ -3,18 +3,19 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from mirdrake.errors import ConfigError
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, note_held_speed
-from mirdrake.manoeuvres.courses import Body, Section, clearance, first_crossing
+from mirdrake.manoeuvres.courses import Body, Section, clearance, first_crossing, make_line
 from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
+from mirdrake.manoeuvres.search import find_highest
 from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Length, Speed
 
@@ -25,7 +26,7 @@ class CourseSpec(ManoeuvreSpec):
     """What courses share: a planned line, a bisection of the entry speed."""
 
     releases: ClassVar[bool] = False
-    """Whether the throttle is released before the course."""
+    """Whether the throttle is released in the course, `release` behind its entry."""
 
     lowest: Speed = setting(30.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
     highest: Speed = setting(110.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
@@ -48,30 +49,28 @@ class CourseSpec(ManoeuvreSpec):
         if tightest <= facts.width:
             raise NotPossible(f"it is {facts.width:.2f} m wide, and a lane has {tightest:.2f} m")
         if self.releases:
-            note_held_speed(outcome, facts, pedals=rig.pedals)
+            note_held_speed(outcome, pedals=rig.pedals)
         highest = min(self.highest, 0.95 * facts.top_speed)
         check_speed(facts, self.lowest)
-        best, room = self._try(rig, sections, self.lowest)
-        if min(room) < 0.0:
-            raise NotPossible(
-                f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: it hits cones by "
-                f"{-min(room):.2f} m in section {int(np.argmin(room)) + 1}"
-            )
-        passed, failed = self.lowest, math.inf
-        speed, why = highest, ""
-        while min(failed, highest) - passed > self.resolution or failed == math.inf:
+
+        def attempt(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
             try:
-                record, found = self._try(rig, sections, speed)
-                fault = _fault(found, sections)
+                record, room = self._try(rig, sections, speed)
             except Diverged as error:
-                fault, record, found = str(error), best, room
-            if fault:
-                failed, why = speed, fault
-            else:
-                passed, best, room = speed, record, found
-                if passed >= highest - 1e-9:
-                    break
-            speed = 0.5 * (passed + failed)
+                return None, str(error)
+            return (record, room), _fault(room, sections)
+
+        found = find_highest(
+            attempt,
+            lowest=self.lowest,
+            highest=highest,
+            guess=self._guess(facts, sections),
+            resolution=self.resolution,
+        )
+        if found.best is None:
+            raise NotPossible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {found.why}")
+        best, room = found.best
+        failed, why = found.failed, found.why
         entry = self._entry(best, facts)
         outcome.add(
             "speed",
@@ -98,12 +97,19 @@ class CourseSpec(ManoeuvreSpec):
         outcome.notes.append("the driver is a law that follows a planned line; another driver may be faster or slower")
         self._draw(outcome, best, sections, facts)
 
-    def _try(self, rig: Rig, sections: list[Section], speed: float) -> tuple[Record, list[float]]:
-        facts = rig.facts
-        point = facts.pointing(speed)
+    def _guess(self, facts: Facts, sections: list[Section]) -> float:
+        """A speed [m/s] that the friction may allow on the planned line."""
+        try:
+            line = make_line(self._line(facts, sections, 0.3 * facts.wheelbase))
+        except ConfigError as error:
+            raise NotPossible(str(error).rsplit(": ", 1)[-1]) from None
+        grip = 0.75 * min(facts.parameters.front_friction, facts.parameters.rear_friction) * GRAVITY
+        return math.sqrt(grip / max(float(np.max(np.abs(line.curvature))), 1e-6))
+
+    def _line(self, facts: Facts, sections: list[Section], point: float) -> dict[str, Any]:
         start = sections[0].x0 - facts.front - self.run_up
         end = sections[-1].x1 - facts.rear + self.run_out
-        line = {
+        return {
             "kind": "within",
             "sections": [[s.x0, s.x1, *(None if math.isinf(v) else v for v in (s.low, s.high))] for s in sections],
             "rear": facts.rear - point,
@@ -114,11 +120,18 @@ class CourseSpec(ManoeuvreSpec):
             "end": end + facts.front,
             "smoothness": 8.0 * facts.scale,
         }
+
+    def _try(self, rig: Rig, sections: list[Section], speed: float) -> tuple[Record, list[float]]:
+        facts = rig.facts
+        point = facts.pointing(speed)
+        start = sections[0].x0 - facts.front - self.run_up
+        end = sections[-1].x1 - facts.rear + self.run_out
         coasts = self.releases and rig.pedals
         driver = rig.line_driver(
-            line,
+            self._line(facts, sections, point),
             speeds=None if coasts else [[0.0, speed]],
-            pedals=[[0.0, 0.0, 0.0, 0.0]] if coasts else None,
+            pedals=[[0.0, 0.0, 0.0, 1.0]] if coasts else None,
+            held=[speed, self._release() - facts.front] if coasts else None,
             ahead=point,
         )
         lane = max(s.high for s in sections if math.isfinite(s.high)) + 5.0 * facts.scale
@@ -144,6 +157,10 @@ class CourseSpec(ManoeuvreSpec):
         body = Body(facts.rear, facts.front, 0.5 * facts.width)
         room = clearance(record.x, record.y, record.yaw, body, sections)
         return record, [float(value) for value in room]
+
+    def _release(self) -> float:
+        """Place of the front end at which the throttle is released [m]."""
+        return 0.0
 
     def _entry(self, record: Record, facts: Facts) -> float:
         at = first_crossing(record.time, record.x + facts.front, 0.0)
@@ -225,6 +242,10 @@ class ObstacleAvoidanceSpec(CourseSpec):
     second_extra: Length = setting(1.0, "width of section 3 less the vehicle's [m]", "V", _CHRONO, ge=0.0)
     third_width: Length = setting(3.0, "width of section 5; others use 1.3 b + 0.25 m [m]", "V", _CHRONO, gt=0.0)
     offset: Length = setting(1.0, "between the edges of sections 1 and 3 [m]", "V", _CHRONO, ge=0.0)
+    release: Length = setting(2.0, "behind the entry, where the throttle is released [m]", "R", "ISO 3888-2", ge=0.0)
+
+    def _release(self) -> float:
+        return self.release
 
     def sections(self, width: float) -> list[Section]:
         """Sections 1, 3 and 5; 5 is aligned with the far edge of 1."""

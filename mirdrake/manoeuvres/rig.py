@@ -26,6 +26,7 @@ from mirdrake.simulation import Simulation
 from mirdrake.single_track import SingleTrack, SingleTrackControl
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.from_vehicle import estimate_parameters
+from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import World
 from mirdrake.worlds.loading import make_world
@@ -47,8 +48,25 @@ _EXTENT = 20_000.0
 _DRIVERS = "mirdrake.manoeuvres.drivers:"
 
 
-class _Enough(KeyboardInterrupt):
-    """Ends a run that has seen all it should; the simulation keeps what is done, as at Ctrl-C."""
+@dataclass
+class _Look:
+    """Asks every :data:`_LOOK` whether a run is over, and keeps the reason."""
+
+    stop: Stop | None
+    state: Callable[[Context], Sequence[float]]
+    reason: str = "duration"
+    last: float = -1.0
+
+    def __call__(self, context: Context) -> bool:
+        now = context.get_time()
+        if self.stop is None or now < self.last + _LOOK:
+            return False
+        self.last = now
+        why = self.stop(now, self.state(context))
+        if why is None:
+            return False
+        self.reason = why
+        return True
 
 
 @dataclass
@@ -60,12 +78,13 @@ class Rig:
         vehicle: the loaded vehicle.
         facts: its figures.
         kind: "full" or "single_track".
-        plant: settings of the plant, as in a diagram file.
+        plant: settings of the plant, as in a diagram file; see :attr:`contact` for the contact that is left out.
         friction: of the road [1].
         seed: of everything random.
         folder: where the runs are written, one folder a run; None writes nothing.
         tell: told what is being driven.
         records: all runs so far.
+        arguments: of the xacro files, with which the vehicle was loaded.
     """
 
     model: str
@@ -78,11 +97,21 @@ class Rig:
     folder: Path | None = None
     tell: Callable[[str], None] = lambda _: None
     records: list[Record] = field(default_factory=list)
+    arguments: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def pedals(self) -> bool:
         """Whether drivers may press pedals."""
-        return self.facts.pedals and self.kind == "full"
+        return self.facts.pedals
+
+    @property
+    def contact(self) -> str:
+        """Contact of the plant: where tyres have a law of their own, points, else patches, unless it is given.
+
+        Points carry the same load as patches. The patch of a meshed wheel that turns with 10 rounds a second, and is
+        looked at 200 times a second, damps the body's rolling, and shakes the load.
+        """
+        return str(self.plant.get("contact", "hydroelastic" if self.facts.tyres == "coulomb" else "point"))
 
     def line_driver(self, line: Mapping[str, Any], **settings: Any) -> dict[str, Any]:
         """A driver along a line with the vehicle's numbers; with `pedals` it presses them."""
@@ -142,6 +171,7 @@ class Rig:
         place = {"x": x, "y": y, "yaw": 0.0}
         if self.kind == "full":
             entry = {"model": self.model, "start": place, "speed": speed, "parked": parked}
+            entry |= {"arguments": dict(self.arguments)} if self.arguments else {}
             record = self._run_plant(label, driver, world, entry, duration=duration, stop=stop)
         else:
             record = self._run_single_track(label, driver, world, place, duration=duration, speed=speed, stop=stop)
@@ -169,44 +199,33 @@ class Rig:
                 "world": str(file),
                 "vehicles": {"ego": dict(entry)},
                 "control": {"ego": dict(driver)},
-                "plant": dict(self.plant),
+                "plant": dict(self.plant) | {"contact": self.contact},
                 "record": {"rate": RATE, "meshcat": False, "report": False},
                 "duration": duration,
                 "seed": self.seed,
             }
             assembly = assemble(spec)
         truth = assembly.diagram.GetSubsystemByName("ego.truth")
-        reason = ["duration"]
-
-        def watch(context: Context, last: list[float] = [-1.0]) -> None:  # noqa: B006 - memory of one run
-            now = context.get_time()
-            if stop is None or now < last[0] + _LOOK:
-                return
-            last[0] = now
-            why = stop(now, truth.state.Eval(truth.GetMyContextFromRoot(context)).tolist())
-            if why is not None:
-                reason[0] = why
-                raise _Enough
-
+        look = _Look(stop, lambda context: truth.state.Eval(truth.GetMyContextFromRoot(context)).tolist())
         try:
-            run = Simulation(assembly).run(monitor=watch)
+            run = Simulation(assembly).run(until=look if stop is not None else None)
         except RunError as error:
             raise Diverged(f"{label}: {error}") from None
         ended = str(run.summary["stop_reason"])
-        if ended == "interrupted" and reason[0] == "duration":
+        if ended == "interrupted":
             raise KeyboardInterrupt
         signals = run.signals
         if folder is not None:
             data = dict(run.spec)
             data["world"] = {**data["world"], "name": "world.yaml"}
-            summary = run.summary | {"stop_reason": ended if reason[0] == "duration" else reason[0], "world": label}
+            summary = run.summary | {"stop_reason": look.reason if ended == "condition" else ended, "world": label}
             self._write(folder, data, signals, run.units, summary, world)
         if ended.startswith("diverged"):
             raise Diverged(f"{label}: {ended}")
         columns = {str(name).removeprefix("ego."): signals[name].to_numpy() for name in signals}
         units = {name.removeprefix("ego."): unit for name, unit in run.units.items()}
         angle = bicycle_angles(columns["steering_angle.left"], columns["steering_angle.right"])
-        return self._record(label, signals.index.to_numpy(), columns, angle, units, reason[0])
+        return self._record(label, signals.index.to_numpy(), columns, angle, units, look.reason)
 
     # --- the single-track model -------------------------------------------------------------------------------------
 
@@ -228,11 +247,20 @@ class Rig:
         )
         builder = DiagramBuilder()
         model = builder.AddNamedSystem("single_track", SingleTrack(parameters, Variant("brush", True, actuators=True)))
-        control = builder.AddNamedSystem("control", SingleTrackControl(self.vehicle, mass=parameters.mass))
+        mass, rotating = parameters.mass, parameters.rotating_mass
+        control = builder.AddNamedSystem("control", SingleTrackControl(self.vehicle, mass=mass, rotating=rotating))
         pilot = OwnDriverSpec(**dict(driver)).make_system(self.vehicle, scene, where=label)
         builder.AddNamedSystem("driver", pilot)
         builder.Connect(control.steering, model.steering)
-        builder.Connect(control.forces, model.forces)
+        if self.pedals:
+            law = make_single_track_law(self.vehicle, mass=mass, rotating=rotating)
+            powertrain = builder.AddNamedSystem("powertrain", SingleTrackPowertrain(law))
+            foot = pilot.GetOutputPort("pedals") if pilot.HasOutputPort("pedals") else control.pedals
+            builder.Connect(foot, powertrain.pedals)
+            builder.Connect(model.state, powertrain.state)
+            builder.Connect(powertrain.forces, model.forces)
+        else:
+            builder.Connect(control.forces, model.forces)
         for port in (control.state, pilot.GetInputPort("state")):
             builder.Connect(model.state, port)
         builder.Connect(model.steering_angle, control.steering_angle)
@@ -243,20 +271,12 @@ class Rig:
         simulator = Simulator(diagram)
         context = simulator.get_mutable_context()
         model.set_state(model.GetMyContextFromRoot(context), x=place["x"], y=place["y"], vx=speed)
-        reason, last = ["duration"], [-1.0]
-
-        def watch(now_context: Context) -> EventStatus:
-            now = now_context.get_time()
-            if stop is None or now < last[0] + _LOOK:
-                return EventStatus.DidNothing()
-            last[0] = now
-            why = stop(now, model.state.Eval(model.GetMyContextFromRoot(now_context)).tolist())
-            if why is None:
-                return EventStatus.DidNothing()
-            reason[0] = why
-            return EventStatus.ReachedTermination(model, why)
-
-        simulator.set_monitor(watch)
+        look = _Look(stop, lambda context: model.state.Eval(model.GetMyContextFromRoot(context)).tolist())
+        simulator.set_monitor(
+            lambda context: (
+                EventStatus.ReachedTermination(model, look.reason) if look(context) else EventStatus.DidNothing()
+            )
+        )
         try:
             simulator.Initialize()
             simulator.AdvanceTo(duration)
@@ -280,10 +300,10 @@ class Rig:
             table = pd.DataFrame({f"ego.{name}": values for name, values in columns.items()}, index=times)
             named = {f"ego.{name}" if name != "time" else name: unit for name, unit in units.items()}
             data = {"model": "single_track", "vehicle": self.model, "driver": dict(driver), "speed": speed}
-            summary = {"stop_reason": reason[0], "wall_s": round(time.perf_counter() - began, 3)}
+            summary = {"stop_reason": look.reason, "wall_s": round(time.perf_counter() - began, 3)}
             self._write(self.folder / label, data, table, named, summary, world)
         angle = columns.pop("steering_angle")
-        return self._record(label, times, columns, angle, units, reason[0])
+        return self._record(label, times, columns, angle, units, look.reason)
 
     # --- both -------------------------------------------------------------------------------------------------------
 

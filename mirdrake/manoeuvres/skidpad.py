@@ -8,10 +8,12 @@ import numpy as np
 
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, check_steering
+from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
+from mirdrake.manoeuvres.search import find_highest
 from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Length, Speed
 
@@ -43,23 +45,23 @@ class SkidpadSpec(ManoeuvreSpec):
             raise NotPossible(f"it is {facts.width:.2f} m wide, and the lane has {self.width:.2f} m")
         check_speed(facts, self.lowest)
         check_steering(facts, math.atan(facts.wheelbase / self.path_radius), what=f"a radius of {self.path_radius:g} m")
-        passed, failed = 0.0, math.inf
-        highest = min(self.highest, 0.95 * facts.top_speed, 1.3 * math.sqrt(12.0 * self.path_radius))
-        best: Record | None = None
-        why, speed = "", self.lowest
-        while failed - passed > self.resolution and passed < highest - 1e-9:
+
+        def attempt(speed: float) -> tuple[Record | None, str]:
             try:
-                record, fault = self._try(rig, speed)
+                return self._try(rig, speed)
             except Diverged as error:
-                record, fault = best, str(error)  # type: ignore[assignment]
-            if fault:
-                if best is None:
-                    raise NotPossible(f"at {speed / KMH:.0f} km/h, the lowest speed, {fault}")
-                failed, why = speed, fault
-            else:
-                passed, best = speed, record
-            speed = highest if failed == math.inf else 0.5 * (passed + failed)
-        assert best is not None
+                return None, str(error)
+
+        found = find_highest(
+            attempt,
+            lowest=self.lowest,
+            highest=min(self.highest, 0.95 * facts.top_speed, 1.3 * math.sqrt(12.0 * self.path_radius)),
+            guess=math.sqrt((0.6 if self.layout == "eight" else 0.75) * GRAVITY * self.path_radius),
+            resolution=self.resolution,
+        )
+        best, failed, why = found.best, found.failed, found.why
+        if best is None:
+            raise NotPossible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {why}")
         times = self._laps(best)
         mean = float(np.mean(times))
         for side, lap in zip(_TIMED if self.layout == "eight" else ("left",), times, strict=False):
@@ -91,35 +93,40 @@ class SkidpadSpec(ManoeuvreSpec):
         radius, facts = self.path_radius, rig.facts
         lap = 2.0 * math.pi * radius
         if self.layout == "eight":
-            line = {"kind": "eight", "radius": radius, "laps": 2}
+            swing = 2.0 * math.atan(facts.wheelbase / radius) / facts.steering_rate  # from one side to the other
+            ease = 0.5 * swing * speed
+            line = {"kind": "eight", "radius": radius, "laps": 2, "ease": ease}
             ways = 4.0 * lap
         else:
             line = {"kind": "circle", "radius": radius, "turn": 1.0, "laps": 2.2}
             ways = 2.1 * lap
-        duration = ways / speed * 1.05 + 0.5
+        start = make_line(line)
+        duration = ways / speed * 1.01 + 0.2
         half = 0.5 * (self.width - facts.width)
-        settled = lap / speed
+        centres = (-radius, radius) if self.layout == "eight" else (radius,)
         faults: list[str] = []
 
         def stop(time: float, state: Sequence[float]) -> str | None:
             x = state[0] + facts.ahead * math.cos(state[5])
             y = state[1] + facts.ahead * math.sin(state[5])
-            away = min(abs(math.hypot(x, y - centre) - radius) for centre in (-radius, radius))
-            part = (time % (2.0 * settled)) > settled * 1.05
-            if away > half + 0.02 and (part or away > 3.0 * self.width):
-                faults.append(f"it left its lane by {away - half:.2f} m")
+            away = [math.hypot(x, y - centre) - radius for centre in centres]
+            out = max(-min(away), min(away)) - half  # over the inner cones of a circle, or the outer ones of both
+            timed = int(time * speed / lap) in {1, 3}
+            if out > (0.02 if timed else self.width):
+                faults.append(f"it left its lane by {out:.2f} m")
                 return faults[-1]
-            if state[6] < 0.7 * speed:
-                faults.append("it lost its speed")
+            if state[6] < (0.97 if timed else 0.7) * speed:
+                faults.append("it did not hold the speed")
                 return faults[-1]
             return None
 
         record = rig.run(
             f"v{speed / KMH:.2f}kmh",
-            rig.line_driver(line, speeds=[[0.0, speed]]),
+            rig.line_driver(line, speeds=[[0.0, speed]], integral=0.5, frequency=3.0 / facts.scale**0.5),
             duration=duration,
             speed=speed,
-            x=-facts.ahead,
+            x=float(start.x[0]) - facts.ahead,
+            y=float(start.y[0]),
             stop=stop,
         )
         return record, faults[0] if faults else ""

@@ -44,11 +44,15 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         math.radians(8.0), "rise of the hand-wheel angle; constant speed [rad/s]", "own", scales=False, gt=0.0
     )
     tolerance: Length = setting(2.0, "offset at which it has left the circle; constant radius [m]", "own", gt=0.0)
+    behind: Speed = setting(
+        0.5, "speed short of what is wanted at which it goes no faster; constant radius [m/s]", "own", gt=0.0
+    )
     limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends [m/s^2]", "own", gt=0.0)
     fit_from: Acceleration = setting(1.0, "lower end of the regressions [m/s^2]", "own", ge=0.0)
     fit_to: Acceleration = setting(4.0, "upper end of the regressions [m/s^2]", "own", gt=0.0)
     settle: Duration = setting(4.0, "time at the start that does not count [s]", "own", ge=0.0)
-    window: Duration = setting(1.0, "over which signals are averaged [s]", "own", gt=0.0)
+    window: Duration = setting(2.0, "over which signals are averaged [s]", "own", gt=0.0)
+    pressing: float = setting(1.0, "gains of the driver over those he usually has; constant radius [-]", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Both turns; see the base class."""
@@ -78,10 +82,12 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
                 slope = fit_line(steady["ay"], steady[key], self.fit_from, self.fit_to)
                 value = math.degrees(slope.slope) * GRAVITY if slope else None
                 outcome.add(f"{key}_{side}", f"{text}, {side}", value, "deg/g", _SIGNS[key])
-            outcome.add(f"largest_{side}", f"Largest lateral acceleration, {side}", peak / GRAVITY, "g", record.stop)
+            reason = "the run ended with its time" if record.stop == "duration" else record.stop
+            outcome.add(f"largest_{side}", f"Largest lateral acceleration, {side}", peak / GRAVITY, "g", reason)
             lines += _curves(steady, "delta", side, number, ratio=ratio, fit=fit if radius else None)
             sides_lines += _curves(steady, "beta", side, number)
             roll_lines += _curves(steady, "roll", side, number)
+        outcome.notes.append("one run a side: the repetitions of the standard show scatter, and a simulation has none")
         mean = float(np.mean(gradients))
         outcome.add("understeer", "Understeer gradient, mean", math.degrees(mean) * GRAVITY, "deg/g")
         outcome.add("largest", "Largest lateral acceleration, mean", float(np.mean(peaks)) / GRAVITY, "g")
@@ -107,12 +113,17 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
             x, y, yaw = state[0], state[1], state[5]
             away = math.hypot(x + ahead * math.cos(yaw), y + ahead * math.sin(yaw) - centre) - radius
             if time > self.settle and abs(away) > self.tolerance:
-                return f"it left the circle by {self.tolerance:g} m"
+                return f"it left the circle by {self.tolerance:.3g} m"
+            wanted = start + self.speed_rate * (time - self.settle)
+            if time > 2.0 * self.settle and state[6] < wanted - self.behind:
+                return f"it gained no more speed at {state[6] / KMH:.0f} km/h"
             return None
 
         return rig.run(
             f"{side}",
-            rig.line_driver(line, speeds=speeds, frequency=2.5 / rig.facts.scale**0.5, integral=0.5),
+            rig.line_driver(
+                line, speeds=speeds, frequency=2.5 / rig.facts.scale**0.5 * self.pressing, integral=0.5 * self.pressing
+            ),
             duration=self.settle + rising,
             speed=start,
             stop=stop,
@@ -137,6 +148,8 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         late = record.time > self.settle
         late &= record.time < record.time[-1] - 0.5 * self.window
         ay = record.vx * record.yaw_rate * sign
+        if self.method == "constant_radius":  # on the circle, whatever the wheel does at the limit
+            ay = record.speed**2 / np.hypot(record.x_com, record.y_com - sign * self.radius)
         named = {"ay": ay, "delta": sign * record.steering, "beta": sign * record.sideslip, "roll": sign * record.roll}
         named["speed"] = record.speed
         return {key: means(record.time, values, self.window)[late][::10] for key, values in named.items()}

@@ -24,6 +24,9 @@ from mirdrake.manoeuvres.rig import Rig
 from mirdrake.yaml_io import Duration, Length, Speed
 
 _LINE = {"kind": "straight", "length": 1.0}
+_STEADY_HANDS = {"course": 0.0, "preview": 0.2}
+"""How the driver of a brake test keeps to his line: he catches a car that turns before it has left it."""
+
 _MOVED = 0.05
 """Speed from which on a vehicle counts as moving [m/s]."""
 
@@ -48,10 +51,7 @@ class CoastDownSpec(ManoeuvreSpec):
         if self.last >= self.speed:
             raise self.fault("last", "must be below speed")
         if not rig.pedals:
-            why = (
-                "the single-track model here has none" if rig.facts.pedals else "control.yaml has servos on its wheels"
-            )
-            raise NotPossible(f"coasting needs pedals with a neutral gear; {why}")
+            raise NotPossible("coasting needs pedals with a neutral gear; control.yaml has servos on its wheels")
         check_speed(rig.facts, self.speed)
 
         def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
@@ -229,9 +229,15 @@ class SplitFrictionSpec(ManoeuvreSpec):
         outcome.add("yaw_rate", "Largest yaw rate", float(np.max(np.abs(np.degrees(record.yaw_rate)))), "deg/s")
         first = record.time < 0.3 + 1.0
         outcome.add("yaw_1s", "Heading after 1 s of braking", float(np.degrees(record.yaw[first][-1])), "deg")
+        angle = np.abs(np.degrees(record.hand_wheel))
         outcome.add(
-            "hand_wheel", "Largest hand-wheel angle", float(np.max(np.abs(np.degrees(record.hand_wheel)))), "deg"
+            "hand_wheel", "Largest hand-wheel angle", float(np.max(angle)), "deg", "UN R13-H: 240 deg, recalled"
         )
+        early = float(np.max(angle[record.time < 0.3 + 2.0]))
+        outcome.add("hand_wheel_2s", "The same in the first 2 s", early, "deg", "UN R13-H: 120 deg, recalled")
+        driven = (record.vx > 0.2 * self.speed) & (record.vx < 0.8 * self.speed)
+        mean = float(np.mean(np.degrees(record.hand_wheel[driven]))) if driven.any() else math.nan
+        outcome.add("hand_wheel_mean", "Mean hand-wheel angle, 80 to 20 % of the speed", mean, "deg", "+ left")
         locked = _locked(record)
         if locked:
             outcome.notes.append(f"wheels locked: {', '.join(locked)}")
@@ -241,8 +247,8 @@ class SplitFrictionSpec(ManoeuvreSpec):
             outcome.reason = f"it went {offset:.2f} m to the side and turned by {math.degrees(heading):.0f} deg"
         _speed_charts(outcome, record, record.time >= 0.0)
         outcome.charts.append(Chart("x", "m", "y", "m", (Line("middle of the rear axle", record.x, record.y),)))
-        angle = Line("Hand-wheel angle", record.time, np.degrees(record.hand_wheel))
-        outcome.charts.append(Chart("Time", "s", "Hand-wheel angle", "deg", (angle,)))
+        wheel = Line("Hand-wheel angle", record.time, np.degrees(record.hand_wheel))
+        outcome.charts.append(Chart("Time", "s", "Hand-wheel angle", "deg", (wheel,)))
 
 
 def brake_run(
@@ -275,15 +281,20 @@ def brake_run(
     driver: dict[str, Any]
     if rig.pedals:
         rows = [[0.0, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0], [0.3, 0.0, brake, 0.0]]
-        driver = rig.line_driver(_line(speed * longest), pedals=rows, hands=hands)
+        driver = rig.line_driver(_line(speed * longest), pedals=rows, hands=hands, **_STEADY_HANDS)
     else:
-        driver = rig.line_driver(_line(speed * longest), speeds=[[0.0, speed], [0.3, speed], [0.3, 0.0]], hands=hands)
+        rows = [[0.0, speed], [0.3, speed], [0.3, 0.0]]
+        driver = rig.line_driver(_line(speed * longest), speeds=rows, hands=hands, **_STEADY_HANDS)
         outcome.notes.append("it has no pedals: the speed command steps to zero; its speed control limits the slope")
+
+    stood: list[float] = []
 
     def stop(time: float, state: Sequence[float]) -> str | None:
         if abs(state[1]) > wide:
             return f"it went {wide:g} m to the side"
-        return "standstill" if time > 0.5 and state[6] < 0.01 else None
+        if time > 0.5 and state[6] < 0.01:
+            stood.append(time)
+        return "standstill" if stood and time > stood[0] + 0.1 else None
 
     record = rig.run(label, driver, duration=longest, speed=speed, ground=ground, stop=stop)
     check_entry(float(np.interp(0.3, record.time, record.vx)), speed, 0.02 * speed, where="when the brake is pressed")

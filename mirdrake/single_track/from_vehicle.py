@@ -1,7 +1,9 @@
 """From a vehicle folder to a single-track model: parameters read from its files and measured on its own model.
 
 A vehicle folder gives mass, inertia and lengths, the limits of the motor, rolling resistance, drag, friction and the
-gains of its servos. It says nothing of cornering stiffness: that is an argument, with an assumed default.
+gains of its servos. Its tyre model, if it has one, gives cornering stiffness, friction and relaxation lengths of the
+axles, see :mod:`mirdrake.single_track.axles`; with Coulomb friction alone there is no cornering stiffness, and a
+default is assumed.
 """
 
 from collections.abc import Sequence
@@ -11,6 +13,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 
 from mirdrake.errors import ConfigError
+from mirdrake.single_track.axles import Axle, Body, find_axles
 from mirdrake.single_track.dynamics import Tyres, Variant
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
@@ -80,10 +83,10 @@ def estimate_parameters(
 
     Args:
         vehicle: a loaded vehicle.
-        front_stiffness: cornering stiffness of the front axle [N/rad]; :data:`FRONT_STIFFNESS` times its load if left
-            out, an assumption.
+        front_stiffness: cornering stiffness of the front axle [N/rad]; that of its tyre model if left out, or without
+            one :data:`FRONT_STIFFNESS` times its load, an assumption.
         rear_stiffness: the same at the rear.
-        friction: of tyres on the road [1]; the tyres' own if left out.
+        friction: of the road [1]; if left out, dry asphalt for a tyre model, and the tyres' own without one.
         gravity: in the world [m/s²]; that of a world is ``world.ground.gravity``.
         drag: whether there is air.
 
@@ -109,7 +112,7 @@ def estimate_parameters(
     front_load, rear_load = mass * down * ahead / geometry.wheelbase, mass * down * (1.0 - ahead / geometry.wheelbase)
 
     # Wheels: what turns with them, the friction of their tyres, their motors and servos.
-    rotating, frictions = 0.0, []
+    rotating, frictions, springs = 0.0, [], [1e6] * 4
     inspector = scene_graph.model_inspector()
     for index, (joint, radius) in enumerate(zip(wheels, geometry.wheel_radii, strict=True)):
         body = joint.child_body()
@@ -122,6 +125,8 @@ def estimate_parameters(
         rotating += (float(axis @ tensor @ axis) + rotor) / radius**2
         for shape in plant.GetCollisionGeometriesForBody(body):
             properties = inspector.GetProperties(shape, Role.kProximity)
+            if properties is not None and properties.HasProperty("material", "point_contact_stiffness"):
+                springs[index] = float(properties.GetProperty("material", "point_contact_stiffness"))
             if properties is not None and properties.HasProperty("material", "coulomb_friction"):
                 frictions.append(float(properties.GetProperty("material", "coulomb_friction").dynamic_friction()))
     driven = [WHEELS.index(name) for name in spec.driven_wheels()]
@@ -131,6 +136,15 @@ def estimate_parameters(
         most += float(motor.effort_limit()) / radius
         if vehicle.control.wheel_speed.kind == "servo":
             gain += vehicle.control.wheel_speed.gain / radius**2
+    body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]))
+    axles = find_axles(vehicle, body, friction=friction)
+    if axles is None:
+        grip = min(frictions, default=1.0) if friction is None else friction
+        lengths = [RELAXATION_OVER_RADIUS * r for r in (geometry.front_wheel_radius, geometry.rear_wheel_radius)]
+        axles = (
+            Axle(FRONT_STIFFNESS * front_load, grip, lengths[0]),
+            Axle(REAR_STIFFNESS * rear_load, grip, lengths[1]),
+        )
     servo = vehicle.control.steering
     v1 = BLEND_FROUDE * (down * geometry.wheelbase) ** 0.5
     return SingleTrackParameters(
@@ -140,12 +154,12 @@ def estimate_parameters(
         rear_length=ahead,
         com_height=height,
         rotating_mass=rotating,
-        front_stiffness=FRONT_STIFFNESS * front_load if front_stiffness is None else front_stiffness,
-        rear_stiffness=REAR_STIFFNESS * rear_load if rear_stiffness is None else rear_stiffness,
-        front_friction=min(frictions, default=1.0) if friction is None else friction,
-        rear_friction=min(frictions, default=1.0) if friction is None else friction,
-        front_relaxation=RELAXATION_OVER_RADIUS * geometry.front_wheel_radius,
-        rear_relaxation=RELAXATION_OVER_RADIUS * geometry.rear_wheel_radius,
+        front_stiffness=axles[0].stiffness if front_stiffness is None else front_stiffness,
+        rear_stiffness=axles[1].stiffness if rear_stiffness is None else rear_stiffness,
+        front_friction=axles[0].friction,
+        rear_friction=axles[1].friction,
+        front_relaxation=axles[0].relaxation,
+        rear_relaxation=axles[1].relaxation,
         rolling_resistance=spec.tyres.rolling_resistance,
         drag=0.5 * AIR_DENSITY * spec.aerodynamics.drag_area if drag else 0.0,
         front_drive={"front": 1.0, "rear": 0.0, "all": 0.5}[spec.drive],

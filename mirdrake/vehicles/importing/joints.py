@@ -10,7 +10,7 @@ from mirdrake.vehicles.importing.recognise import Roles
 MOST_NUMBERS = 24
 """Numbers of a plugin that a report names."""
 
-_SUSPENSION = "mirdrake has no suspension yet; the car stands at the zero position"
+_SUSPENSION = "springs are not imported; the car stands at the zero position (vehicle.yaml can have a suspension)"
 _WHY = {
     "revolute": "it neither steers a front wheel nor turns a wheel",
     "continuous": "it neither steers a front wheel nor turns a wheel",

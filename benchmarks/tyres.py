@@ -1,0 +1,115 @@
+"""Job tyres: what tyre models cost in the drive of W1, and how fast the single-track model is."""
+
+from functools import partial
+from statistics import median
+from typing import Any
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+from benchmarks.job import DURATION, SPEED, STEADY, STEERING, circle_figures
+from benchmarks.timing import Times, rates, timed
+from mirdrake.controllers import ConstantCommand
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import load_diagram
+from mirdrake.simulation import Simulation
+from mirdrake.single_track import make_single_track, make_single_track_vehicle
+from mirdrake.vehicles import load_vehicle
+
+KINDS = {"coulomb": "w1_car", "brush": "w1_car@brush", "magic_formula": "w1_car@magic_formula"}
+"""Kinds of tyres and the vehicles that have them; all else is the same."""
+
+LOG_PERIOD = 0.02
+"""[s] between the samples that are logged of the single-track model."""
+
+
+def drive(contact: str, *, step: float = 0.005, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
+    """The drive of W1 with every kind of tyre, by turns in this process.
+
+    Args:
+        contact: "hydroelastic" or "point".
+        step: of the plant [s].
+        duration: simulated time [s].
+        repeat: number of rounds.
+
+    Returns:
+        per kind its speed, the figures of its circle, and `over_coulomb`: processor time over that of Coulomb tyres in
+        the same round, median.
+    """
+    overrides = [f"plant.contact={contact}", f"plant.time_step={step}"]
+    simulations, figures = {}, {}
+    for kind, model in KINDS.items():
+        spec = load_diagram("w1", overrides=[*overrides, f"vehicles.ego.model={model}"])
+        simulations[kind] = Simulation(assemble(spec))
+        signals = simulations[kind].run(duration=duration).signals  # warms up
+        last = signals[signals.index > max(duration - STEADY, 0.0) + 1e-3]
+        figures[kind] = circle_figures(last["ego.vx"].to_numpy(), last["ego.wz"].to_numpy())
+    times: dict[str, list[Times]] = {kind: [] for kind in KINDS}
+    for _ in range(repeat):
+        for kind, simulation in simulations.items():
+            times[kind].append(timed(partial(simulation.run, duration=duration)))
+    plain = [time.cpu for time in times["coulomb"]]
+    return {
+        kind: {
+            **rates(taken, duration=duration, step=step),
+            **figures[kind],
+            "over_coulomb": median(time.cpu / other for time, other in zip(taken, plain, strict=True)),
+        }
+        for kind, taken in times.items()
+    }
+
+
+def _model() -> tuple[Diagram, Any]:
+    """The single-track model of the car, with brush tyres and relaxation; a constant steering angle, no force."""
+    builder = DiagramBuilder()
+    model = builder.AddSystem(make_single_track(load_vehicle(KINDS["brush"]), tyres="brush", relaxation=True))
+    for port, values in ((model.steering, [STEERING]), (model.forces, [0.0, 0.0])):
+        builder.Connect(builder.AddSystem(ConstantVectorSource(values)).get_output_port(), port)
+    LogVectorOutput(model.state, builder, publish_period=LOG_PERIOD)
+    return builder.Build(), model
+
+
+def _vehicle() -> tuple[Diagram, Any]:
+    """The same behind the control unit of the vehicle, which works at 50 Hz."""
+    builder, car = DiagramBuilder(), load_vehicle(KINDS["brush"])
+    vehicle = builder.AddSystem(make_single_track_vehicle(car, tyres="brush", relaxation=True))
+    command = builder.AddSystem(ConstantCommand(SPEED, STEERING, period=LOG_PERIOD))
+    builder.Connect(command.get_output_port(0), vehicle.GetInputPort("command"))
+    LogVectorOutput(vehicle.GetOutputPort("state"), builder, publish_period=LOG_PERIOD)
+    return builder.Build(), vehicle.GetSubsystemByName("single_track")
+
+
+def reduced(make: Any, *, duration: float = DURATION, repeat: int = 3) -> dict[str, float]:
+    """Real-time factor of a diagram with the single-track model, with Drake's integrator as it comes.
+
+    Args:
+        make: builds it; gives the diagram and the model in it.
+        duration: simulated time [s].
+        repeat: number of runs; the best is given, as other load on the machine can only add.
+    """
+    diagram, model = make()
+
+    def run() -> None:
+        simulator = Simulator(diagram)
+        model.set_state(model.GetMyContextFromRoot(simulator.get_mutable_context()), vx=SPEED)
+        simulator.Initialize()
+        simulator.AdvanceTo(duration)
+
+    run()
+    times = [timed(run) for _ in range(repeat)]
+    return {
+        "rtf": duration / min(time.wall for time in times),
+        "rtf_cpu": duration / min(time.cpu for time in times),
+    }
+
+
+def run_tyres(*, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
+    """All of it."""
+    return {
+        "drives": {contact: drive(contact, duration=duration, repeat=repeat) for contact in ("point", "hydroelastic")},
+        "single_track": {
+            "model": reduced(_model, duration=duration, repeat=repeat),
+            "with_control_unit": reduced(_vehicle, duration=duration, repeat=repeat),
+        },
+    }

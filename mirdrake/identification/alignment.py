@@ -1,0 +1,197 @@
+"""How late channels are against each other, to a fraction of a sample, from pairs that kinematics ties together."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from mirdrake.identification.data import Array, Log
+from mirdrake.identification.findings import Finding
+from mirdrake.identification.relations import Grid, Relation, make_grid, relations_of
+
+LONGEST = 0.6
+"""Delays are sought up to this [s]."""
+
+SMOOTHING = 0.05
+"""Standard deviation of the Gaussian that both sides pass before they are compared [s]; it shifts nothing."""
+
+BLOCKS = 10
+"""Parts of a log, whose delays give the uncertainty and the drift."""
+
+
+class Delay(NamedTuple):
+    """How late one signal is behind another.
+
+    Attributes:
+        value: positive when the first one is late [s].
+        sigma: its standard deviation, from its scatter over the log [s].
+        drift: change of the delay with time [s/s].
+        drift_sigma: its standard deviation [s/s].
+        correlation: of both, once they are aligned.
+    """
+
+    value: float
+    sigma: float
+    drift: float
+    drift_sigma: float
+    correlation: float
+
+
+def delay_of(left: Array, right: Array, step: float) -> Delay | None:
+    """How late the first signal is behind the second, whatever its scale and offset; None: too little moves.
+
+    The peak of the cross-correlation is the start of Gauss-Newton steps on ``left(t) = g right(t - τ) + c``. Noise on the
+    right side makes g small but leaves τ alone, since noise is not correlated with its own derivative.
+
+    Args:
+        left, right: samples on the same even steps (n).
+        step: [s].
+    """
+    width = max(1.0, SMOOTHING / step)
+    margin = int(np.ceil(3 * width))
+    a, b = (gaussian_filter1d(side - side.mean(), width, mode="nearest") for side in (left, right))
+    reach = min(int(LONGEST / step) + 1, len(a) // 4)
+    if len(a) < 4 * margin + 40 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return None
+    size = 1 << int(2 * len(a) - 1).bit_length()
+    # Differences of the samples weigh the fast part, which has the timing.
+    spectrum = np.fft.rfft(np.gradient(a), size) * np.conj(np.fft.rfft(np.gradient(b), size))
+    product = np.fft.irfft(spectrum, size)
+    lags = np.arange(-reach, reach + 1)
+    at = int(np.argmax(np.abs(product[lags])))
+    delay = float(lags[at])
+    if abs(delay) == reach:
+        return None
+    rows = np.arange(len(a), dtype=float)
+    inner = slice(margin + reach, len(a) - margin - reach)
+    curve = CubicSpline(rows, b)
+    for _ in range(20):
+        shifted = curve(rows[inner] - delay)
+        slope = curve(rows[inner] - delay, 1)
+        base = np.column_stack((shifted, slope, np.ones(len(shifted))))
+        gain, tilt, offset = np.linalg.lstsq(base, a[inner], rcond=None)[0]
+        change = float(np.clip(-tilt / gain, -1.0, 1.0)) if gain else 0.0
+        delay += change
+        if abs(change) < 1e-4:
+            break
+    if abs(delay) > reach:
+        return None
+    shifted, slope = curve(rows[inner] - delay), curve(rows[inner] - delay, 1)
+    correlation = float(np.corrcoef(a[inner], shifted)[0, 1])
+    rest = a[inner] - gain * shifted - offset
+    # One more step in each part by itself.
+    parts = np.array_split(np.arange(len(shifted)), BLOCKS)
+    # The offset may wander (grade, mounting): each part has its own.
+    values, weights, times = [], [], []
+    for part in parts:
+        tangent = -gain * (slope[part] - slope[part].mean())
+        weight = float(np.sum(tangent**2))
+        if weight > 0.0:
+            values.append(float(np.sum(tangent * (rest[part] - rest[part].mean()))) / weight)
+            weights.append(weight)
+            times.append(float(part.mean()) * step)
+    value, weight, time = np.array(values) * step, np.array(weights) / sum(weights), np.array(times)
+    enough = 1.0 / float(np.sum(weight**2))  # effective number of parts
+    if enough < 1.5:
+        return None
+    spread = float(np.sum(weight * value**2)) / max(enough - 1.0, 0.5)
+    mean = float(np.sum(weight * time))
+    across = float(np.sum(weight * (time - mean) ** 2))
+    drift = float(np.sum(weight * (time - mean) * value)) / across
+    left_over = float(np.sum(weight * (value - drift * (time - mean)) ** 2)) / max(enough - 2.0, 0.5)
+    return Delay(delay * step, float(np.sqrt(spread)), drift, float(np.sqrt(left_over / across)), correlation)
+
+
+def find_delays(log: Log) -> list[tuple[Relation, Delay]]:
+    """The delays of all pairs of a log that move alike enough to tell."""
+    grid = make_grid(log)
+    found = []
+    for relation in relations_of(grid.channels):
+        delay = delay_of(grid.channels[relation.measured], relation.right(grid), grid.step)
+        if delay is not None and abs(delay.correlation) > 0.8:
+            found.append((relation, delay))
+    return found
+
+
+def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Channels that are late against others; their repair shifts the late ones, the earliest stays."""
+    pairs = find_delays(log)
+    grid = make_grid(log)
+    step, found = grid.step, []
+    late = _lateness(pairs)
+    moved = {name: value for name, value in late.items() if value > 0.25 * step}
+    for relation, delay in pairs:
+        sure = abs(delay.value) > max(0.25 * step, 4.0 * delay.sigma)
+        behind = "late" if delay.value > 0.0 else "early"
+        other = _clock_of(relation)
+        text = (
+            f"{relation.measured} is {1e3 * abs(delay.value):.3g} ± {2e3 * delay.sigma:.2g} ms {behind} against what {other} "
+            f"gives ({abs(delay.value) / step:.3g} samples, correlation {delay.correlation:.3f})"
+        )
+        if relation.measured == "lateral_acceleration" and sure:
+            speed = float(np.median(np.abs(grid.channels[relation.others[0]])))
+            text += (
+                f"; a sensor {speed * abs(delay.value):.2g} m {'behind' if delay.value > 0 else 'ahead'} looks alike"
+            )
+        shifted = [name for name in (relation.measured, other) if name in moved]
+        done = "shifted " + ", ".join(f"{name} by -{1e3 * moved[name]:.3g} ms" for name in shifted) if shifted else ""
+        severity = "warning" if sure else "info"
+        name = f"{relation.measured}, {other}"
+        found.append(
+            Finding(log.name, "delay", name, severity, delay.value, "s", text, done if repair and sure else "")
+        )
+        if abs(delay.drift) > max(4.0 * delay.drift_sigma, 1e-4) and abs(delay.drift) * np.ptp(log.time) > 0.5 * step:
+            text = f"the delay of {relation.measured} against {other} changes by {1e6 * delay.drift:.3g} µs each second"
+            found.append(Finding(log.name, "drift", name, "fault", delay.drift, "s/s", text + ": two clocks"))
+    if not repair or not moved:
+        return log, found
+    channels = dict(log.channels)
+    for name, value in moved.items():
+        good = np.isfinite(channels[name])
+        curve = np.interp(log.time + value, log.time[good], channels[name][good])
+        channels[name] = np.where(good, curve, np.nan)
+    return replace(log, channels=channels), found
+
+
+def check_response(log: Log) -> list[Finding]:
+    """How late the yaw rate is behind the steering: the response of the car and the delay of the channels together."""
+    grid, found = make_grid(log), []
+    for name in ("road_wheel_angle", "steering_wheel_angle", "steering_command"):
+        if name in grid.channels and "yaw_rate" in grid.channels:
+            delay = delay_of(grid.channels["yaw_rate"], grid.channels[name], grid.step)
+            if delay is not None and abs(delay.correlation) > 0.7:
+                text = f"the yaw rate follows {name} by {1e3 * delay.value:.3g} ms, with the response of the vehicle"
+                found.append(Finding(log.name, "response", f"yaw_rate, {name}", "info", delay.value, "s", text))
+    return found
+
+
+def _clock_of(relation: Relation) -> str:
+    """The channel of the right side that has its timing: the one that is differentiated, or turns."""
+    return "yaw_rate" if "yaw_rate" in relation.others else relation.others[0]
+
+
+def _lateness(pairs: list[tuple[Relation, Delay]]) -> dict[str, float]:
+    """How late each channel is [s] against the earliest of those it is tied to; pairs without a sure delay tie, too."""
+    names = sorted({name for relation, _ in pairs for name in (relation.measured, _clock_of(relation))})
+    if not names:
+        return {}
+    matrix, right = np.zeros((len(pairs), len(names))), np.zeros(len(pairs))
+    groups = {name: name for name in names}
+    for row, (relation, delay) in enumerate(pairs):
+        first, second = relation.measured, _clock_of(relation)
+        scale = 1.0 / max(delay.sigma, 1e-5)
+        matrix[row, names.index(first)], matrix[row, names.index(second)] = scale, -scale
+        sure = abs(delay.value) > 4.0 * delay.sigma
+        right[row] = delay.value * scale if sure else 0.0
+        old, new = groups[second], groups[first]
+        groups = {name: new if group == old else group for name, group in groups.items()}
+    solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    least = {group: min(solved[names.index(n)] for n in names if groups[n] == group) for group in set(groups.values())}
+    return {name: float(solved[index] - least[groups[name]]) for index, name in enumerate(names)}
+
+
+def smooth(grid: Grid, name: str) -> Array:
+    """A channel of a grid without its fast noise (n)."""
+    return np.asarray(gaussian_filter1d(grid.channels[name], max(1.0, SMOOTHING / grid.step)))

@@ -1,0 +1,56 @@
+"""The data check before any fit: what is odd in a data set, what was done about it, and what can be found from it."""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.identification.alignment import check_delays, check_response
+from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.excitation import check_excitation
+from mirdrake.identification.findings import DataReport, Finding
+from mirdrake.identification.plausibility import check_gravity, check_relations, check_steering, check_step
+from mirdrake.identification.samples import check_glitches, check_values
+from mirdrake.identification.spec import REPAIRS
+from mirdrake.identification.timing import check_held, check_stamps
+
+
+def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> DataReport:
+    """What is odd in a data set, with a repaired copy of it.
+
+    Each check sees what the repairs before it left. Units and signs are never repaired: that is the mapping's part.
+
+    Args:
+        data: the recorded drives; they stay as they are.
+        repairs: which may be made, of :data:`~mirdrake.identification.spec.REPAIRS`; None: those of the data file.
+
+    Raises:
+        ConfigError: a repair is not known.
+    """
+    allowed = data.repairs if repairs is None else repairs
+    for name in allowed:
+        if name not in REPAIRS:
+            raise ConfigError(f"repairs: unknown repair '{name}'; {did_you_mean(name, REPAIRS)}")
+    findings, offers, logs = [], [], []
+    for log in data.logs:
+        mended, found = _check_log(log, allowed, data.wheelbase)
+        findings += found
+        offers += check_excitation(mended)
+        logs.append(mended)
+    return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
+
+
+def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> tuple[Log, list[Finding]]:
+    found = [Finding(log.name, "file", "", "info", 0.0, "", note) for note in log.notes]
+    found += check_values(log)
+    # The clock first: everything else counts samples. Then single values, then what is compared between channels.
+    for name, check in (
+        ("stamps", check_stamps),
+        ("held", check_held),
+        ("glitches", check_glitches),
+        ("step", check_step),
+        ("delays", check_delays),
+    ):
+        log, seen = check(log, repair=name in allowed)
+        found += seen
+    found += check_relations(log) + check_steering(log, wheelbase) + check_gravity(log) + check_response(log)
+    return log, found

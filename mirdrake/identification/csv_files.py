@@ -1,0 +1,131 @@
+"""CSV files as people and instruments write them.
+
+Comment lines and lines of text before the header are passed over; the delimiter, the decimal mark, and units in the
+header (``speed [km/h]``, ``speed (km/h)``) or in a row of their own below it are found. What was found is noted.
+"""
+
+import re
+from collections.abc import Collection
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mirdrake.errors import ConfigError
+from mirdrake.identification.channels import CHANNELS, unit_factor
+from mirdrake.identification.spec import CsvLayout
+from mirdrake.identification.tables import Table, read_bytes
+from mirdrake.yaml_io import shown
+
+_DELIMITERS = ("\t", ";", ",", "|")
+_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|nan|inf|-inf|", re.IGNORECASE)
+_MISSING = ["", "-", "--", "n/a", "NA", "NaN", "nan", "null", "NULL", "None"]
+_UNITS = {channel.unit for channel in CHANNELS.values()} | {"s", "m/s^2", "rad", "m"}
+
+
+def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
+    """A CSV file as a table.
+
+    Args:
+        path: the file.
+        wanted: names of columns that will be asked for; the header is the first line that has one of them.
+        layout: what the user says of the file.
+
+    Raises:
+        ConfigError: the file cannot be read, is empty, or a row has more cells than the header.
+    """
+    name, notes = shown(path), []
+    raw = read_bytes(path)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+        notes.append("is not UTF-8; read as Latin-1")
+    comments = tuple(layout.comment)
+    lines = text.splitlines()
+    kept = [at for at, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
+    if not kept:
+        raise ConfigError(f"{name}: is empty; a header and rows of numbers are expected")
+    head = 0 if layout.columns else _header(lines, kept, wanted, layout)
+    delimiter = layout.delimiter or _delimiter(lines[kept[head]])
+    names = layout.columns or _cells(lines[kept[head]], delimiter)
+    first = head if layout.columns else head + 1
+    if head:
+        notes.append(f"{head} lines before the header in line {kept[head] + 1} are passed over")
+    units = {}
+    for index, title in enumerate(names):
+        match = _UNIT.fullmatch(title)
+        if match is not None and match.group(1):
+            names[index] = match.group(1)
+            units[names[index]] = match.group(2).strip()
+    if not layout.columns and len(kept) > first and _is_units(below := _cells(lines[kept[first]], delimiter)):
+        units |= {title: unit.strip("[]()") for title, unit in zip(names, below, strict=False) if unit.strip("[]()-")}
+        notes.append(f"line {kept[first] + 1} is a row of units")
+        first += 1
+    if len(kept) <= first:
+        raise ConfigError(f"{name}: has a header and no rows")
+    decimal = layout.decimal or _decimal([_cells(lines[at], delimiter) for at in kept[first : first + 50]], delimiter)
+    if decimal == "," and layout.decimal is None:
+        notes.append("has decimal commas")
+    numbers = np.array(kept[first:]) + 1
+    try:
+        frame = pd.read_csv(
+            StringIO("\n".join(lines[at] for at in kept[first:])),
+            sep=r"\s+" if delimiter == "space" else delimiter,
+            header=None,
+            names=range(len(names)),
+            index_col=False,
+            decimal=decimal,
+            na_values=_MISSING,
+            keep_default_na=False,
+            skipinitialspace=True,
+            low_memory=False,
+            engine="c",
+        )
+    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError) as error:
+        match = re.search(r"line (\d+)", str(error))
+        line = f":{numbers[min(int(match.group(1)), len(numbers)) - 1]}" if match else ""
+        raise ConfigError(f"{name}{line}: does not have the {len(names)} cells of the header") from None
+    return Table(name, names, {title: frame[index] for index, title in enumerate(names)}, units, numbers, notes)
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    parts = line.split() if delimiter == "space" else line.split(delimiter)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def _delimiter(line: str) -> str:
+    counts = {mark: line.count(mark) for mark in _DELIMITERS}
+    best = max(counts, key=lambda mark: counts[mark])
+    return best if counts[best] else "space" if len(line.split()) > 1 else ","
+
+
+def _header(lines: list[str], kept: list[int], wanted: Collection[str], layout: CsvLayout) -> int:
+    """Index into `kept` of the header."""
+    for index, at in enumerate(kept[:100]):
+        cells = _cells(lines[at], layout.delimiter or _delimiter(lines[at]))
+        bare = {match.group(1) if (match := _UNIT.fullmatch(cell)) else cell for cell in cells}
+        if len(cells) > 1 and (bare | set(cells)) & set(wanted):
+            return index
+    return 0
+
+
+def _is_units(cells: list[str]) -> bool:
+    if not any(cells) or any(cell and _NUMBER.fullmatch(cell) for cell in cells):
+        return False
+    return any(_fits(cell.strip("[]()"), si) for cell in cells if cell for si in _UNITS if si != "1")
+
+
+def _fits(unit: str, si: str) -> bool:
+    try:
+        unit_factor(unit, si)
+    except ValueError:
+        return False
+    return bool(unit)
+
+
+def _decimal(rows: list[list[str]], delimiter: str) -> str:
+    return "," if delimiter != "," and any(_COMMA.fullmatch(cell) for row in rows for cell in row) else "."

@@ -1,0 +1,210 @@
+"""Recorded drives of one vehicle as a data set: channels in SI units with canonical names."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mirdrake.errors import ConfigError
+from mirdrake.identification.channels import channel, unit_factor
+from mirdrake.identification.readers import read_table
+from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
+from mirdrake.identification.tables import Table
+from mirdrake.yaml_io import load_yaml, shown, where
+
+Array = NDArray[np.float64]
+
+LEAST_ROWS = 20
+"""Fewer samples are no drive."""
+
+MOST_BACKWARDS = 0.01
+"""Part of the rows whose time may lie before that of an earlier row; more is an error."""
+
+_FINE_UNITS = {"us": 1e-6, "ns": 1e-9}
+
+
+@dataclass(frozen=True)
+class Log:
+    """One recorded drive.
+
+    Attributes:
+        name: in reports.
+        use: "train" or "validation".
+        time: stamps of the rows (n) [s].
+        channels: by canonical name (n each), SI units, NaN where there is no value.
+        notes: what was found in the file and taken for granted.
+    """
+
+    name: str
+    use: str
+    time: Array
+    channels: Mapping[str, Array]
+    notes: tuple[str, ...] = ()
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Samples by channel, index ``time`` [s]; units in ``attrs["units"]``."""
+        frame = pd.DataFrame(dict(self.channels), index=pd.Index(self.time, name="time"))
+        frame.attrs["units"] = {name: channel(name).unit for name in self.channels}
+        return frame
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Drives of one vehicle.
+
+    Attributes:
+        logs: all of them.
+        wheelbase: front to rear axle [m], if it was given.
+        repairs: that the check may make.
+        digest: SHA-256 of all times and values.
+    """
+
+    logs: tuple[Log, ...]
+    wheelbase: float | None = None
+    repairs: tuple[Repair, ...] = REPAIRS
+    digest: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        code = hashlib.sha256()
+        for log in self.logs:
+            for name, values in (("time", log.time), *log.channels.items()):
+                code.update(f"{log.name}/{log.use}/{name}/".encode() + np.ascontiguousarray(values).tobytes())
+        object.__setattr__(self, "digest", code.hexdigest())
+
+    @property
+    def train(self) -> tuple[Log, ...]:
+        """The drives that parameters are fitted to."""
+        return tuple(log for log in self.logs if log.use == "train")
+
+    @property
+    def validation(self) -> tuple[Log, ...]:
+        """The drives that are held out."""
+        return tuple(log for log in self.logs if log.use == "validation")
+
+
+def load_data(file: Path | str) -> DataSet:
+    """A data set.
+
+    Args:
+        file: YAML file of format ``mirdrake: data/1``.
+
+    Raises:
+        ConfigError: a file cannot be read, or does not have what the data file says; one line per fault.
+    """
+    file = Path(file)
+    spec = load_yaml(file, DataSpec)
+    logs, faults = [], []
+    for index, entry in enumerate(spec.logs):
+        try:
+            logs.append(_load_log(file.parent, spec, entry, index))
+        except ConfigError as error:
+            faults.append(str(error))
+    if faults:
+        raise ConfigError("\n".join(dict.fromkeys("\n".join(faults).splitlines())))
+    names = [log.name for log in logs]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise ConfigError(f"{where(spec, 'logs', index)}: a second log '{name}'; give it a name of its own")
+    return DataSet(tuple(logs), spec.wheelbase, tuple(spec.repairs))
+
+
+def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
+    channels: dict[str, tuple[Column, str]] = {}
+    for name, column in spec.channels.items():
+        channels[name] = (column, where(spec, "channels", name))
+    for name, column in entry.channels.items():
+        channels[name] = (column, where(spec, "logs", index, "channels", name))
+    if not channels:
+        raise ConfigError(f"{where(spec, 'channels')}: no channel is mapped; add, for example, vx: {{column: …}}")
+    clock = entry.time or spec.time
+    asked = where(spec, "logs", index, "time") if entry.time else where(spec, "time")
+    wanted = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])
+    try:
+        table = read_table(folder / entry.file, wanted, entry.csv or spec.csv)
+    except ConfigError as error:
+        if "no such file" in str(error):
+            raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {error}") from None
+        raise
+    values, faults = {}, []
+    for name, (column, place) in channels.items():
+        try:
+            values[name] = _values(table, name, column, place)
+        except ConfigError as error:
+            faults.append(str(error))
+    if faults:
+        raise ConfigError("\n".join(faults))
+    time = _time(table, clock, asked, len(next(iter(values.values()))))
+    for name, numbers in values.items():
+        if len(numbers) != len(time):
+            place = channels[name][1]
+            raise ConfigError(f"{place}: {table.name} has {len(numbers)} values, and {len(time)} times")
+        if np.isnan(numbers).all():
+            raise ConfigError(
+                f"{channels[name][1]}: column '{channels[name][0].column}' of {table.name} has no numbers"
+            )
+    keep = np.isfinite(time)
+    keep &= (time >= (-np.inf if entry.start is None else entry.start)) & (
+        time <= (np.inf if entry.end is None else entry.end)
+    )
+    if keep.sum() < LEAST_ROWS:
+        place = where(spec, "logs", index)
+        raise ConfigError(f"{place}: {table.name} has {int(keep.sum())} rows to use; at least {LEAST_ROWS} are needed")
+    notes = list(table.notes)
+    if np.isnan(time).any():
+        notes.append(f"{int(np.isnan(time).sum())} rows without a time are left out")
+    _check_forward(table, time, keep)
+    name = entry.name or Path(entry.file).name
+    return Log(name, entry.use, time[keep], {key: item[keep] for key, item in values.items()}, tuple(notes))
+
+
+def _values(table: Table, name: str, column: Column, place: str) -> Array:
+    numbers = table.numbers(column.column, place)
+    si = channel(name).unit
+    said = table.units.get(column.column)
+    if column.unit is not None and said and said != column.unit:
+        raise ConfigError(
+            f"{place}: unit '{column.unit}', but {table.name} says '{said}'; leave out one, or give the scale instead"
+        )
+    unit = column.unit if column.unit is not None else said
+    if unit is None and si != "1":
+        raise ConfigError(f"{place}: needs a unit, for example 'unit: {si}'; {table.name} does not say it")
+    try:
+        factor = unit_factor(unit or "1", si)
+    except ValueError as error:
+        raise ConfigError(f"{place}: {error} ({table.name} says so)") from None
+    return np.asarray(column.sign * column.scale * factor * numbers + column.offset)
+
+
+def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
+    if clock.step is not None:
+        return np.arange(rows) * clock.step
+    assert clock.column is not None  # the schema wants one of them
+    numbers = table.numbers(clock.column, asked)
+    unit = clock.unit or table.units.get(clock.column) or "s"
+    try:
+        factor = _FINE_UNITS.get(unit) or unit_factor(unit, "s")
+    except ValueError as error:
+        raise ConfigError(f"{asked}: {error} ({table.name} says so)") from None
+    if len(numbers) and np.isfinite(numbers).any() and abs(np.nanmin(numbers)) * factor > 1e7:
+        numbers = numbers - numbers[np.isfinite(numbers)][0]  # a date: floats of it are coarse
+    return np.asarray(numbers * factor)
+
+
+def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
+    """Refuse a clock that stands still or often goes back."""
+    rows = np.flatnonzero(keep)
+    used = time[rows]
+    latest = np.maximum.accumulate(used)
+    back = used < latest
+    if used.max() == used.min():
+        raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s")
+    if back.mean() > MOST_BACKWARDS:
+        at = int(np.argmax(back))
+        raise ConfigError(
+            f"{table.row(int(rows[at]))}: time goes back from {latest[at]:g} s to {used[at]:g} s, and {int(back.sum())} "
+            f"of {len(used)} rows lie before an earlier one; make it several logs with start and end, or one a file"
+        )

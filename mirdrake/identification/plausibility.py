@@ -1,0 +1,143 @@
+"""Units, signs, the step and gravity: what the relations of kinematics say of a log."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mirdrake.identification.alignment import smooth
+from mirdrake.identification.channels import channel
+from mirdrake.identification.data import Log
+from mirdrake.identification.findings import Finding
+from mirdrake.identification.relations import Gain, Grid, explain, gain_of, make_grid, relations_of, step_factor
+
+GRAVITY = 9.80665
+
+STANDSTILL = 0.05
+"""Slower than this a vehicle stands [m/s]."""
+
+STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
+
+
+def gains_of(log: Log) -> list[Gain]:
+    """How the relations of a log hold, of those that move enough to tell."""
+    grid = make_grid(log)
+    gains = [gain_of(relation, grid) for relation in relations_of(grid.channels)]
+    return [gain for gain in gains if gain is not None and abs(gain.correlation) > 0.7]
+
+
+def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """The true step against the stated one, from all relations that have a derivative in them."""
+    gains = gains_of(log)
+    factor = step_factor(gains)
+    if factor is None:
+        return log, []
+    step = make_grid(log).step
+    timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
+    text = f"the true step is {factor * step:.5g} s, {factor:.4g} times the stated {step:.5g} s: " + "; ".join(
+        f"{gain.relation} say {1.0 / gain.gain:.4g}" for gain in timed
+    )
+    done = f"time multiplied by {factor:.5g}" if repair else ""
+    found = Finding(log.name, "step", "", "fault", factor * step, "s", text, done)
+    return (replace(log, time=log.time[0] + factor * (log.time - log.time[0])) if repair else log), [found]
+
+
+def check_relations(log: Log) -> list[Finding]:
+    """Scales and offsets of the relations, and the mistakes that would explain those that do not hold."""
+    found, gains = [], gains_of(log)
+    for gain in gains:
+        off = abs(gain.gain - 1.0) > max(0.1, 4.0 * gain.sigma)
+        first, others = gain.relation.measured, ", ".join(gain.relation.others)
+        text = f"{first} is {gain.gain:.4g} ± {2.0 * gain.sigma:.2g} times what {others} give, {gain.offset:+.3g} "
+        text += channel(first).unit
+        found.append(
+            Finding(log.name, "relation", str(gain.relation), "warning" if off else "info", gain.gain, "1", text)
+        )
+    mistakes, factor = explain(gains, {name: channel(name).unit for name in log.channels})
+    if factor is None and mistakes:
+        text = "would be explained by: " + " or by ".join(f"{what} of {name}" for name, what in mistakes)
+        names = ", ".join(dict.fromkeys(name for name, _ in mistakes))
+        found.append(Finding(log.name, "units", names, "fault", float(len(mistakes)), "mistakes", text))
+    return found
+
+
+def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
+    """Sign and scale of the steering against the yaw rate, where the car runs with little slip."""
+    grid, found = make_grid(log), []
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if forward not in grid.channels or "yaw_rate" not in grid.channels:
+        return found
+    speed, rate = smooth(grid, forward), smooth(grid, "yaw_rate")
+    for name in STEERING:
+        if name not in grid.channels:
+            continue
+        angle = smooth(grid, name)
+        calm = (speed > 1.0) & (np.abs(speed * rate) < 3.0)
+        if calm.sum() < 50 or np.std(angle[calm]) == 0.0 or np.std(rate[calm]) == 0.0:
+            continue
+        curvature = rate[calm] / speed[calm]
+        correlation = float(np.corrcoef(angle[calm], curvature)[0, 1])
+        if abs(correlation) < 0.5:
+            continue
+        base = np.column_stack((speed[calm] * angle[calm], speed[calm]))
+        gain = float(np.linalg.lstsq(base, rate[calm], rcond=None)[0][0])
+        if correlation < 0.0:
+            text = f"{name} to the left turns the vehicle to the right (correlation {correlation:.2f}): wrong sign"
+            found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
+        if wheelbase is not None:
+            scale = gain * wheelbase
+            text = f"the yaw rate is {scale:.3g} times speed · {name} / wheelbase"
+            odd = name == "road_wheel_angle" and not 0.5 < abs(scale) < 1.25
+            if odd:
+                text += ": deg as rad?" if abs(scale) < 0.05 else ": a scaled signal, or of the hand wheel?"
+            found.append(
+                Finding(log.name, "relation", f"yaw_rate, {name}", "warning" if odd else "info", scale, "1", text)
+            )
+    return found
+
+
+def check_gravity(log: Log) -> list[Finding]:
+    """Accelerometers that feel gravity: an offset at standstill, or one that goes with roll and pitch."""
+    grid, found = make_grid(log), []
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if forward in grid.channels:
+        rest = np.abs(smooth(grid, forward)) < STANDSTILL
+        for name in ("longitudinal_acceleration", "lateral_acceleration"):
+            if name in grid.channels and rest.sum() > max(10, 0.5 / grid.step):
+                value = float(np.median(grid.channels[name][rest]))
+                if abs(value) > 0.15:
+                    tilt = np.degrees(np.arcsin(np.clip(value / GRAVITY, -1.0, 1.0)))
+                    text = f"reads {value:.3g} m/s^2 at standstill, as gravity does at a tilt of {abs(tilt):.2g} deg"
+                    found.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
+    for relation in relations_of(grid.channels):
+        lean = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
+        name, sign = lean.get(relation.measured, ("", 1.0))
+        if name not in grid.channels or np.std(grid.channels[name]) < 2e-3:
+            continue
+        part = _tilt_part(grid, relation.measured, relation.right(grid), np.sin(grid.channels[name]))
+        if part is not None and abs(part[0]) > 5.0 * part[1] and 0.7 * GRAVITY < abs(part[0]) < 1.3 * GRAVITY:
+            text = f"has {part[0]:.3g} ± {2 * part[1]:.2g} m/s^2 times the sine of {name} in it: gravity"
+            if part[0] * sign < 0.0:
+                text += f", and {name} has the opposite sign of ISO 8855"
+            found.append(
+                Finding(log.name, "gravity", f"{relation.measured}, {name}", "warning", part[0], "m/s^2", text)
+            )
+    return found
+
+
+def _tilt_part(grid: Grid, measured: str, right: np.ndarray, sine: np.ndarray) -> tuple[float, float] | None:
+    """How much of sin(tilt) is in a relation, and its standard deviation, from means over half a second."""
+    width = max(4, round(0.5 / grid.step))
+    count = len(right) // width
+    if count < 12:
+        return None
+
+    def means(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
+
+    base = np.column_stack((means(sine), means(right), np.ones(count)))
+    if np.linalg.cond(base / np.maximum(np.linalg.norm(base, axis=0), 1e-12)) > 50.0:
+        return None  # the tilt goes with the acceleration itself: roll in a bend cannot be told from a scale
+    target = means(grid.channels[measured])
+    solved = np.linalg.lstsq(base, target, rcond=None)[0]
+    variance = float(np.sum((target - base @ solved) ** 2)) / (count - 3)
+    return float(solved[0]), float(np.sqrt(variance * np.linalg.inv(base.T @ base)[0, 0]))

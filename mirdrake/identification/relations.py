@@ -1,0 +1,260 @@
+"""What kinematics asks of the channels of one log: scales, signs, the step, gravity.
+
+For the velocities and accelerations of one place of a rigid body on a flat road (ISO 8855)::
+
+    ax = dvx/dt - r vy        r = dψ/dt
+    ay = dvy/dt + r vx        |v| = ds/dt,  wheels ≈ vx
+
+Each is a relation ``left = gain · right + offset``. The gain is 1 when units, signs and the step are right. A wrong step
+shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from mirdrake.identification.channels import WHEELS, quantity
+from mirdrake.identification.data import Array, Log
+from mirdrake.identification.timing import usual_step
+
+Channels = Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A log on even steps, gaps and missing values bridged by straight lines.
+
+    Attributes:
+        step: [s].
+        channels: by name (n each).
+    """
+
+    step: float
+    channels: Channels
+
+    def rate(self, values: Array) -> Array:
+        """Derivative by central differences (n)."""
+        return np.gradient(values, self.step)
+
+
+def make_grid(log: Log) -> Grid:
+    """A log on even steps of its usual length."""
+    step = usual_step(log.time)
+    steady = np.diff(log.time)
+    if np.all(np.abs(steady - step) < 1e-3 * step):
+        time = log.time
+    else:
+        time = np.arange(log.time[0], log.time[-1] + 0.5 * step, step)
+    channels = {}
+    for name, values in log.channels.items():
+        good = np.isfinite(values)
+        if good.sum() > 2:
+            channels[name] = (
+                values if good.all() and time is log.time else np.interp(time, log.time[good], values[good])
+            )
+    return Grid(step, channels)
+
+
+class Relation(NamedTuple):
+    """``left = right`` in SI units.
+
+    Attributes:
+        measured: the channel of the left side.
+        others: the channels of the right side.
+        orders: exponents with which the factors of those channels enter the right side; one each.
+        derivative: whether the right side has one derivative of time, so that it grows as the step is too short.
+        right: the right side (n).
+    """
+
+    measured: str
+    others: tuple[str, ...]
+    orders: tuple[int, ...]
+    derivative: bool
+    right: Callable[[Grid], Array]
+
+    def __str__(self) -> str:
+        return f"{self.measured}, {', '.join(self.others)}"
+
+
+def relations_of(channels: Channels) -> list[Relation]:
+    """The relations that the channels of a log allow."""
+    found: list[Relation] = []
+    forward = "vx" if "vx" in channels else "speed" if "speed" in channels else None
+
+    def get(grid: Grid, name: str) -> Array:
+        return grid.channels[name]
+
+    def turn(grid: Grid) -> Array:
+        """R vy, as far as it is known."""
+        if "vy" in grid.channels and "yaw_rate" in grid.channels:
+            return get(grid, "yaw_rate") * get(grid, "vy")
+        return np.zeros(len(next(iter(grid.channels.values()))))
+
+    def side(grid: Grid) -> Array:
+        return grid.rate(get(grid, "vy")) if "vy" in grid.channels else np.zeros(len(get(grid, "yaw_rate")))
+
+    if forward and "longitudinal_acceleration" in channels:
+        found.append(
+            Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)) - turn(g))
+        )
+    if forward and "lateral_acceleration" in channels and "yaw_rate" in channels:
+        found.append(
+            Relation(
+                "lateral_acceleration",
+                (forward, "yaw_rate"),
+                (1, 1),
+                False,
+                lambda g: get(g, forward) * get(g, "yaw_rate") + side(g),
+            )
+        )
+    if "yaw" in channels and "yaw_rate" in channels:
+        found.append(Relation("yaw_rate", ("yaw",), (1,), True, lambda g: g.rate(np.unwrap(get(g, "yaw")))))
+    if forward and "x" in channels and "y" in channels:
+        found.append(Relation(forward, ("x", "y"), (1, 0), True, lambda g: _travel(g, str(forward))))
+    if forward:
+        for wheel in WHEELS:
+            name = f"wheel_speed_{wheel}"
+            if name in channels:
+                found.append(Relation(name, (forward,), (1,), False, lambda g: get(g, forward)))
+    for name in channels:
+        first = quantity(name)
+        if name != first and first in channels:
+            found.append(Relation(name, (first,), (1,), False, lambda g, first=first: get(g, first)))  # type: ignore[misc]
+    return found
+
+
+def _travel(grid: Grid, forward: str) -> Array:
+    """Speed along the positions, smoothed over half a second, with the sign of the speed."""
+    width = max(3, int(0.5 / grid.step) | 1)
+    box = np.ones(width) / width
+    parts = [grid.rate(np.convolve(np.pad(grid.channels[a], width // 2, "edge"), box, "valid")) for a in ("x", "y")]
+    return np.hypot(*parts) * np.sign(grid.channels[forward])
+
+
+class Gain(NamedTuple):
+    """How a relation holds in a log.
+
+    Attributes:
+        relation: which one.
+        gain: slope of the left over the right side, 1 when all is right.
+        sigma: its standard deviation.
+        offset: of the left side [its unit].
+        correlation: of both sides.
+    """
+
+    relation: Relation
+    gain: float
+    sigma: float
+    offset: float
+    correlation: float
+
+
+def gain_of(relation: Relation, grid: Grid) -> Gain | None:
+    """How a relation holds, from means over windows, in which delays and noise count little; None: too little moves."""
+    left, right = grid.channels[relation.measured], relation.right(grid)
+    width = max(4, round(0.4 / grid.step))
+    if len(left) < 20 * width:
+        width = max(4, len(left) // 40)
+    count = len(left) // width
+    if count < 8:
+        return None
+    a = left[: count * width].reshape(count, width).mean(axis=1)
+    b = right[: count * width].reshape(count, width).mean(axis=1)
+    use = np.ones(count, dtype=bool)
+    slope = offset = correlation = sigma = 0.0
+    for _ in range(5):
+        if use.sum() < 6 or np.ptp(b[use]) == 0.0 or np.ptp(a[use]) == 0.0:
+            return None
+        correlation = float(np.corrcoef(a[use], b[use])[0, 1])
+        if relation.derivative:  # the noise is in the derivative: it is the one that is regressed
+            slope = float(a[use].var() / np.cov(a[use], b[use], bias=True)[0, 1])
+        else:  # both sides have noise: the line of the reduced major axis, which attenuates neither
+            slope = float(np.sign(correlation) * a[use].std() / b[use].std())
+        offset = float(np.mean(a[use]) - slope * np.mean(b[use]))
+        away = np.abs(a - slope * b - offset)
+        spread = 1.4826 * float(np.median(away[use]))
+        sigma = abs(slope) * np.sqrt(max(1.0 - correlation**2, 1e-12) / max(use.sum() - 2, 1))
+        use = away <= max(4.0 * spread, 1e-12)
+    return Gain(relation, slope, float(sigma), offset, correlation)
+
+
+FACTORS = {
+    "deg as rad": (("rad", "rad/s"), 57.29577951308232),
+    "rad as deg": (("rad", "rad/s"), 0.017453292519943295),
+    "km/h as m/s": (("m/s",), 3.6),
+    "m/s as km/h": (("m/s",), 1 / 3.6),
+    "g as m/s^2": (("m/s^2",), 1 / 9.80665),
+    "m/s^2 as g": (("m/s^2",), 9.80665),
+    "wrong sign": ((), -1.0),
+}
+"""Mistakes: the units they can happen to, and by how much the values come out too large."""
+
+
+class Mistake(NamedTuple):
+    """A channel and what would explain the gains."""
+
+    channel: str
+    what: str
+
+
+def explain(gains: list[Gain], units: Mapping[str, str]) -> tuple[list[Mistake], float | None]:
+    """The smallest set of mistakes that explains gains which are not 1.
+
+    Args:
+        gains: of the relations of a log.
+        units: SI units by channel.
+
+    Returns:
+        the mistakes, of which any one explains all if there are several; and the factor by which the step is too short,
+        or None when it is not the step.
+    """
+    factor = step_factor(gains)
+    if factor is not None:
+        return [], factor
+    if all(_right(gain.gain) for gain in gains):
+        return [], None
+    candidates = []
+    names = sorted({name for gain in gains for name in (gain.relation.measured, *gain.relation.others)})
+    for name, (what, (of, size)) in product(names, FACTORS.items()):
+        if of and units[name] not in of:
+            continue
+        if all(_right(gain.gain / _effect(gain.relation, name, size)) for gain in gains):
+            candidates.append(Mistake(name, what))
+    return candidates, None
+
+
+def _effect(relation: Relation, name: str, factor: float) -> float:
+    """By how much a gain grows when a channel is too large by a factor."""
+    if name == relation.measured:
+        return factor if relation.measured not in relation.others else 1.0
+    if name in relation.others:
+        order = relation.orders[relation.others.index(name)]
+        return float(factor ** (-order)) if order else 1.0
+    return 1.0
+
+
+def _right(gain: float) -> bool:
+    return 0.8 < gain < 1.25
+
+
+def step_factor(gains: list[Gain]) -> float | None:
+    """True step over stated step, when relations with a derivative agree on it and the others hold; else None.
+
+    One relation with a derivative is enough when one without it says that the units are right.
+    """
+    timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
+    others = [gain for gain in gains if not gain.relation.derivative and abs(gain.correlation) > 0.8]
+    if not timed or len(timed) + len(others) < 2 or not all(_right(gain.gain) for gain in others):
+        return None
+    # left = gain · right, and the right side is too large by true over stated step.
+    weights = np.array([1.0 / max(gain.sigma / abs(gain.gain), 1e-3) ** 2 for gain in timed])
+    factors = np.array([1.0 / gain.gain for gain in timed])
+    if np.any(factors <= 0.0):
+        return None
+    mean = float(np.exp(np.average(np.log(factors), weights=weights)))
+    agree = np.all(np.abs(factors / mean - 1.0) < 0.06)
+    sigma = mean / float(np.sqrt(weights.sum()))
+    return mean if agree and abs(mean - 1.0) > max(0.05, 4.0 * sigma) else None

@@ -1,0 +1,119 @@
+"""The values of one channel by themselves: glitches, quantisation, saturation, range."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
+
+from mirdrake.identification.channels import channel
+from mirdrake.identification.data import Array, Log
+from mirdrake.identification.findings import Finding
+from mirdrake.identification.timing import fresh_rows, resolution
+
+WINDOW = 9
+"""Samples of the median that a glitch stands out of: up to four in a row are found."""
+
+
+def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Single samples, or up to four in a row, that stand far out of their neighbours."""
+    found, mended = [], {}
+    for name, values in log.channels.items():
+        if not channel(name).moves:
+            continue
+        bad = find_glitches(values, channel(name).limit)
+        if not bad.any():
+            continue
+        count = int(bad.sum())
+        times = ", ".join(f"{at:.6g}" for at in log.time[bad][:5]) + (", …" if count > 5 else "")
+        worst = values[bad][np.argmax(np.abs(values[bad]))]
+        text = f"{count} samples stand out of their neighbours, at {times} s; the largest is {worst:.4g} {channel(name).unit}"
+        done = "replaced by straight lines" if repair else ""
+        found.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
+        if repair:
+            good = ~bad & np.isfinite(values)
+            mended[name] = np.where(bad, np.interp(log.time, log.time[good], values[good]), values)
+    return replace(log, channels={**log.channels, **mended}), found
+
+
+def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
+    """Which samples are glitches (n).
+
+    A glitch is far from the median of its neighbourhood, measured by what is usual in the channel (noise), by the steps
+    of the neighbourhood (motion) and by the resolution. A step, a ramp and a peak of a smooth motion are none.
+
+    Args:
+        values: samples (n), NaN where there is none.
+        limit: no value may be beyond.
+    """
+    bad = np.zeros(len(values), dtype=bool)
+    rows = np.flatnonzero(fresh_rows(values) & np.isfinite(values))
+    if len(rows) < 3 * WINDOW:
+        return bad
+    series = values[rows]
+    away = np.abs(series - median_filter(series, WINDOW, mode="nearest"))
+    steps = np.abs(np.diff(series, prepend=series[0]))
+    noise = 1.4826 * float(np.median(away))
+    usual = float(np.median(steps))
+    quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
+    # What the neighbourhood does on either side, without the samples next to the one in question.
+    level = median_filter(steps, 15, mode="nearest")
+    motion = maximum_filter1d(level, 2 * WINDOW + 1, mode="nearest")
+    floor = np.maximum(8.0 * motion, max(10.0 * noise, 4.0 * usual, 5.0 * quantum))
+    # Rough stretches, as a shock, have many large distances: there only what is far beyond them counts.
+    rough = maximum_filter1d(median_filter(away, 25, mode="nearest"), 25, mode="nearest")
+    floor = np.maximum(floor, 12.0 * rough)
+    odd = (away > floor) | (np.abs(series) > limit)
+    if odd.mean() > 0.05:  # not single samples: another unit, another kind of signal
+        return bad
+    # Held rows carry the glitch on.
+    ends = np.append(rows[1:], len(values))
+    for start, end in zip(rows[odd], ends[odd], strict=True):
+        bad[start:end] = True
+    return bad & np.isfinite(values)
+
+
+def check_values(log: Log) -> list[Finding]:
+    """Resolution, saturation, range, and channels that never change."""
+    found = []
+    for name, values in log.channels.items():
+        known, good = channel(name), values[np.isfinite(values)]
+        low, high = float(good.min()), float(good.max())
+        if low == high:
+            text = f"is {low:.4g} {known.unit} all the time"
+            found.append(Finding(log.name, "range", name, "warning", low, known.unit, text))
+            continue
+        if max(-low, high) > known.limit:
+            text = f"reaches {max(-low, high):.4g} {known.unit}; no vehicle goes beyond {known.limit:g}: another unit?"
+            found.append(Finding(log.name, "range", name, "fault", max(-low, high), known.unit, text))
+        if not known.moves:
+            continue
+        quantum, levels = resolution(good), len(np.unique(good))
+        if quantum is not None and levels < 200:
+            text = f"has steps of {quantum:.3g} {known.unit}: {levels} different values from {low:.4g} to {high:.4g}"
+            severity = "warning" if levels < 30 else "info"
+            found.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
+        for extreme in (low, high):
+            count = clipped(good, extreme)
+            if count:
+                text = f"looks clipped at {extreme:.4g} {known.unit}: {count} samples stand there, in several visits"
+                found.append(Finding(log.name, "saturation", name, "warning", extreme, known.unit, text))
+    return found
+
+
+def clipped(values: Array, extreme: float) -> int:
+    """Samples at an extreme that is reached at speed, several times, and kept; 0 if it is not."""
+    if extreme == 0.0:
+        return 0
+    there = values == extreme
+    starts = np.flatnonzero(there & ~np.append(True, there[:-1]))
+    ends = np.flatnonzero(there & ~np.append(there[1:], False)) + 1
+    ends = ends[ends > starts[0]] if len(starts) else ends
+    steps = np.abs(np.diff(values))
+    quantum = resolution(values) or 0.0
+    visits = [
+        end - start
+        for start, end in zip(starts, ends, strict=False)
+        if end - start >= 5 and steps[start - 1] > max(3.0 * quantum, 0.0)
+    ]
+    return int(sum(visits)) if len(visits) >= 2 else 0

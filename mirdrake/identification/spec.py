@@ -1,0 +1,124 @@
+"""Format ``mirdrake: data/1``: which recorded drives are one data set, and what their columns mean.
+
+::
+
+    mirdrake: data/1
+    wheelbase: 2.827 m                                 # optional; with it the steering is checked too
+    time: {column: t_s, unit: s}                       # or {step: 10 ms} when there is no such column
+    channels:
+      vx: {column: v_kmh, unit: km/h}
+      yaw_rate: {column: "gyro z", unit: deg/s, sign: -1}
+      steering_wheel_angle: Steering                   # the unit is in the header: "Steering [deg]"
+    logs:
+      - {file: lap_1.csv, use: train, start: 2 s, end: 40 s}
+      - {file: lap_2.csv, use: validation}
+      - {file: runs/slalom, use: validation, channels: {vx: ego.vx}}
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from mirdrake.identification.channels import channel, unit_factor
+from mirdrake.yaml_io import Duration, Length, Schema
+
+Repair = Literal["stamps", "held", "glitches", "step", "delays"]
+REPAIRS: tuple[Repair, ...] = ("stamps", "held", "glitches", "step", "delays")
+
+
+class Column(Schema):
+    """Where a channel is found: value = sign · scale · column in its unit + offset."""
+
+    column: str = Field(description="name of the column or variable; in a MAT file struct.field [-]")
+    unit: str | None = Field(default=None, description="of the column, when the file does not say it [-]")
+    sign: Literal[1, -1] = Field(default=1, description="-1 turns a channel to the axes of ISO 8855 [-]")
+    scale: float = Field(default=1.0, description="factor of a scaled signal [-]")
+    offset: float = Field(default=0.0, description="added at the end [SI unit of the channel]")
+
+
+class TimeColumn(Schema):
+    """The clock of a log: a column, or a fixed step."""
+
+    column: str | None = Field(default=None, description="name of the column [-]")
+    unit: str | None = Field(default=None, description="of the column; s if nothing else is said [-]")
+    step: Duration | None = Field(default=None, gt=0.0, description="from row to row, when no column has the time [s]")
+
+    @field_validator("unit")
+    @classmethod
+    def _of_time(cls, unit: str | None) -> str | None:
+        if unit is not None and unit not in {"us", "ns"}:
+            unit_factor(unit, "s")
+        return unit
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> "TimeColumn":
+        if (self.column is None) == (self.step is None):
+            raise ValueError("needs either a column or a step")
+        return self
+
+
+class CsvLayout(Schema):
+    """What cannot be seen in a CSV file by itself; everything is found when left out."""
+
+    delimiter: str | None = Field(default=None, min_length=1, description="between cells, 'space' for blanks [-]")
+    decimal: Literal[".", ","] | None = Field(default=None, description="decimal mark [-]")
+    comment: list[str] = Field(default=["#", "%", "//"], description="what comment lines begin with [-]")
+    columns: list[str] | None = Field(default=None, description="names of the columns of a file without header [-]")
+
+
+def _short(value: Any) -> Any:
+    return {"column": value} if isinstance(value, str) else value
+
+
+Mapped = Annotated[Column, BeforeValidator(_short)]
+
+
+def _checked(channels: dict[str, Column]) -> dict[str, Column]:
+    used: dict[str, str] = {}
+    for name, place in channels.items():
+        si = channel(name).unit
+        if place.unit is not None:
+            try:
+                unit_factor(place.unit, si)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+        if place.column in used:
+            raise ValueError(f"column '{place.column}' is given twice, as {used[place.column]} and as {name}")
+        used[place.column] = name
+    return channels
+
+
+class LogSpec(Schema):
+    """One recorded drive."""
+
+    file: str = Field(description="CSV, MAT or Parquet file or a run folder, relative to the data file [-]")
+    use: Literal["train", "validation"] = Field(default="train", description="what it is for [-]")
+    name: str | None = Field(default=None, description="in reports; the file's name when left out [-]")
+    start: Duration | None = Field(default=None, description="what is before is left out [s]")
+    end: Duration | None = Field(default=None, description="what is behind is left out [s]")
+    time: TimeColumn | None = Field(default=None, description="instead of that of all logs [-]")
+    channels: dict[str, Mapped] = Field(default={}, description="over those of all logs [-]")
+    csv: CsvLayout | None = Field(default=None, description="instead of that of all logs [-]")
+
+    _channels = field_validator("channels")(_checked)
+
+    @model_validator(mode="after")
+    def _forward(self) -> "LogSpec":
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise ValueError(f"ends at {self.end:g} s, before it starts at {self.start:g} s")
+        return self
+
+
+class DataSpec(Schema):
+    """A data set: several drives of one vehicle."""
+
+    mirdrake: Literal["data/1"] = Field(description="format and version [-]")
+    about: str = Field(default="", description="what this is, for people [-]")
+    wheelbase: Length | None = Field(default=None, gt=0.0, description="front to rear axle [m]")
+    time: TimeColumn = Field(default=TimeColumn(column="time"), description="clock of all logs [-]")
+    channels: dict[str, Mapped] = Field(default={}, description="of all logs, by canonical name [-]")
+    csv: CsvLayout = Field(default=CsvLayout(), description="layout of CSV files [-]")
+    repairs: list[Repair] = Field(default=list(REPAIRS), description="that the data check may make [-]")
+    logs: list[LogSpec] = Field(min_length=1, description="the drives [-]")
+
+    _channels = field_validator("channels")(_checked)

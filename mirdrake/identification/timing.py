@@ -1,0 +1,174 @@
+"""The clock of a log: stamps, gaps, missing values, and channels that hold their values over several rows."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.identification.channels import channel
+from mirdrake.identification.data import Array, Log
+from mirdrake.identification.findings import Finding
+
+GAP = 1.7
+"""A step longer than so many usual ones is a gap."""
+
+LONGEST_HOLD = 60
+"""Rows over which a value may be held and still be a rate."""
+
+
+def usual_step(time: Array) -> float:
+    """The median of the steps that are not zero [s]."""
+    steps = np.diff(time)
+    return float(np.median(steps[steps > 0.0]))
+
+
+def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Stamps that go back, repeat or are bunched, gaps and missing values."""
+    found = []
+    latest = np.maximum.accumulate(log.time)
+    back = np.append(False, log.time[1:] < latest[:-1])
+    steps = np.diff(latest)
+    step = float(np.median(steps[steps > 0.0]))
+    again = np.append(False, steps < 0.05 * step) & ~back
+    bad = back | again
+    if bad.any():
+        done = f"{int(bad.sum())} rows left out" if repair else ""
+        if back.any():
+            text = f"time goes back in {int(back.sum())} rows, first after {latest[np.argmax(back)]:.6g} s"
+            found.append(Finding(log.name, "stamps", "", "fault", float(back.sum()), "rows", text, done))
+        if again.any():
+            first = log.time[np.argmax(again)]
+            text = f"{int(again.sum())} rows have the time of the row before (within 5 % of a step), first at {first:.6g} s"
+            found.append(Finding(log.name, "stamps", "", "warning", float(again.sum()), "rows", text, done))
+        if repair:
+            log = replace(log, time=log.time[~bad], channels={name: v[~bad] for name, v in log.channels.items()})
+    steps = np.diff(log.time)
+    jitter = float(np.percentile(np.abs(steps - step), 90)) / step
+    text = (
+        f"the usual step is {step:.6g} s ({1.0 / step:.5g} Hz); nine of ten are within {100 * jitter:.2g} % of it"
+    )
+    found.append(Finding(log.name, "stamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
+    gaps = np.flatnonzero(steps > GAP * step)
+    if len(gaps):
+        lost = int(np.sum(np.round(steps[gaps] / step) - 1))
+        longest = gaps[np.argmax(steps[gaps])]
+        text = (
+            f"{len(gaps)} gaps, about {lost} samples are missing; the longest is {steps[longest]:.4g} s after "
+            f"{log.time[longest]:.6g} s"
+        )
+        severity = "fault" if steps[longest] > 20 * step else "warning"
+        found.append(Finding(log.name, "gaps", "", severity, float(len(gaps)), "gaps", text))
+    for name, values in log.channels.items():
+        missing = int(np.isnan(values).sum())
+        if missing:
+            part = missing / len(values)
+            text = f"{missing} of {len(values)} values are missing ({100 * part:.2g} %)"
+            found.append(
+                Finding(log.name, "missing", name, "fault" if part > 0.2 else "warning", float(missing), "rows", text)
+            )
+    return log, found
+
+
+def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Channels that change only every so many rows while they move.
+
+    A log in which all that moves is held over the same rows is a copy at a higher rate; its repair is to keep one row
+    of each. A single held channel is joined by straight lines between its fresh samples.
+    """
+    factors = {name: hold_of(values) for name, values in log.channels.items() if channel(name).moves}
+    seen = {name: factor for name, factor in factors.items() if factor is not None}
+    step = usual_step(log.time)
+    locked = {factor for factor, _ in seen.values()}
+    same = len(seen) > 1 and len(locked) == 1 and (whole := locked.pop()) > 1 and whole == int(whole)
+    fresh = {name: fresh_rows(log.channels[name]) for name in seen}
+    if same:
+        phases = {int(np.bincount(np.flatnonzero(rows)[1:] % int(whole)).argmax()) for rows in fresh.values()}
+        same = len(phases) == 1
+    if same:
+        count = int(whole)
+        text = (
+            f"every value is held over {count} rows: a copy at {count} times the rate; the true step is "
+            f"{count * step:.6g} s in the log's own time"
+        )
+        done = f"every {count}th row kept" if repair else ""
+        found = [Finding(log.name, "held", "", "fault", float(count), "rows", text, done)]
+        if repair:
+            keep = slice(phases.pop(), None, count)
+            channels = {name: values[keep] for name, values in log.channels.items()}
+            log = replace(log, time=log.time[keep], channels=channels)
+        return log, found
+    found, mended = [], {}
+    for name, (factor, part) in seen.items():
+        if factor < 1.15:
+            continue
+        rate = 1.0 / (factor * step)
+        exact = factor == int(factor)
+        text = (
+            f"is held over {factor:.3g} rows{'' if exact else ' in the mean'} while it moves: its true rate is about "
+            f"{rate:.4g} Hz ({100 * part:.2g} % of those rows repeat the one before)"
+        )
+        done = "joined by straight lines between fresh samples" if repair else ""
+        found.append(Finding(log.name, "held", name, "warning", float(factor), "rows", text, done))
+        if repair:
+            values = log.channels[name].copy()
+            rows = np.flatnonzero(fresh[name])
+            inner = np.isfinite(values)
+            between = np.interp(np.arange(len(values)), rows, values[rows])
+            # Where it really stands still the line would start too early: only holds as long as the rate are joined.
+            hold = np.diff(np.append(rows, len(values)))
+            short = np.repeat(hold <= 2 * np.ceil(factor), hold)
+            values[rows[0] :][short & inner[rows[0] :]] = between[rows[0] :][short & inner[rows[0] :]]
+            mended[name] = values
+    return replace(log, channels={**log.channels, **mended}), found
+
+
+def resolution(values: Array) -> float | None:
+    """The step that all values are multiples of, if there are at most 2000 of them."""
+    levels = np.unique(values[np.isfinite(values)])
+    if not 2 <= len(levels) <= 2000:
+        return None
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-6 * (levels[-1] - levels[0])]
+    quantum = float(np.percentile(steps, 5))
+    counts = steps / quantum
+    even = np.mean(np.abs(counts - np.round(counts)) < 0.1) > 0.9
+    return float(np.median(steps / np.round(counts))) if even else None
+
+
+def fresh_rows(values: Array) -> NDArray[np.bool_]:
+    """Which rows have another value than the row before (n); the first one has."""
+    return np.append(True, (np.diff(values) != 0.0) & np.isfinite(values[1:]))
+
+
+def hold_of(values: Array) -> tuple[float, float] | None:
+    """Rows over which a channel holds its values, and the part of repeated rows, while it moves.
+
+    A whole factor is returned when the changes keep to a grid of rows. None: it moves too little to tell.
+    """
+    fresh = fresh_rows(values)
+    changes = np.flatnonzero(fresh)[1:]
+    if len(changes) < 20:
+        return None
+    # Quantised values repeat by themselves when they are slow: look only where a row would change by several quanta.
+    quantum = resolution(values) or 0.0
+    window = 2 * LONGEST_HOLD
+    level = np.convolve(np.abs(np.diff(np.nan_to_num(values))), np.ones(window) / window, "same")[: len(values) - 1]
+    moving = np.append(False, level > max(4.0 * quantum, 1e-3 * float(level.max())))
+    here = changes[moving[changes]]
+    if len(here) < 20 or moving.sum() < 60:
+        return None
+    holds = np.diff(here)
+    holds = holds[
+        (holds <= LONGEST_HOLD) & (np.add.accumulate(~moving)[here[1:]] == np.add.accumulate(~moving)[here[:-1]])
+    ]
+    if len(holds) < 15:
+        return None
+    usual = int(np.median(holds))
+    for factor in range(min(usual, LONGEST_HOLD), 1, -1):
+        on_grid = np.bincount(here % factor).max() / len(here)
+        if on_grid > 0.93 and np.mean(holds <= factor) > 0.5:
+            return float(factor), 1.0 - 1.0 / factor
+    mean = float(holds.mean())
+    if usual == 1 and mean < 1.15:
+        return 1.0, 0.0
+    return mean if mean != int(mean) else mean + 1e-9, 1.0 - 1.0 / mean

@@ -1,0 +1,141 @@
+"""The validation report: simulated against published, side by side, on one page which needs no network."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from mirdrake.logs import write_file
+from mirdrake.manoeuvres.published import KNOWN
+from mirdrake.manoeuvres.results import number_told, value_told
+from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, published_told
+
+_TEMPLATE = "validation.html.jinja"
+_WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 330.0, 80.0, 30.0, 34.0  # of the chart [px]
+_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+
+
+def write_validation(results: ValidationResults) -> Path:
+    """Write validation.html into the folder of the results.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    assert results.folder is not None
+    path = results.folder / "validation.html"
+    write_file(path, render_validation(results))
+    return path
+
+
+def render_validation(results: ValidationResults) -> str:
+    """The text of the page; see :func:`write_validation`."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": _number, "value": value_told}
+    return environment.get_template(_TEMPLATE).render(
+        results=results,
+        facts=results.facts,
+        rows=[_row(one) for one in results.comparisons],
+        chart=_chart(results),
+        tiles=_tiles(results),
+        known=_known(results.comparisons),
+        outcomes=results.outcomes,
+        notes=results.published.notes,
+    )
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else number_told(value).replace("-", "−")
+
+
+def _row(one: Comparison) -> dict[str, Any]:
+    figure = one.figure
+    notes = [part for part in (figure.note, figure.not_compared, one.note) if part]
+    return {
+        "text": figure.text,
+        "published": published_told(figure),
+        "simulated": "–" if one.simulated is None else f"{_number(one.simulated)} {figure.shown_unit}",
+        "error": "–" if one.error is None else error_told(one).replace("-", "−"),
+        "word": one.word,
+        "tone": one.word.replace(" ", "-"),
+        "payload": f"{number_told(one.payload)} kg",
+        "source": figure.source,
+        "status": figure.status,
+        "note": "; ".join(notes),
+    }
+
+
+def _tiles(results: ValidationResults) -> list[tuple[str, str, str]]:
+    facts, plant = results.facts, results.plant
+    errors = [abs(one.error) for one in results.comparisons if one.error is not None and one.figure.bound == "about"]
+    worst = f"{100.0 * max(errors):.1f} %" if errors else "–"
+    mean = f"{100.0 * sum(errors) / len(errors):.1f} % on average" if errors else "nothing was simulated"
+    payload = results.published.payload
+    step = 1000.0 * float(plant.get("time_step", 0.0))
+    return [
+        ("Figures", _within(results), f"within ±{number_told(100.0 * results.tolerance)} %"),
+        ("Largest error", worst, mean),
+        ("Vehicle", facts.name, f"{number_told(facts.mass)} kg, and {number_told(payload)} kg of payload"),
+        ("Plant", f"{plant.get('contact')} contact", f"step {step:g} ms, road friction {results.friction:g}"),
+    ]
+
+
+def _within(results: ValidationResults) -> str:
+    within = sum(one.word == "within" for one in results.compared)
+    return f"{within} of {len(results.compared)}"
+
+
+def _known(comparisons: Sequence[Comparison]) -> list[tuple[str, str]]:
+    used = {one.figure.status for one in comparisons}
+    return [(word, text) for word, text in KNOWN.items() if word in used]
+
+
+def _chart(results: ValidationResults) -> dict[str, Any] | None:
+    """Errors as bars about zero, with the band of the tolerance; None if there are none."""
+    shown = [one for one in results.comparisons if one.error is not None]
+    if not shown:
+        return None
+    tolerance = 100.0 * results.tolerance
+    most = max(1.4 * tolerance, *(1.08 * abs(100.0 * (one.error or 0.0)) for one in shown))
+    middle = _LEFT + 0.5 * (_WIDTH - _LEFT - _RIGHT)
+    scale = 0.5 * (_WIDTH - _LEFT - _RIGHT) / most
+    step = next((one for one in _STEPS if most / one <= 5.0), 2.0 * 10.0 ** math.ceil(math.log10(most / 10.0)))
+    count = math.floor(most / step)
+    bars = []
+    for number, one in enumerate(shown):
+        error = 100.0 * (one.error or 0.0)
+        start = middle + scale * min(error, 0.0)
+        end = middle + scale * error
+        bars.append(
+            {
+                "y": _TOP + number * _ROW,
+                "x": start,
+                "width": max(abs(scale * error), 1.5),
+                "text": one.figure.text,
+                "label": error_told(one).replace("-", "−"),
+                "label_x": end + (6.0 if error >= 0.0 else -6.0),
+                "anchor": "start" if error >= 0.0 else "end",
+                "tone": one.word,
+            }
+        )
+    return {
+        "width": _WIDTH,
+        "height": _TOP + len(shown) * _ROW + 8.0,
+        "top": _TOP,
+        "row": _ROW,
+        "left": _LEFT,
+        "middle": middle,
+        "band": (middle - scale * tolerance, 2.0 * scale * tolerance),
+        "ticks": [
+            (middle + scale * step * tick, f"{step * tick:+g} %".replace("-", "−") if tick else "0")
+            for tick in range(-count, count + 1)
+        ],
+        "bars": bars,
+    }

@@ -1,0 +1,207 @@
+"""From a study spec to the jobs of its runs: the diagram is read, and everything named in the study is looked up."""
+
+import copy
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import pandas as pd
+
+from mirdrake.diagram_parts.places import load_by_name
+from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.logs import spec_hash
+from mirdrake.paths import installed_version
+from mirdrake.studies.job import Job, function_of, load_metric
+from mirdrake.studies.knobs import Knob, find_knobs
+from mirdrake.studies.sampling import sample
+from mirdrake.studies.spec import StudySpec
+from mirdrake.summary import _vehicle_figures
+from mirdrake.yaml_io import where
+
+_RESERVED = {"run", "status", "reason", "simulated"}
+_FIGURES = ("simulated_s",)
+_CHECKED = 200  # values of one parameter that are tried before the start
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study that has been checked.
+
+    Attributes:
+        spec: of the study.
+        diagram: data of the diagram, with the values of all runs.
+        knobs: those that vary, by name.
+        rows: values of each run, in the order of the parameters.
+        duration: simulated time of a run [s].
+        content: digest of what the diagram refers to.
+    """
+
+    spec: StudySpec
+    diagram: dict[str, Any]
+    knobs: dict[str, Knob]
+    rows: list[tuple[Any, ...]]
+    duration: float
+    content: str
+
+    @property
+    def limit(self) -> float:
+        """Wall time that a run may take [s]."""
+        return self.spec.time_limit or 60.0 + 10.0 * self.duration
+
+    def job(self, index: int) -> Job:
+        """The job of a run."""
+        values = dict(zip(self.spec.parameters, self.rows[index], strict=True))
+        diagram = self.diagram
+        for name, value in values.items():
+            if name not in self.knobs:
+                diagram = put(diagram, name, value)
+        knobs = {name: float(value) for name, value in values.items() if name in self.knobs}
+        spec = self.spec
+        return Job(index, diagram, knobs, tuple(spec.metrics), self.duration, spec.folder, self.limit)
+
+    @cached_property
+    def units(self) -> dict[str, str | None]:
+        """Unit of each parameter, empty if it is that of the diagram file; None if its values are no numbers."""
+        units: dict[str, str | None] = {}
+        for at, name in enumerate(self.spec.parameters):
+            texts = any(isinstance(row[at], str) for row in self.rows)
+            units[name] = None if texts else self.knobs[name].unit if name in self.knobs else ""
+        return units
+
+    def manifest(self) -> dict[str, Any]:
+        """What was asked, as JSON knows it."""
+        study = self.spec.model_dump(mode="json", exclude={"time_limit", "folder"})
+        study["diagram"] = self.diagram
+        versions = {
+            name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy", "scipy")
+        }
+        digest = spec_hash({"study": study, "content": self.content})
+        return {
+            "runs": len(self.rows),
+            "digest": digest,
+            "content": self.content,
+            "versions": versions,
+            "units": self.units,
+            "study": json.loads(json.dumps(study)),
+        }
+
+
+def make_plan(spec: StudySpec) -> Plan:
+    """Check a study with its diagram.
+
+    Raises:
+        ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
+    """
+    diagram = _read_diagram(spec)
+    data = diagram.model_dump(mode="json")
+    data.pop("provenance", None)
+    vehicles = {name: load_by_name(diagram, name) for name in diagram.vehicles}
+    world = diagram.world.load(where=where(spec, "diagram"))
+    known = find_knobs(vehicles, world)
+    knobs = {name: known[name] for name in spec.parameters if _is_knob(spec, name, known)}
+    for name, entry in spec.parameters.items():
+        place = where(spec, "parameters", name)
+        if name in knobs:
+            _check_knob(place, knobs[name], entry.ends())
+            continue
+        for value in entry.ends()[:_CHECKED]:
+            try:
+                make_spec(put(data, name, value))
+            except ConfigError as error:
+                raise ConfigError(f"{place}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
+    _check_metrics(spec, list(vehicles))
+    content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
+    digest = spec_hash({"vehicles": content, "world": world.spec.model_dump(mode="json")})
+    return Plan(spec, data, knobs, sample(spec), spec.duration or diagram.duration, digest)
+
+
+def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Data with a value set at a dotted path; what is on the way is copied, not changed.
+
+    Raises:
+        ConfigError: the path leads through something that has no keys, or to an item that a list does not have.
+    """
+    head, _, rest = path.partition(".")
+    result: Any = copy.copy(data) if isinstance(data, dict | list) else {}
+    key: Any = head
+    if isinstance(result, list):
+        if not (head.isdecimal() and int(head) < len(result)):
+            raise ConfigError(f"a list of {len(result)} has no item '{head}'; they count from 0")
+        key = int(head)
+    below = result[key] if isinstance(result, list) else result.get(key)
+    result[key] = put(below, rest, value) if rest else value
+    return result  # type: ignore[no-any-return]
+
+
+def _read_diagram(spec: StudySpec) -> DiagramSpec:
+    place = where(spec, "diagram")
+    if isinstance(spec.diagram, str):
+        try:
+            diagram = load_diagram(spec.diagram)
+        except ConfigError as error:
+            raise ConfigError(f"{place}: {error}") from None
+    else:
+        try:
+            diagram = make_spec(spec.diagram)
+        except ConfigError as error:
+            first = str(error).splitlines()[0].removeprefix("diagram: ")
+            raise ConfigError(f"{place}: {first}") from None
+    data = diagram.model_dump(mode="json")
+    for path, value in spec.overrides.items():
+        try:
+            data = put(data, path, value)
+            make_spec(data)
+        except ConfigError as error:
+            first = str(error).splitlines()[0].removeprefix("diagram: ")
+            raise ConfigError(f"{where(spec, 'overrides', path)}: {first}") from None
+    return make_spec(data)
+
+
+def _is_knob(spec: StudySpec, name: str, known: Mapping[str, Knob]) -> bool:
+    """Whether a parameter is a knob; if not, it is a path of the diagram."""
+    if name in known:
+        return True
+    head = name.partition(".")[0]
+    place = where(spec, "parameters", name)
+    if name in _RESERVED:
+        raise ConfigError(f"{place}: is a column of the results; it cannot vary")
+    if head in DiagramSpec.model_fields:
+        if head in {"folder", "name", "provenance", "record", "duration"}:
+            raise ConfigError(f"{place}: cannot vary from run to run")
+        return False
+    raise ConfigError(f"{place}: no such knob, nor a path of the diagram; {did_you_mean(name, known)}")
+
+
+def _check_knob(place: str, knob: Knob, values: list[Any]) -> None:
+    for value in values:
+        if isinstance(value, str | bool):
+            raise ConfigError(f"{place}: {value!r} is not a number")
+        if knob.positive and value <= 0.0:
+            raise ConfigError(f"{place}: {value:g} is not allowed; it must be above 0")
+
+
+def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
+    figures = [*_FIGURES]
+    for vehicle in vehicles:
+        figures += [f"{vehicle}.{name}" for name in _vehicle_figures(pd.DataFrame(), vehicle)]
+    seen: set[str] = _RESERVED | set(spec.parameters)
+    for at, name in enumerate(spec.metrics):
+        place = where(spec, "metrics", at)
+        if name in seen:
+            raise ConfigError(f"{place}: '{name}' is a column already")
+        seen = seen | {name}
+        function, _ = function_of(name)
+        if function:
+            try:
+                load_metric(function, spec.folder)
+            except ConfigError as error:
+                raise ConfigError(f"{place}: {error}") from None
+        elif name not in figures:
+            raise ConfigError(f"{place}: no figure '{name}', nor a function module:name; {did_you_mean(name, figures)}")
+
+
+def _specs(vehicle: Any) -> list[Any]:
+    return [part.model_dump(mode="json") for part in (vehicle.spec, vehicle.control, vehicle.sensors)]

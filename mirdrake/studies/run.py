@@ -1,0 +1,197 @@
+"""A study: all runs through an executor, written down as they come, so that a study that was killed can go on."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.studies.job import Outcome, one_line, run_job
+from mirdrake.studies.plan import Plan, make_plan
+from mirdrake.studies.spec import StudySpec, make_study
+from mirdrake.studies.store import Row, Store, make_schema, read_manifest, read_rows
+from mirdrake.studies.workers import InProcess, WorkerLostError, Workers
+
+GRACE = 30.0
+"""Wall time above a run's limit after which its process is ended [s]; building the diagram is in it."""
+
+AHEAD = 256
+"""Runs that are handed to a foreign executor before their forerunners have come back."""
+
+StudyProgress = Callable[[int, int, Row], None]
+"""Called with the number of runs done, of all runs, and the latest row."""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What became of the runs of a study.
+
+    Attributes:
+        arrow: a row per run that is done, in the order of the runs: run, the parameters, status (ok, unstable, failed),
+            reason, simulated [s], the metrics (empty unless ok); units in the metadata of the columns.
+        runs: number of all runs.
+        folder: where it was written; None if it is only in memory.
+    """
+
+    arrow: pa.Table
+    runs: int
+    folder: Path | None = None
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The rows, index ``run``; units in ``attrs["units"]``."""
+        table: pd.DataFrame = self.arrow.to_pandas().set_index("run")
+        fields = [self.arrow.schema.field(name) for name in self.arrow.schema.names]
+        table.attrs["units"] = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in fields}
+        return table
+
+    @property
+    def complete(self) -> bool:
+        """Whether every run is done."""
+        return bool(self.arrow.num_rows == self.runs)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of runs by status."""
+        given = self.arrow.column("status").to_pylist()
+        return {status: given.count(status) for status in ("ok", "unstable", "failed")}
+
+
+def run_study(
+    study: StudySpec | Mapping[str, Any] | Path | str,
+    *,
+    out: Path | str | None = None,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    resume: bool = False,
+    progress: StudyProgress | bool = False,
+) -> StudyResult:
+    """Run a study.
+
+    A run that diverges, raises, hangs or takes its process down becomes a row with its status and reason; the others go
+    on. Rows do not depend on the executor, the number of workers or the order. Ctrl-C gives what is done.
+
+    Args:
+        study: a study spec, its data or its file.
+        out: study folder; made, must be empty unless `resume`. None keeps the rows in memory.
+        executor: runs everything, for example ``ProcessPoolExecutor()``, or ``get_executor()`` of a Dask client; it is
+            not shut down. A run that hangs in a user's block is given up only by processes of our own.
+        workers: number of processes if no executor is given; 0 runs in this process. As many as cores if left out.
+        resume: keep the rows that `out` has of this very study.
+        progress: called after every run, or True for a bar with the time left.
+
+    Raises:
+        ConfigError, ModelError, WorldError: the study, its diagram, a model or the world has faults.
+        RunError: the folder cannot be written, or worker processes cannot start.
+    """
+    spec = make_study(study)
+    if workers is not None and workers < 0:
+        raise ConfigError(f"workers: {workers} is not allowed; it must be 0 or more")
+    folder = Path(out) if out is not None else None
+    count = os.cpu_count() or 1 if workers is None else workers
+    plan = make_plan(spec)
+    with ExitStack() as stack:
+        store = Store(folder, make_schema(plan.units, spec.metrics), len(plan.rows))
+        store.open(plan.manifest(), resume=resume)
+        if executor is None and count and len(store.rows) < store.runs:
+            executor = own = Workers(min(count, store.runs - len(store.rows)), limit=GRACE + plan.limit)
+            stack.callback(own.shutdown, cancel_futures=True)
+        told = stack.enter_context(_bar(len(plan.rows), len(store.rows))) if progress is True else progress or None
+        ahead = 1 if executor is None else 2 * count if isinstance(executor, Workers) else AHEAD
+        try:
+            _run_all(plan, store, executor or InProcess(), ahead, told)
+        except KeyboardInterrupt:
+            pass  # what is done is kept
+        finally:
+            store.finish()
+    return StudyResult(store.table(), len(plan.rows), folder)
+
+
+def load_results(folder: Path | str) -> StudyResult:
+    """The rows of a study folder, as far as it was done.
+
+    Raises:
+        ConfigError: it is no folder of a study, or is damaged.
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    try:
+        schema, runs = make_schema(manifest["units"], manifest["study"]["metrics"]), int(manifest["runs"])
+    except (KeyError, TypeError, ValueError):
+        raise ConfigError(f"{folder}: its study.json is incomplete") from None
+    store = Store(None, schema, runs)
+    store.rows = {row["run"]: row for row in read_rows(folder)}
+    return StudyResult(store.table(), runs, folder)
+
+
+def _run_all(plan: Plan, store: Store, executor: Executor, ahead: int, progress: StudyProgress | None) -> None:
+    """Run what has no row yet."""
+    missing = iter([index for index in range(len(plan.rows)) if index not in store.rows])
+    waiting: dict[Future[Outcome], int] = {}
+    try:
+        while True:
+            while len(waiting) < ahead and (index := next(missing, None)) is not None:
+                waiting[executor.submit(run_job, plan.job(index))] = index
+            if not waiting:
+                return
+            done, _ = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+            for future in done:
+                row = _row(plan, _outcome(future, waiting.pop(future)))
+                store.add(row)
+                if progress is not None:
+                    progress(len(store.rows), store.runs, row)
+            store.flush_if_due()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _outcome(future: "Future[Outcome]", index: int) -> Outcome:
+    """What came of a run, also if its process did not survive it."""
+    try:
+        return future.result()
+    except (BrokenExecutor, CancelledError) as error:
+        raise RunError(f"the executor gave up ({one_line(error)}); resume the study with another one") from None
+    except RunError:  # its processes cannot start
+        raise
+    except WorkerLostError as error:
+        return Outcome(index, "failed", str(error))
+    except Exception as error:
+        return Outcome(index, "failed", one_line(error))
+
+
+def _row(plan: Plan, outcome: Outcome) -> Row:
+    """A row of the table."""
+    row: Row = {"run": outcome.index}
+    for (name, unit), value in zip(plan.units.items(), plan.rows[outcome.index], strict=True):
+        row[name] = str(value) if unit is None else float(value)
+    row |= {"status": outcome.status, "reason": outcome.reason, "simulated": outcome.simulated}
+    values = outcome.metrics or [None] * len(plan.spec.metrics)
+    return row | dict(zip(plan.spec.metrics, values, strict=True))
+
+
+@contextmanager
+def _bar(total: int, done: int) -> Iterator[StudyProgress]:
+    """A bar with the time left; nothing without a terminal."""
+    from tqdm import tqdm
+
+    bar = tqdm(
+        total=total,
+        initial=done,
+        disable=not sys.stderr.isatty(),
+        bar_format="{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} runs, {remaining} left{postfix}",
+    )
+    with bar:
+
+        def show(*_: Any) -> None:
+            bar.update()
+
+        yield show

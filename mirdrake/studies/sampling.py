@@ -1,0 +1,83 @@
+"""From ranges and lists to the values of each run."""
+
+import math
+import warnings
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from mirdrake.errors import ConfigError
+from mirdrake.studies.spec import DrawnSampling, GridSampling, ParameterSpec, StudySpec
+from mirdrake.yaml_io import where
+
+MOST = 10_000_000
+"""Largest number of runs."""
+
+
+def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
+    """Values of every run, one tuple a run, in the order of the parameters.
+
+    Raises:
+        ConfigError: the parameters do not fit to the way of sampling.
+    """
+    sampling, parameters = spec.sampling, spec.parameters
+    if isinstance(sampling, DrawnSampling):
+        unit = _draw(sampling.kind, sampling.runs, len(parameters), spec.seed)
+        columns = [_spread(entry, unit[:, at]) for at, entry in enumerate(parameters.values())]
+        return list(zip(*columns, strict=True))
+    for name, entry in parameters.items():
+        if entry.values is None and entry.count is None:
+            more = " a count, or" if isinstance(sampling, GridSampling) else ""
+            raise ConfigError(f"{where(spec, 'parameters', name)}: a {sampling.kind} needs{more} values")
+    lists = [_divided(entry) for entry in parameters.values()]
+    if isinstance(sampling, GridSampling):
+        if math.prod(map(len, lists)) > MOST:
+            raise ConfigError(f"{where(spec, 'parameters')}: the grid has more than {MOST} runs; take fewer values")
+        return list(product(*lists))
+    first = next(iter(parameters))
+    for name, values in zip(parameters, lists, strict=True):
+        if len(values) != len(lists[0]):
+            raise ConfigError(
+                f"{where(spec, 'parameters', name)}: a list needs as many values for each parameter; "
+                f"{first} has {len(lists[0])}, {name} has {len(values)}"
+            )
+    return list(zip(*lists, strict=True))
+
+
+def _draw(kind: str, runs: int, size: int, seed: int) -> NDArray[np.float64]:
+    """Points of the unit cube (runs x size)."""
+    generator = np.random.default_rng(seed)
+    if kind == "random":
+        return generator.random((runs, size))
+    if kind == "latin_hypercube":
+        return np.asarray(qmc.LatinHypercube(size, seed=generator).random(runs))
+    with warnings.catch_warnings():  # of a number of runs that is no power of two, which a user may want
+        warnings.simplefilter("ignore", UserWarning)
+        return np.asarray(qmc.Sobol(size, seed=generator).random(runs))
+
+
+def _spread(entry: ParameterSpec, unit: NDArray[np.float64]) -> list[Any]:
+    """Numbers between 0 and 1 as values of a parameter."""
+    if entry.values is not None:
+        count = len(entry.values)
+        return [entry.values[min(int(u * count), count - 1)] for u in unit]
+    assert entry.low is not None
+    assert entry.high is not None
+    if entry.scale == "log":
+        spread = np.exp(np.log(entry.low) + unit * (np.log(entry.high) - np.log(entry.low)))
+        return [float(value) for value in np.clip(spread, entry.low, entry.high)]
+    return [float(value) for value in entry.low + unit * (entry.high - entry.low)]
+
+
+def _divided(entry: ParameterSpec) -> list[Any]:
+    """The values of a list, or of a range divided evenly."""
+    if entry.values is not None:
+        return list(entry.values)
+    assert entry.low is not None
+    assert entry.high is not None
+    assert entry.count is not None
+    divide = np.geomspace if entry.scale == "log" else np.linspace
+    return [float(value) for value in divide(entry.low, entry.high, entry.count)]

@@ -1,0 +1,131 @@
+"""The study file: one diagram, what varies in it, how that is sampled, and what is measured."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, read_text, shown, validate
+
+Value = int | float | str | bool
+
+
+def _si(value: Any) -> Any:
+    return any_to_si(value) if isinstance(value, str) else value
+
+
+Number = Annotated[float, BeforeValidator(_si, json_schema_input_type=float | str)]
+Choice = Annotated[Value, BeforeValidator(_si)]
+
+
+class ParameterSpec(Schema):
+    """Values of one parameter: a list of them, or a range."""
+
+    values: list[Choice] | None = Field(None, min_length=1, description="each of these [of the parameter]")
+    low: Number | None = Field(None, description="lower end of a range [of the parameter]")
+    high: Number | None = Field(None, description="upper end of a range [of the parameter]")
+    scale: Literal["linear", "log"] = Field("linear", description="how a range is divided [-]")
+    count: int | None = Field(None, ge=2, le=100_000, description="values of a range in a grid, ends included [-]")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "ParameterSpec":
+        if (self.values is None) == (self.low is None and self.high is None):
+            raise ValueError("needs either values, or low and high")
+        if self.values is not None:
+            return self
+        if self.low is None or self.high is None:
+            raise ValueError(f"a range needs low and high; {'low' if self.low is None else 'high'} is missing")
+        if not self.low < self.high:
+            raise ValueError(f"the range from {self.low:g} to {self.high:g} is empty; low must be below high")
+        if self.scale == "log" and self.low <= 0.0:
+            raise ValueError(f"a range on a log scale needs low above 0, not {self.low:g}")
+        return self
+
+    def ends(self) -> list[Any]:
+        """Values that bound the others, to check that they are allowed."""
+        return list(self.values) if self.values is not None else [self.low, self.high]
+
+
+class ListSampling(Schema):
+    """The first values of all parameters together, then the second ones, and so on."""
+
+    kind: Literal["list"] = Field("list", description="[-]")
+
+
+class GridSampling(Schema):
+    """Each value of a parameter with each of the others; the last parameter varies fastest."""
+
+    kind: Literal["grid"] = Field("grid", description="[-]")
+
+
+class DrawnSampling(Schema):
+    """Drawn with the study's seed: at random, as a Latin hypercube, or as a scrambled Sobol sequence."""
+
+    kind: Literal["random", "latin_hypercube", "sobol"] = Field(description="[-]")
+    runs: int = Field(ge=1, le=10_000_000, description="number of runs [-]")
+
+
+Sampling = Annotated[ListSampling | GridSampling | DrawnSampling, Field(discriminator="kind")]
+
+
+class StudySpec(Schema):
+    """A study file."""
+
+    mirdrake: Literal["study/1"] = Field("study/1", description="format of this file [-]")
+    name: str = Field("study", min_length=1, description="the file's own if left out [-]")
+    diagram: str | dict[str, Any] = Field(description="name of a diagram, a path, or the diagram itself [-]")
+    overrides: dict[str, Any] = Field(
+        default_factory=dict, description="values of the diagram for all runs, by dotted path [-]"
+    )
+    parameters: dict[str, ParameterSpec] = Field(
+        min_length=1, description="what varies: dotted paths of the diagram, and knobs such as ego.speed.kp [-]"
+    )
+    sampling: Sampling = Field(default_factory=GridSampling, description="how values are combined [-]")
+    metrics: list[str] = Field(
+        min_length=1, description="figures of a run, as ego.distance_m, or functions as module:name [-]"
+    )
+    duration: Duration | None = Field(None, gt=0.0, le=1e6, description="simulated time [s]; the diagram's if left out")
+    seed: int = Field(0, ge=0, description="of drawn values [-]; runs take the diagram's own, all the same")
+    time_limit: Duration | None = Field(
+        None, gt=0.0, description="wall time of a run [s]; a minute and ten times its simulated time if left out"
+    )
+    folder: str | None = Field(None, description="where modules of metrics lie; the file's folder if left out [-]")
+
+
+def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
+    """A study file, checked as far as it can be without its diagram.
+
+    Args:
+        path: the file.
+        overrides: ``"dotted.path=value"`` texts, applied over the file.
+
+    Raises:
+        ConfigError: it cannot be read, or has faults.
+    """
+    path = Path(path)
+    read_text(path)
+    spec = load_yaml(path, StudySpec, overrides=overrides)
+    if "name" not in spec.model_fields_set:
+        spec.name = path.stem
+    if spec.folder is None:
+        spec.folder = str(path.resolve().parent)
+    if isinstance(spec.diagram, str) and (beside := path.parent / spec.diagram).is_file():
+        spec.diagram = str(beside.resolve())
+    return spec
+
+
+def make_study(study: StudySpec | Mapping[str, Any] | Path | str) -> StudySpec:
+    """A study spec from itself, its data or its file.
+
+    Raises:
+        ConfigError: it has faults.
+    """
+    if isinstance(study, StudySpec):
+        return study
+    if isinstance(study, Mapping):
+        return validate(dict(study), StudySpec, Source("study", {}))
+    if not Path(study).suffix:
+        raise ConfigError(f"{shown(Path(study))}: not the file of a study; it ends with .yaml")
+    return load_study(study)

@@ -1,0 +1,149 @@
+"""Figures of a response in time: how well a set of gains does.
+
+Definitions: Åström and Hägglund, Advanced PID Control (2006), section 4.4 (IAE, ITAE, ISE, overshoot, rise, settling);
+total variation of the control: Skogestad (2003), equation 30.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mirdrake.controllers.pid import NO_LIMITS, PidLimits
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.models import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of one response; [y] and [u] as measurement and control.
+
+    Attributes:
+        finite: whether every sample is finite; if not, the costs are inf and the rest nan.
+        iae: integral of the absolute error [y s].
+        itae: the same weighted with time from the first sample on [y s²].
+        ise: integral of the squared error [y² s].
+        overshoot: largest excess over the last set-point, as a part of the step [1].
+        rise_time: from 10 to 90 % of the step [s]; nan if it never gets there.
+        settling_time: until it stays within 2 % of the step around the last set-point [s]; nan if it does not.
+        steady_error: mean error over the last tenth of the time [y].
+        peak_effort: largest absolute control [u].
+        rms_effort: root mean square of the control [u].
+        total_variation: sum of the absolute changes of the control [u].
+        saturation_time: time at a limit of value or rate [s].
+        rms_jerk: root mean square of the second derivative of the measurement [y/s²]: the jerk, for a speed.
+        peak_jerk: its largest absolute value [y/s²].
+    """
+
+    finite: bool
+    iae: float
+    itae: float
+    ise: float
+    overshoot: float
+    rise_time: float
+    settling_time: float
+    steady_error: float
+    peak_effort: float
+    rms_effort: float
+    total_variation: float
+    saturation_time: float
+    rms_jerk: float
+    peak_jerk: float
+
+
+def response_figures(
+    time: ArrayLike,
+    reference: ArrayLike,
+    measurement: ArrayLike,
+    control: ArrayLike,
+    *,
+    limits: PidLimits = NO_LIMITS,
+    band: float = 0.02,
+) -> Figures:
+    """Figures of a response to a step of the set-point, or of a load.
+
+    Integrals are trapezoids. The step goes from the first measurement to the last set-point; without one (a load step)
+    overshoot, rise and settling are nan.
+
+    Args:
+        time: [s], increasing, shape (n,), n >= 3.
+        reference: set-point [y], shape (n,) or one number.
+        measurement: [y], shape (n,).
+        control: [u], shape (n,).
+        limits: limits of the control, for the saturation time.
+        band: half the band of the settling time, as a part of the step [1].
+
+    Raises:
+        ConfigError: shapes differ, or time does not increase.
+    """
+    t, y, u = (np.asarray(row, dtype=float) for row in (time, measurement, control))
+    if t.ndim != 1 or len(t) < 3 or y.shape != t.shape or u.shape != t.shape or not (np.diff(t) > 0.0).all():
+        raise ConfigError(
+            f"response_figures: time must increase, and all rows have its length, 3 at least; "
+            f"got {t.shape}, {y.shape}, {u.shape}"
+        )
+    r = np.broadcast_to(np.asarray(reference, dtype=float), t.shape)
+    if not (np.isfinite(y).all() and np.isfinite(u).all() and np.isfinite(r).all()):
+        return Figures(False, *[math.inf] * 3, *[math.nan] * 10)
+    error = r - y
+    past = t - t[0]
+    step = float(r[-1] - y[0])
+    overshoot = rise = settling = math.nan
+    if abs(step) > 1e-12 * max(abs(float(r[-1])), abs(float(y[0])), 1e-12):
+        part = (y - y[0]) / step
+        overshoot = max(float(part.max()) - 1.0, 0.0)
+        rise = _reach(past, part, 0.9) - _reach(past, part, 0.1)
+        settling = _settle(past, part, band)
+    last = past >= 0.9 * past[-1]
+    moves = np.diff(u)
+    widths = np.diff(t)
+    at_value = (u >= limits.maximum) | (u <= limits.minimum)
+    at_rate = np.concatenate([[False], np.abs(moves) >= limits.rate * widths * (1.0 - 1e-9)])
+    speed = np.diff(y) / widths
+    jerk = np.diff(speed) / (0.5 * (widths[1:] + widths[:-1]))
+    return Figures(
+        finite=True,
+        iae=_integral(np.abs(error), t),
+        itae=_integral(past * np.abs(error), t),
+        ise=_integral(error**2, t),
+        overshoot=overshoot,
+        rise_time=rise,
+        settling_time=settling,
+        steady_error=float(error[last].mean()),
+        peak_effort=float(np.abs(u).max()),
+        rms_effort=math.sqrt(_integral(u**2, t) / float(past[-1])),
+        total_variation=float(np.abs(moves).sum()),
+        saturation_time=float(np.append(widths, widths[-1])[at_value | at_rate].sum()),
+        rms_jerk=math.sqrt(float(np.mean(jerk**2))),
+        peak_jerk=float(np.abs(jerk).max()),
+    )
+
+
+def _integral(values: Floats, time: Floats) -> float:
+    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
+
+
+def _reach(time: Floats, part: Floats, level: float) -> float:
+    """Time at which `part` first reaches `level`, between samples by a line; nan if never."""
+    over = part >= level
+    if not over.any():
+        return math.nan
+    k = int(np.argmax(over))
+    if k == 0:
+        return float(time[0])
+    share = (level - part[k - 1]) / (part[k] - part[k - 1])
+    return float(time[k - 1] + share * (time[k] - time[k - 1]))
+
+
+def _settle(time: Floats, part: Floats, band: float) -> float:
+    """Time after which `part` stays within 1 ± band, between samples by a line; nan if it ends outside."""
+    outside = np.abs(part - 1.0) > band
+    if outside[-1]:
+        return math.nan
+    if not outside.any():
+        return 0.0
+    k = len(outside) - 1 - int(np.argmax(outside[::-1]))
+    level = 1.0 + band if part[k] > 1.0 else 1.0 - band
+    share = (level - part[k]) / (part[k + 1] - part[k])
+    return float(time[k] + share * (time[k + 1] - time[k]))

@@ -1,0 +1,154 @@
+"""Frequency response of a plant from an experiment in closed loop.
+
+An excitation e is added to the control of the running loop; with u and y in steady state, Fourier lines over whole
+periods give G = Y / U. Because u is measured after the controller, feedback does no harm; averaging U and Y over the
+periods before the division keeps the bias from noise small (R. Pintelon and J. Schoukens, System Identification: A
+Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases: M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.tuning.fourier import fourier_line
+from mirdrake.tuning.gains import hold_response
+from mirdrake.tuning.models import Complexes, Floats
+from mirdrake.tuning.processes import Loop
+
+_Part = tuple[Floats, Complexes, Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyResponse:
+    """A frequency response known at some frequencies; between them logarithm and phase are interpolated over log ω.
+
+    Attributes:
+        frequencies: ω [rad/s], increasing, shape (n,), n >= 2.
+        values: G(jω) [y/u], not zero, shape (n,). The phase between neighbours must turn by less than half a turn.
+        deviation: standard deviation of `values` [y/u], shape (n,), or None.
+
+    Raises:
+        ConfigError: shapes, order or values are not so.
+    """
+
+    frequencies: Floats
+    values: Complexes
+    deviation: Floats | None = None
+
+    def __post_init__(self) -> None:
+        w, g = self.frequencies, self.values
+        if w.ndim != 1 or len(w) < 2 or w.shape != g.shape or not (w > 0.0).all() or not (np.diff(w) > 0.0).all():
+            raise ConfigError(
+                "FrequencyResponse: frequencies must be positive and increasing, two at least, one value each"
+            )
+        if not np.isfinite(g).all() or not np.abs(g).all():
+            raise ConfigError("FrequencyResponse: every value must be finite and not zero")
+
+    def response(self, frequencies: ArrayLike) -> Complexes:
+        """G(jω) at `frequencies` [rad/s].
+
+        Raises:
+            ConfigError: a frequency outside of those that were measured.
+        """
+        wanted = np.asarray(frequencies, dtype=float)
+        low, high = self.frequencies[0], self.frequencies[-1]
+        if wanted.size and (wanted.min() < low * (1.0 - 1e-9) or wanted.max() > high * (1.0 + 1e-9)):
+            raise ConfigError(
+                f"the frequency response is known from {low:.4g} to {high:.4g} rad/s, asked for "
+                f"{wanted.min():.4g} to {wanted.max():.4g}"
+            )
+        place = np.log(np.clip(wanted, low, high))
+        size = PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(place)
+        phase = PchipInterpolator(np.log(self.frequencies), np.unwrap(np.angle(self.values)))(place)
+        return np.asarray(np.exp(size + 1j * phase), dtype=complex)
+
+
+def measure_frequency_response(
+    loop: Loop,
+    *,
+    period: float,
+    frequencies: Sequence[float] | Floats,
+    amplitude: float,
+    method: Literal["multisine", "sine"] = "multisine",
+    cycles: int = 4,
+    settle: int = 2,
+) -> FrequencyResponse:
+    """Excite a running loop and estimate the response of the plant in it.
+
+    Args:
+        loop: adds an excitation [u] to the control for one period and returns (control, measurement), see
+            :mod:`mirdrake.tuning.processes`.
+        period: period of the loop [s].
+        frequencies: wanted frequencies [rad/s], below π/period. A multisine moves them to the nearest multiple of the
+            lowest, a sine to a whole number of periods; those that fall together are taken once.
+        amplitude: of a sine; root of the summed squares of a multisine's sines [u].
+        method: all at once, or one after the other (longer, better against noise at a given amplitude).
+        cycles: cycles to average [1], of the lowest frequency for a multisine.
+        settle: cycles before them [1].
+
+    Returns:
+        G of the plant itself: the hold of the control over a period is taken out.
+
+    Raises:
+        ConfigError: a setting is out of range.
+        RunError: numbers that are not finite, or a control that shows nothing of the excitation.
+    """
+    if method not in ("multisine", "sine"):
+        raise ConfigError(f"measure_frequency_response: {did_you_mean(method, ('multisine', 'sine'))}")
+    check_number("frequency response", "period", period, unit="s", above=0.0)
+    check_number("frequency response", "amplitude", amplitude, above=0.0)
+    if cycles < 1 or settle < 0:
+        raise ConfigError(f"frequency response: cycles >= 1 and settle >= 0 are needed, got {cycles} and {settle}")
+    wanted = np.unique(np.asarray(frequencies, dtype=float))
+    if len(wanted) < 2 or not wanted[0] > 0.0 or not wanted[-1] < np.pi / period:
+        raise ConfigError(
+            f"frequency response: two frequencies or more between 0 and {np.pi / period:.4g} rad/s are needed"
+        )
+    if method == "multisine":
+        samples = round(2.0 * np.pi / (wanted[0] * period))
+        base = 2.0 * np.pi / (samples * period)
+        lines = np.unique(np.round(wanted / base)).astype(int)
+        lines = lines[2 * lines < samples]
+        return _joined([_measure(loop, period, samples, lines, amplitude, cycles, settle)])
+    counts = np.unique(np.maximum(np.round(2.0 * np.pi / (wanted * period)), 3).astype(int))[::-1]
+    one = np.array([1])
+    return _joined([_measure(loop, period, int(n), one, amplitude, cycles, settle) for n in counts])
+
+
+def _measure(
+    loop: Loop, period: float, samples: int, lines: NDArray[np.int64], amplitude: float, cycles: int, settle: int
+) -> _Part:
+    """(frequencies, G, deviation) of the multiples `lines` of the frequency with `samples` periods."""
+    base = 2.0 * np.pi / (samples * period)
+    angle = np.arange(samples) * period * base
+    count = len(lines)
+    phases = -np.pi * np.arange(count) * np.arange(1, count + 1) / count
+    sines = np.cos(np.outer(lines, angle) + phases[:, None])
+    excitation = amplitude / np.sqrt(count) * sines.sum(axis=0)
+    rows = np.array([loop(float(e)) for _ in range(settle + cycles) for e in excitation])[settle * samples :]
+    if not np.isfinite(rows).all():
+        raise RunError("frequency response: the loop runs away; smaller amplitude, or gains that hold it")
+    shaped = rows.reshape(cycles, samples, 2)
+    frequencies: Floats = lines.astype(float) * base
+    spectra = np.array(
+        [[[fourier_line(cycle[:, i], period, w) for w in frequencies] for i in (0, 1)] for cycle in shaped]
+    )
+    control, measurement = spectra.mean(axis=0)
+    if not (np.abs(control) > 1e-9 * amplitude / np.sqrt(count)).all():
+        raise RunError("frequency response: the control shows nothing of the excitation; is the loop at its limits?")
+    plant = measurement / control
+    spread = spectra[:, 1] - plant * spectra[:, 0]
+    deviation = np.sqrt((np.abs(spread) ** 2).sum(axis=0) / max(cycles * (cycles - 1), 1)) / np.abs(control)
+    hold = hold_response(frequencies, period)
+    return frequencies, plant / hold, deviation / np.abs(hold)
+
+
+def _joined(parts: list[_Part]) -> FrequencyResponse:
+    frequencies, values, deviation = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return FrequencyResponse(frequencies, values, deviation)

@@ -1,0 +1,249 @@
+"""How far a loop is from the edge: gain, phase and delay margins, Ms, Mt and the disk margin.
+
+All are found on the frequency response of the open loop L, with its dead time exact: on a grid that is refined where
+the curve turns, then by root finding and minimisation. For loops without dead time they equal those of python-control,
+which has no dead time. Definitions: K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., sections 10.3 and 12.1;
+disk margin: P. Seiler, A. Packard and P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40
+(2020) 78, with skew 0. Margins say nothing of a loop that is unstable; ask :func:`mirdrake.tuning.stability.is_stable` first.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.pid import PidGains
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.frequency_response import FrequencyResponse
+from mirdrake.tuning.gains import controller_response
+from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction, frequency_range
+
+LoopResponse = Callable[[Floats], Complexes]
+
+_MAX_POINTS = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Margins of a loop; inf or 0 where no limit is, nan for a frequency that does not exist.
+
+    Attributes:
+        gain_margin: the factor on the gain nearest to 1 (in logarithm) that makes the loop oscillate [1].
+        gain_increase: smallest such factor above 1 [1], inf if none.
+        gain_decrease: largest such factor below 1 [1], 0 if none.
+        phase_margin: angle of the smallest modulus that does [rad]; negative: the loop lacks it already.
+        delay_margin: dead time that does [s].
+        phase_crossover: frequency of `gain_margin` [rad/s].
+        gain_crossover: frequency of `phase_margin` [rad/s].
+        max_sensitivity: Ms, largest |1/(1+L)| [1].
+        max_complementary: Mt, largest |L/(1+L)| [1].
+        sensitivity_peak: frequency of Ms [rad/s].
+        disk_margin: α, smallest 2 |1+L|/|1-L| [1]; 2 allows any gain and 90°.
+        disk_gain: gain may change by any factor between 1/disk_gain and disk_gain at once with the phase [1].
+        disk_phase: and phase by this angle [rad].
+    """
+
+    gain_margin: float
+    gain_increase: float
+    gain_decrease: float
+    phase_margin: float
+    delay_margin: float
+    phase_crossover: float
+    gain_crossover: float
+    max_sensitivity: float
+    max_complementary: float
+    sensitivity_peak: float
+    disk_margin: float
+    disk_gain: float
+    disk_phase: float
+
+
+@dataclass(frozen=True, slots=True)
+class UltimatePoint:
+    """Where the phase of a plant first reaches -180°: gain Ku [u/y] and period Tu [s] at which P control oscillates."""
+
+    gain: float
+    period: float
+
+
+def loop_response(plant: Plant, gains: PidGains, *, period: float | None = None) -> LoopResponse:
+    """The open loop ``C(jω) G(jω)`` as a function of ω [rad/s]; `period` as in ``controller_response``."""
+    return lambda w: plant.response(w) * controller_response(gains, w, period=period)
+
+
+def loop_range(plant: Plant, gains: PidGains | None = None, *, period: float | None = None) -> tuple[float, float]:
+    """Frequencies [rad/s] from where a loop's gain is flat or large to where it is small.
+
+    Args:
+        plant: the plant; a measured one gives its own range.
+        gains: gains of the controller, None: a gain of 1.
+        period: period of the controller [s]; the range ends at π/period.
+    """
+    if isinstance(plant, FrequencyResponse):
+        low, high = float(plant.frequencies[0]), float(plant.frequencies[-1])
+        return low, min(high, math.pi / period) if period else high
+    low, high = frequency_range(_rational(plant))
+    gains = PidGains(1.0) if gains is None else gains
+    corners = [abs(gains.ki / gains.kp)] if gains.ki and gains.kp else []
+    corners += [1.0 / gains.filter_time] if gains.filter_time else []
+    corners += [abs(gains.kp / gains.kd)] if gains.kp and gains.kd else []
+    low, high = min([low, *(c * 1e-3 for c in corners)]), max([high, *(c * 1e1 for c in corners)])
+
+    def size(w: float) -> float:
+        return float(np.abs(plant.response(np.array([w])) * controller_response(gains, np.array([w])))[0])
+
+    for _ in range(8):
+        if size(high) < 0.05:
+            break
+        high *= 10.0
+    for _ in range(8):
+        if not 0.05 < size(low) < 20.0 or not (gains.ki or _rational(plant).denominator[-1] == 0.0):
+            break
+        low *= 0.1
+    return low, min(high, 0.999 * math.pi / period) if period else high
+
+
+def find_margins(
+    plant: Plant,
+    gains: PidGains,
+    *,
+    period: float | None = None,
+    frequencies: tuple[float, float] | None = None,
+) -> Margins:
+    """Margins of a plant under PID control.
+
+    Args:
+        plant: model or measured frequency response.
+        gains: gains of the controller.
+        period: period of the controller [s], None: continuous.
+        frequencies: lowest and highest frequency to look at [rad/s], None: chosen by :func:`loop_range`.
+    """
+    low, high = loop_range(plant, gains, period=period) if frequencies is None else frequencies
+    return margins_of(loop_response(plant, gains, period=period), low, high)
+
+
+def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
+    """Margins of an open loop.
+
+    Args:
+        response: L(jω) for an array of ω [rad/s].
+        low: lowest frequency [rad/s].
+        high: highest frequency [rad/s].
+
+    Raises:
+        ConfigError: the range is empty, or the response is not finite in it.
+    """
+    w, value = frequency_grid(response, low, high)
+
+    def at(x: float) -> complex:
+        return complex(response(np.array([x]))[0])
+
+    # Crossings of the negative real axis, and of the unit circle.
+    turns = np.flatnonzero(
+        (np.sign(value.imag[1:]) != np.sign(value.imag[:-1])) & (value.real[1:] + value.real[:-1] < 0.0)
+    )
+    phase_crossings = [_root(lambda x: at(x).imag, w[k], w[k + 1]) for k in turns]
+    factors = [(1.0 / abs(at(x)), x) for x in phase_crossings if at(x).real < 0.0]
+    size = np.abs(value) - 1.0
+    gain_crossings = [
+        _root(lambda x: abs(at(x)) - 1.0, w[k], w[k + 1])
+        for k in np.flatnonzero(np.sign(size[1:]) != np.sign(size[:-1]))
+    ]
+    phases = [(float(np.angle(-at(x))), x) for x in gain_crossings]
+    gain, phase_crossover = min(factors, key=lambda pair: abs(math.log(pair[0])), default=(math.inf, math.nan))
+    phase, gain_crossover = min(phases, key=lambda pair: abs(pair[0]), default=(math.inf, math.nan))
+
+    # Peaks.
+    ms, peak = _largest(lambda x: 1.0 / abs(1.0 + at(x)), 1.0 / np.abs(1.0 + value), w)
+    mt, _ = _largest(lambda x: abs(at(x) / (1.0 + at(x))), np.abs(value / (1.0 + value)), w)
+    inverse, _ = _largest(
+        lambda x: 0.5 * abs((1.0 - at(x)) / (1.0 + at(x))), 0.5 * np.abs((1.0 - value) / (1.0 + value)), w
+    )
+    disk = 1.0 / inverse
+    return Margins(
+        gain_margin=gain,
+        gain_increase=min((f for f, _ in factors if f >= 1.0), default=math.inf),
+        gain_decrease=max((f for f, _ in factors if f < 1.0), default=0.0),
+        phase_margin=phase,
+        delay_margin=min((angle % (2.0 * math.pi) / x for angle, x in phases), default=math.inf),
+        phase_crossover=phase_crossover,
+        gain_crossover=gain_crossover,
+        max_sensitivity=ms,
+        max_complementary=mt,
+        sensitivity_peak=peak,
+        disk_margin=disk,
+        disk_gain=(2.0 + disk) / (2.0 - disk) if disk < 2.0 else math.inf,
+        disk_phase=2.0 * math.atan(0.5 * disk),
+    )
+
+
+def ultimate_point(plant: Plant, *, frequencies: tuple[float, float] | None = None) -> UltimatePoint | None:
+    """The exact ultimate point of a plant, from its frequency response; None if its phase never crosses -180°.
+
+    Args:
+        plant: model or measured frequency response.
+        frequencies: lowest and highest frequency to look at [rad/s], None: chosen by :func:`loop_range`.
+    """
+    low, high = loop_range(plant) if frequencies is None else frequencies
+    w, value = frequency_grid(plant.response, low, high)
+    for k in range(len(w) - 1):
+        a, b = value[k], value[k + 1]
+        if a.imag < 0.0 <= b.imag and a.real + b.real < 0.0:
+            x = _root(lambda x: float(plant.response(np.array([x]))[0].imag), w[k], w[k + 1])
+            return UltimatePoint(1.0 / abs(complex(plant.response(np.array([x]))[0])), 2.0 * math.pi / x)
+    return None
+
+
+def frequency_grid(response: LoopResponse, low: float, high: float) -> tuple[Floats, Complexes]:
+    """Frequencies [rad/s] and response, dense enough to see every turn of the Nyquist curve where it matters.
+
+    From 40 points a decade on, an interval is halved while its chord is longer than a fifth of its distance to -1 and
+    the response is larger than 0.01.
+
+    Raises:
+        ConfigError: the range is empty, or the response is not finite in it.
+    """
+    check_number("frequencies", "low", low, unit="rad/s", above=0.0)
+    check_number("frequencies", "high", high, unit="rad/s", above=low)
+    w = np.geomspace(low, high, max(round(40.0 * math.log10(high / low)), 40))
+    value = response(w)
+    for _ in range(12):
+        if not np.isfinite(value).all():
+            raise ConfigError(f"the open loop has a pole on the imaginary axis between {low:.4g} and {high:.4g} rad/s")
+        chord = np.abs(np.diff(value))
+        near = np.abs(1.0 + value)
+        small = np.maximum(np.abs(value[1:]), np.abs(value[:-1])) < 0.01
+        split = np.flatnonzero((chord > 0.2 * np.minimum(near[1:], near[:-1])) & ~small)
+        if not len(split) or len(w) > _MAX_POINTS:
+            break
+        new = np.sqrt(w[split] * w[split + 1])
+        w = np.insert(w, split + 1, new)
+        value = np.insert(value, split + 1, response(new))
+    return w, value
+
+
+def _rational(plant: Plant) -> TransferFunction:
+    if isinstance(plant, TransferFunction):
+        return plant
+    make = getattr(plant, "transfer_function", None)
+    if make is None:
+        raise ConfigError(f"frequencies of a {type(plant).__name__} are not known; give the lowest and the highest")
+    model: TransferFunction = make()
+    return model
+
+
+def _root(function: Callable[[float], float], a: float, b: float) -> float:
+    if function(a) * function(b) > 0.0:
+        return math.sqrt(a * b)
+    return float(brentq(function, a, b, xtol=1e-13 * b, rtol=1e-13))
+
+
+def _largest(function: Callable[[float], float], values: Floats, w: Floats) -> tuple[float, float]:
+    """(largest value, its frequency), refined between the neighbours of the largest on the grid."""
+    k = int(np.argmax(values))
+    a, b = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
+    found = minimize_scalar(lambda x: -function(x), bounds=(a, b), method="bounded", options={"xatol": 1e-9 * b})
+    return max((float(values[k]), float(w[k])), (-float(found.fun), float(found.x)))

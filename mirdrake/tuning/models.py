@@ -1,0 +1,288 @@
+"""Models of a loop to tune: transfer functions with dead time, and the simple ones that the tuning rules know.
+
+Every model has ``response(frequencies)``, its frequency response; this is all that margins and loop shaping need, so an
+identified :class:`~mirdrake.tuning.frequency_response.FrequencyResponse` serves as well. Units: [u] of the control, [y]
+of the measurement, seconds, rad/s. The dead time is kept as it is, never replaced by a Padé approximation.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.errors import ConfigError
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+class Plant(Protocol):
+    """What has a frequency response."""
+
+    def response(self, frequencies: ArrayLike) -> Complexes:
+        """Frequency response G(jω) [y/u] at `frequencies` [rad/s], of the same shape."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TransferFunction:
+    """``numerator(s) / denominator(s) · exp(-delay s)``, proper, one input and one output.
+
+    Attributes:
+        numerator: coefficients, highest power first; leading zeros are dropped.
+        denominator: coefficients, highest power first, made monic.
+        delay: dead time [s].
+
+    Raises:
+        ConfigError: coefficients that are not finite, a zero polynomial, more zeros than poles, or a negative delay.
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        numerator = _polynomial("numerator", self.numerator)
+        denominator = _polynomial("denominator", self.denominator)
+        if len(numerator) > len(denominator):
+            raise ConfigError(
+                f"TransferFunction: order {len(numerator) - 1} over order {len(denominator) - 1} is not proper; "
+                "add a filter"
+            )
+        lead = denominator[0]
+        object.__setattr__(self, "numerator", tuple(c / lead for c in numerator))
+        object.__setattr__(self, "denominator", tuple(c / lead for c in denominator))
+        object.__setattr__(self, "delay", check_number("TransferFunction", "delay", self.delay, unit="s", at_least=0.0))
+
+    def __mul__(self, other: "TransferFunction") -> "TransferFunction":
+        return TransferFunction(
+            tuple(np.polymul(self.numerator, other.numerator).tolist()),
+            tuple(np.polymul(self.denominator, other.denominator).tolist()),
+            self.delay + other.delay,
+        )
+
+    @property
+    def poles(self) -> Complexes:
+        """Roots of the denominator [1/s]."""
+        return np.asarray(np.roots(self.denominator), dtype=complex)
+
+    @property
+    def zeros(self) -> Complexes:
+        """Roots of the numerator [1/s]."""
+        return np.asarray(np.roots(self.numerator), dtype=complex)
+
+    @property
+    def static_gain(self) -> float:
+        """Gain at frequency zero [y/u]; infinite with integral action."""
+        below = self.denominator[-1]
+        return math.inf if below == 0.0 else self.numerator[-1] / below
+
+    def response(self, frequencies: ArrayLike) -> Complexes:
+        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        s = 1j * np.asarray(frequencies, dtype=float)
+        value = np.polyval(self.numerator, s) / np.polyval(self.denominator, s) * np.exp(-self.delay * s)
+        return np.asarray(value, dtype=complex)
+
+    @classmethod
+    def from_control(cls, system: Any, *, delay: float = 0.0) -> "TransferFunction":
+        """From a continuous linear system of python-control (TransferFunction or StateSpace).
+
+        Args:
+            system: one input, one output, continuous time.
+            delay: dead time to add [s]; python-control has none of its own.
+
+        Raises:
+            ConfigError: not such a system.
+            MissingDependencyError: python-control is not installed.
+        """
+        from mirdrake.tuning.control_library import polynomials_of
+
+        return cls(*polynomials_of(system), delay=delay)
+
+    def to_control(self) -> Any:
+        """The rational part as a ``control.TransferFunction``.
+
+        Raises:
+            ConfigError: there is a dead time, which python-control cannot hold.
+            MissingDependencyError: python-control is not installed.
+        """
+        from mirdrake.tuning.control_library import control_library
+
+        if self.delay:
+            raise ConfigError(
+                f"python-control has no dead time, the model has {self.delay:g} s; use its Padé if you must"
+            )
+        return control_library().tf(list(self.numerator), list(self.denominator))
+
+
+@dataclass(frozen=True, slots=True)
+class FirstOrder:
+    """First order plus dead time, ``gain exp(-delay s) / (1 + time_constant s)``.
+
+    Attributes:
+        gain: static gain [y/u], not zero.
+        time_constant: T [s], positive.
+        delay: dead time L [s].
+    """
+
+    gain: float
+    time_constant: float
+    delay: float
+
+    def __post_init__(self) -> None:
+        _check(self, gain=self.gain, delay=self.delay, lags=(self.time_constant,))
+
+    @property
+    def normalized_delay(self) -> float:
+        """L / (L + T) [1]: 0 lag dominated, 1 delay dominated (Åström and Hägglund)."""
+        return self.delay / (self.delay + self.time_constant)
+
+    def transfer_function(self) -> TransferFunction:
+        """The same as a general transfer function."""
+        return TransferFunction((self.gain,), (self.time_constant, 1.0), self.delay)
+
+    def response(self, frequencies: ArrayLike) -> Complexes:
+        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        return self.transfer_function().response(frequencies)
+
+
+@dataclass(frozen=True, slots=True)
+class SecondOrder:
+    """Two lags plus dead time, ``gain exp(-delay s) / ((1 + time_constant s)(1 + second_time_constant s))``.
+
+    Attributes:
+        gain: static gain [y/u], not zero.
+        time_constant: the larger lag [s].
+        second_time_constant: the smaller lag [s].
+        delay: dead time [s].
+    """
+
+    gain: float
+    time_constant: float
+    second_time_constant: float
+    delay: float
+
+    def __post_init__(self) -> None:
+        _check(self, gain=self.gain, delay=self.delay, lags=(self.time_constant, self.second_time_constant))
+        if self.second_time_constant > self.time_constant:
+            raise ConfigError("SecondOrder: time_constant must be the larger of the two lags; swap them")
+
+    def transfer_function(self) -> TransferFunction:
+        """The same as a general transfer function."""
+        first, second = self.time_constant, self.second_time_constant
+        return TransferFunction((self.gain,), (first * second, first + second, 1.0), self.delay)
+
+    def response(self, frequencies: ArrayLike) -> Complexes:
+        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        return self.transfer_function().response(frequencies)
+
+
+@dataclass(frozen=True, slots=True)
+class Integrator:
+    """Integrator plus dead time, ``gain exp(-delay s) / s``.
+
+    Attributes:
+        gain: velocity gain [y/(u s)], not zero.
+        delay: dead time [s].
+    """
+
+    gain: float
+    delay: float
+
+    def __post_init__(self) -> None:
+        _check(self, gain=self.gain, delay=self.delay, lags=())
+
+    def transfer_function(self) -> TransferFunction:
+        """The same as a general transfer function."""
+        return TransferFunction((self.gain,), (1.0, 0.0), self.delay)
+
+    def response(self, frequencies: ArrayLike) -> Complexes:
+        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        return self.transfer_function().response(frequencies)
+
+
+def lags(*time_constants: float, gain: float = 1.0, delay: float = 0.0) -> TransferFunction:
+    """``gain exp(-delay s) / Π (1 + T s)``, a chain of lags.
+
+    Args:
+        time_constants: the T [s].
+        gain: static gain [y/u].
+        delay: dead time [s].
+    """
+    denominator = np.array([1.0])
+    for time_constant in time_constants:
+        denominator = np.polymul(denominator, [time_constant, 1.0])
+    return TransferFunction((gain,), tuple(denominator.tolist()), delay)
+
+
+def half_rule(
+    gain: float, time_constants: Sequence[float], *, inverse: Sequence[float] = (), delay: float = 0.0
+) -> FirstOrder:
+    """First-order model of a chain of lags by Skogestad's half rule.
+
+    The largest lag stays; half of the second goes to it and half to the dead time; the rest, and the inverse responses
+    ``(1 - T s)``, go to the dead time. Source: S. Skogestad, Simple analytic rules for model reduction and PID
+    controller tuning, J. Process Control 13 (2003), equations 10 and 11.
+
+    Args:
+        gain: static gain [y/u].
+        time_constants: the lags [s], in any order, at least one.
+        inverse: time constants of the inverse responses [s].
+        delay: dead time that is there already [s].
+    """
+    first, *rest = _sorted(time_constants, at_least=1)
+    half = 0.5 * rest[0] if rest else 0.0
+    return FirstOrder(gain, first + half, delay + half + sum(rest[1:]) + sum(inverse))
+
+
+def half_rule_second_order(
+    gain: float, time_constants: Sequence[float], *, inverse: Sequence[float] = (), delay: float = 0.0
+) -> SecondOrder:
+    """Second-order model of a chain of lags by the half rule; see :func:`half_rule` for source and arguments.
+
+    The two largest lags stay, half of the third goes to the second.
+    """
+    first, second, *rest = _sorted(time_constants, at_least=2)
+    half = 0.5 * rest[0] if rest else 0.0
+    larger, smaller = max(first, second + half), min(first, second + half)
+    return SecondOrder(gain, larger, smaller, delay + half + sum(rest[1:]) + sum(inverse))
+
+
+def frequency_range(plant: TransferFunction) -> tuple[float, float]:
+    """Lowest and highest frequency [rad/s] between which a plant shows all it has: its corners with three decades."""
+    corners = [abs(root) for root in (*plant.poles, *plant.zeros) if abs(root) > 1e-12]
+    if plant.delay:
+        corners.append(1.0 / plant.delay)
+    if not corners:
+        corners = [max(abs(plant.numerator[0]), 1e-6) ** (1.0 / max(len(plant.denominator) - 1, 1))]
+    return min(corners) * 1e-3, max(corners) * 1e3
+
+
+def _sorted(time_constants: Sequence[float], *, at_least: int) -> list[float]:
+    if len(time_constants) < at_least:
+        raise ConfigError(f"half rule: at least {at_least} time constants, got {len(time_constants)}")
+    return sorted(
+        (check_number("half rule", "time constant", t, unit="s", above=0.0) for t in time_constants), reverse=True
+    )
+
+
+def _check(model: object, *, gain: float, delay: float, lags: tuple[float, ...]) -> None:
+    owner = type(model).__name__
+    if check_number(owner, "gain", gain) == 0.0:
+        raise ConfigError(f"{owner}: gain must not be zero; nothing reaches the measurement")
+    check_number(owner, "delay", delay, unit="s", at_least=0.0)
+    for lag in lags:
+        check_number(owner, "time constant", lag, unit="s", above=0.0)
+
+
+def _polynomial(name: str, coefficients: Sequence[float]) -> tuple[float, ...]:
+    numbers = [check_number("TransferFunction", name, c) for c in coefficients]
+    while numbers and numbers[0] == 0.0:
+        numbers.pop(0)
+    if not numbers:
+        raise ConfigError(f"TransferFunction: the {name} is zero; give at least one coefficient that is not")
+    return tuple(numbers)

@@ -1,0 +1,176 @@
+"""Loops in time: what an experiment acts on, and exact simulation of a linear one with dead time.
+
+A *process* is any callable that holds a control [u] for one period and returns the measurement [y] at its end. A
+wrapped Drake simulator is one, :class:`LinearProcess` another. A *loop* is a callable that adds an excitation to the
+control of a closed loop for one period; :class:`PidLoop` makes one of a process and gains.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import expm
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.pid import NO_LIMITS, PidGains, PidLimits, PidState, pid_step
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.models import Floats, TransferFunction
+
+Process = Callable[[float], float]
+Loop = Callable[[float], tuple[float, float]]
+
+
+class LinearProcess:
+    """A transfer function with dead time under a held control, exact at the ends of the periods.
+
+    The dead time need not be a multiple of the period: the state takes the old control for a part of the period and the
+    new one for the rest (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.3).
+
+    Args:
+        plant: the transfer function, at rest at first.
+        period: time for which the control is held [s].
+
+    Raises:
+        ConfigError: the period is not positive.
+    """
+
+    def __init__(self, plant: TransferFunction, period: float):
+        self.plant = plant
+        self.period = check_number("LinearProcess", "period", period, unit="s", above=0.0)
+        order = len(plant.denominator) - 1
+        numerator = np.concatenate([np.zeros(order + 1 - len(plant.numerator)), plant.numerator])
+        self._through = float(numerator[0])
+        self._output = numerator[1:] - numerator[0] * np.array(plant.denominator[1:])
+
+        # Controllable canonical form; the last state of the extended matrix is the control.
+        extended = np.zeros((order + 1, order + 1))
+        if order:
+            extended[0, :order] = -np.array(plant.denominator[1:])
+            extended[1:order, : order - 1] = np.eye(order - 1)
+            extended[0, order] = 1.0
+        periods = plant.delay / self.period
+        whole = math.floor(periods + 1e-9)
+        late = max(periods - whole, 0.0) * self.period
+        first, second = expm(extended * late), expm(extended * (self.period - late))
+        self._step = second[:order, :order] @ first[:order, :order]
+        self._old = second[:order, :order] @ first[:order, order]
+        self._new = second[:order, order]
+        self._whole = whole
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to rest."""
+        self._state = np.zeros(len(self.plant.denominator) - 1)
+        self._controls = deque([0.0] * (self._whole + 2), maxlen=self._whole + 2)
+
+    def __call__(self, control: float) -> float:
+        """Hold `control` [u] for one period; the measurement [y] at its end."""
+        self._controls.append(control)
+        old, new = self._controls[0], self._controls[1]
+        self._state = self._step @ self._state + self._old * old + self._new * new
+        return float(self._output @ self._state) + self._through * new
+
+
+class PidLoop:
+    """A process under mirdrake's PID, with an excitation added to the control.
+
+    Args:
+        process: the process, at rest.
+        gains: gains of the controller.
+        period: period of controller and process [s].
+        reference: set-point [y].
+        measurement: the measurement before the first period [y].
+        limits: limits of the control.
+    """
+
+    def __init__(
+        self,
+        process: Process,
+        gains: PidGains,
+        period: float,
+        *,
+        reference: float = 0.0,
+        measurement: float = 0.0,
+        limits: PidLimits = NO_LIMITS,
+    ):
+        self.process, self.gains, self.limits = process, gains, limits
+        self.period = check_number("PidLoop", "period", period, unit="s", above=0.0)
+        self.reference, self.measurement = reference, measurement
+        self._state = PidState()
+
+    def __call__(self, excitation: float) -> tuple[float, float]:
+        """One period: (control given [u], measurement at the beginning of the period [y])."""
+        measured = self.measurement
+        self._state, control = pid_step(
+            self._state,
+            self.reference,
+            measured,
+            gains=self.gains,
+            period=self.period,
+            limits=self.limits,
+            feedforward=excitation,
+        )
+        self.measurement = self.process(control)
+        return control, measured
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """A closed loop over time; every array has one entry a period.
+
+    Attributes:
+        time: beginning of the period [s].
+        reference: set-point [y].
+        measurement: measurement at `time` [y].
+        control: control held from `time` on [u].
+    """
+
+    time: Floats
+    reference: Floats
+    measurement: Floats
+    control: Floats
+
+
+def simulate_loop(
+    process: Process,
+    gains: PidGains,
+    *,
+    period: float,
+    reference: ArrayLike,
+    disturbance: ArrayLike = 0.0,
+    measurement: float = 0.0,
+    limits: PidLimits = NO_LIMITS,
+) -> Response:
+    """Run a process under PID control, period by period.
+
+    An unstable loop is a result: the run ends before the first number that is not finite or beyond 1e12.
+
+    Args:
+        process: the process, at rest.
+        gains: gains of the controller.
+        period: period of controller and process [s].
+        reference: set-point of each period, shape (n,) [y].
+        disturbance: load added to the control after its limits, shape (n,) or one number [u].
+        measurement: the measurement at time 0 [y].
+        limits: limits of the control.
+
+    Raises:
+        ConfigError: the reference is no row of numbers.
+    """
+    set_points = np.asarray(reference, dtype=float)
+    if set_points.ndim != 1 or not np.isfinite(set_points).all():
+        raise ConfigError(f"simulate_loop: reference must be a row of finite numbers, got shape {set_points.shape}")
+    loads = np.broadcast_to(np.asarray(disturbance, dtype=float), set_points.shape)
+    state, rows = PidState(), np.zeros((len(set_points), 2))
+    done = len(set_points)
+    for k, (set_point, load) in enumerate(zip(set_points.tolist(), loads.tolist(), strict=True)):
+        state, control = pid_step(state, set_point, measurement, gains=gains, period=period, limits=limits)
+        if not (abs(measurement) < 1e12 and abs(control) < 1e12):
+            done = k
+            break
+        rows[k] = measurement, control
+        measurement = process(control + load)
+    return Response(np.arange(done, dtype=float) * period, set_points[:done], rows[:done, 0], rows[:done, 1])

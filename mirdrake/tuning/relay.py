@@ -1,0 +1,233 @@
+"""Relay feedback: ultimate gain and period of a loop from a limit cycle.
+
+First a relay with hysteresis takes the loop's control (K. J. Åström and T. Hägglund, Automatica 20 (1984) 645). The
+describing function of its limit cycle of amplitude a, N = 4 d / (π sqrt(a² - ε²)) in modulus, gives the classic
+estimate; it is off by up to a quarter where the cycle is no sine. So a second stage puts a saturated gain a little
+above the ultimate gain in the relay's place (C.-C. Yu, Autotuning of PID Controllers, 2nd ed., chapter 3), whose cycle
+is almost a sine, and the first Fourier lines of control and measurement in both cycles are two exact points of the frequency
+response. The ultimate point is where the phase between them, or beyond, is -180°.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.errors import RunError
+from mirdrake.tuning.fourier import fitted_line
+from mirdrake.tuning.gains import hold_response
+from mirdrake.tuning.models import Floats
+from mirdrake.tuning.processes import Process
+
+
+@dataclass(frozen=True, slots=True)
+class RelayResult:
+    """What a relay experiment found.
+
+    Attributes:
+        ultimate_gain: Ku [u/y].
+        ultimate_period: Tu [s].
+        describing_gain: estimate of Ku from the relay's describing function alone [u/y].
+        relay_period: period of the relay's limit cycle [s].
+        amplitude: half the swing of the measurement under the relay [y].
+        points: (frequency [rad/s], frequency response [y/u]) of each limit cycle, the relay's first.
+        duration: time that the experiment took [s].
+    """
+
+    ultimate_gain: float
+    ultimate_period: float
+    describing_gain: float
+    relay_period: float
+    amplitude: float
+    points: tuple[tuple[float, complex], ...]
+    duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Cycle:
+    frequency: float
+    response: complex
+    amplitude: float
+
+
+def run_relay_test(
+    process: Process,
+    *,
+    period: float,
+    amplitude: float,
+    hysteresis: float = 0.0,
+    reference: float = 0.0,
+    measurement: float = 0.0,
+    control: float = 0.0,
+    duration: float,
+    tolerance: float = 0.01,
+    refine: bool = True,
+) -> RelayResult:
+    """Find the ultimate point of a loop by relay feedback.
+
+    Args:
+        process: the process, see :mod:`mirdrake.tuning.processes`; its gain is positive.
+        period: its period [s]; a hundredth of the limit cycle is fine.
+        amplitude: half the swing of the relay d [u].
+        hysteresis: ε [y]; above the noise of the measurement.
+        reference: set-point [y].
+        measurement: the measurement at first [y].
+        control: centre of the relay [u], the control that holds `reference` at rest.
+        duration: longest time for either stage [s].
+        tolerance: largest change of period and amplitude between cycles that count as settled [1].
+        refine: with the second stage.
+
+    Raises:
+        ConfigError: a setting is out of range.
+        RunError: no limit cycle, or it does not settle; the message says what to change.
+    """
+    check_number("relay test", "period", period, unit="s", above=0.0)
+    check_number("relay test", "amplitude", amplitude, above=0.0)
+    check_number("relay test", "hysteresis", hysteresis, at_least=0.0)
+    check_number("relay test", "duration", duration, unit="s", above=10.0 * period)
+    runner = _Runner(
+        process,
+        period=period,
+        amplitude=amplitude,
+        hysteresis=hysteresis,
+        reference=reference,
+        control=control,
+        measurement=measurement,
+        tolerance=tolerance,
+    )
+    level = amplitude
+
+    def relay(error: float) -> float:
+        nonlocal level
+        up = error > hysteresis or (error > -hysteresis and level > 0.0)
+        level = amplitude if up else -amplitude
+        return level
+
+    first = runner.cycle(relay, duration)
+    cycles = [first]
+    below = math.sqrt(max(first.amplitude**2 - hysteresis**2, 1e-24))
+    describing = 4.0 * amplitude / (math.pi * below)
+    if refine:
+        cycles.append(_saturated(runner, first, amplitude, duration))
+    gain, frequency = _ultimate([(cycle.frequency, cycle.response) for cycle in cycles])
+    return RelayResult(
+        gain,
+        2.0 * math.pi / frequency,
+        describing,
+        2.0 * math.pi / first.frequency,
+        first.amplitude,
+        tuple((cycle.frequency, cycle.response) for cycle in cycles),
+        runner.steps * period,
+    )
+
+
+class _DecayError(RunError):
+    """The oscillation died out: the gain is below the ultimate gain."""
+
+
+def _saturated(runner: "_Runner", first: "_Cycle", amplitude: float, duration: float) -> "_Cycle":
+    """The limit cycle under the smallest saturated gain tried that keeps one."""
+    slope = 1.3 / abs(first.response)
+    patience = 4.0 * math.pi / first.frequency
+    for _ in range(8):
+        try:
+            return runner.cycle(partial(_clipped, slope, amplitude), duration, patience)
+        except _DecayError:
+            slope *= 1.4
+    raise RunError("relay test: no gain keeps the oscillation alive; make the hysteresis smaller")
+
+
+def _clipped(slope: float, amplitude: float, error: float) -> float:
+    return min(max(slope * error, -amplitude), amplitude)
+
+
+@dataclass(slots=True)
+class _Runner:
+    """A process under a static feedback, run until it cycles; attributes as the arguments of ``run_relay_test``."""
+
+    process: Process
+    period: float
+    amplitude: float
+    hysteresis: float
+    reference: float
+    control: float
+    measurement: float
+    tolerance: float
+    steps: int = 0
+
+    def cycle(self, feedback: Callable[[float], float], duration: float, patience: float = math.inf) -> _Cycle:
+        """Run until three cycles agree.
+
+        Args:
+            feedback: control [u] for an error [y].
+            duration: longest time [s].
+            patience: longest time without a control at the limits of the relay [s].
+
+        Raises:
+            _DecayError: the oscillation dies out.
+            RunError: no steady cycle within the duration.
+        """
+        errors: list[float] = []
+        controls: list[float] = []
+        ups: list[float] = []  # in samples, where the error rises through the hysteresis
+        armed, reached = False, 0
+        for k in range(round(duration / self.period)):
+            error = self.reference - self.measurement
+            if not abs(error) < 1e12:
+                raise RunError("relay test: the measurement grows without bound; a relay alone cannot hold this loop")
+            errors.append(error)
+            controls.append(feedback(error))
+            self.measurement = self.process(self.control + controls[-1])
+            self.steps += 1
+            if abs(controls[-1]) >= self.amplitude:
+                reached = k
+            elif (k - reached) * self.period > patience:
+                raise _DecayError("relay test: the oscillation dies out")
+            if armed and error > self.hysteresis:
+                armed = False
+                ups.append(k - (error - self.hysteresis) / (error - errors[-2]))
+                found = self._settled(np.array(errors), np.array(controls), ups)
+                if found is not None:
+                    return found
+            armed = armed or error < -self.hysteresis
+        if len(ups) < 3:
+            raise RunError(
+                "relay test: no limit cycle; make the amplitude larger, the hysteresis smaller or the duration longer, "
+                "and centre the relay on the control that holds the reference"
+            )
+        raise RunError("relay test: the limit cycle has not settled; make the duration longer or the tolerance larger")
+
+    def _settled(self, errors: Floats, controls: Floats, ups: list[float]) -> _Cycle | None:
+        """The cycle, if the last three agree in period and amplitude."""
+        if len(ups) < 5:
+            return None
+        marks = [round(mark) for mark in ups[-4:]]
+        spans = np.diff(ups[-4:])
+        swings = np.array([np.ptp(errors[a:b]) for a, b in pairwise(marks)])
+        slack = self.tolerance + 1.0 / float(spans.mean())
+        if np.ptp(spans) > slack * spans.mean() or np.ptp(swings) > self.tolerance * swings.mean():
+            return None
+        frequency = 2.0 * math.pi / (float(spans.mean()) * self.period)
+        window = slice(marks[0], marks[-1])
+        control = fitted_line(controls[window], self.period, frequency) * complex(hold_response(frequency, self.period))
+        response = -fitted_line(errors[window], self.period, frequency) / control
+        return _Cycle(frequency, response, 0.5 * float(swings.mean()))
+
+
+def _ultimate(points: list[tuple[float, complex]]) -> tuple[float, float]:
+    """(Ku, ωu) where the phase through one or two points of the frequency response is -180°."""
+    frequency, response = points[-1]
+    lag = float(np.angle(-response))  # phase above -180°
+    if len(points) == 1 or abs(math.log(points[0][0] / frequency)) < 1e-3:
+        return 1.0 / abs(response), frequency
+    other, value = points[0]
+    slope = (float(np.angle(-value)) - lag) / (other - frequency)
+    steep = (math.log(abs(value)) - math.log(abs(response))) / math.log(other / frequency)
+    if slope >= 0.0:
+        return 1.0 / abs(response), frequency
+    ultimate = min(max(frequency - lag / slope, 0.8 * frequency), 1.25 * frequency)
+    return math.exp(-math.log(abs(response)) - steep * math.log(ultimate / frequency)), ultimate

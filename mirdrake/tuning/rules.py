@@ -1,0 +1,208 @@
+"""Tuning rules: from a simple model, or the ultimate point, to the gains of mirdrake's PID.
+
+Rules give the standard form K, Ti, Td (SIMC the series form); :mod:`mirdrake.tuning.gains` turns them into kp, ki, kd.
+K below is the static gain of the model, T its time constant, L its dead time; Kv the gain of an integrator; Ku, Tu the
+ultimate gain and period.
+
+Sources:
+
+- Ziegler-Nichols: J. G. Ziegler and N. B. Nichols, Optimum settings for automatic controllers, Trans. ASME 64 (1942);
+  the tables of Åström and Hägglund, Advanced PID Control (2006), section 6.2.
+- Tyreus-Luyben: B. D. Tyreus and W. L. Luyben, Ind. Eng. Chem. Res. 31 (1992); W. L. Luyben, ibid. 35 (1996) for PID.
+- SIMC: S. Skogestad, J. Process Control 13 (2003) 291; improved: C. Grimholt and S. Skogestad, PID'12 (2012).
+- AMIGO: K. J. Åström and T. Hägglund, Revisiting the Ziegler-Nichols step response method for PID control,
+  J. Process Control 14 (2004) 635; Advanced PID Control, section 7.
+- Lambda: E. B. Dahlin (1968); Åström and Hägglund, section 6.5. Integrator: I.-L. Chien and P. S. Fruehauf, Chem. Eng.
+  Progress 86 (1990).
+"""
+
+from typing import Literal
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.pid import PidGains
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.tuning.gains import from_series, from_standard
+from mirdrake.tuning.models import FirstOrder, Integrator, SecondOrder
+
+Form = Literal["P", "PI", "PID"]
+
+
+def ziegler_nichols_step(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
+    """Ziegler-Nichols' step response rule, with a = K L / T (a = Kv L).
+
+    P: 1/a; PI: 0.9/a, 3 L; PID: 1.2/a, 2 L, L/2. Aims at quarter amplitude damping, Ms is 2 or more.
+
+    Raises:
+        ConfigError: no dead time, or an unknown form.
+    """
+    slope = model.gain if isinstance(model, Integrator) else model.gain / model.time_constant
+    delay = _delay(model)
+    a = slope * delay
+    match form:
+        case "P":
+            return from_standard(1.0 / a)
+        case "PI":
+            return from_standard(0.9 / a, 3.0 * delay)
+        case "PID":
+            return from_standard(1.2 / a, 2.0 * delay, 0.5 * delay)
+    raise _unknown(form, "P", "PI", "PID")
+
+
+def ziegler_nichols_ultimate(ultimate_gain: float, ultimate_period: float, form: Form = "PI") -> PidGains:
+    """Ziegler-Nichols' frequency response rule.
+
+    P: 0.5 Ku; PI: 0.45 Ku, Tu/1.2; PID: 0.6 Ku, Tu/2, Tu/8.
+
+    Args:
+        ultimate_gain: Ku [u/y].
+        ultimate_period: Tu [s].
+        form: which controller.
+
+    Raises:
+        ConfigError: a period that is not positive, or an unknown form.
+    """
+    gain, period = _ultimate(ultimate_gain, ultimate_period)
+    match form:
+        case "P":
+            return from_standard(0.5 * gain)
+        case "PI":
+            return from_standard(0.45 * gain, period / 1.2)
+        case "PID":
+            return from_standard(0.6 * gain, period / 2.0, period / 8.0)
+    raise _unknown(form, "P", "PI", "PID")
+
+
+def tyreus_luyben(ultimate_gain: float, ultimate_period: float, form: Form = "PI") -> PidGains:
+    """Tyreus-Luyben: calmer than Ziegler-Nichols, for lag-dominated plants.
+
+    PI: Ku/3.2, 2.2 Tu; PID: Ku/2.2, 2.2 Tu, Tu/6.3.
+
+    Args and errors: as :func:`ziegler_nichols_ultimate`.
+    """
+    gain, period = _ultimate(ultimate_gain, ultimate_period)
+    match form:
+        case "PI":
+            return from_standard(gain / 3.2, 2.2 * period)
+        case "PID":
+            return from_standard(gain / 2.2, 2.2 * period, period / 6.3)
+    raise _unknown(form, "PI", "PID")
+
+
+def simc(
+    model: FirstOrder | SecondOrder | Integrator, *, closed_loop_time: float | None = None, improved: bool = False
+) -> PidGains:
+    """Skogestad's SIMC rule: PI for a first-order model or an integrator, PID for a second-order one.
+
+    Series form: Kc = T / (K (τc + L)), τI = min(T, 4 (τc + L)), τD = T2.
+
+    Args:
+        model: the model.
+        closed_loop_time: wanted time constant τc [s]; None: the dead time, the rule's tight yet robust choice.
+        improved: add L/3 to the time constant of a first-order model (improved SIMC, for delay-dominated plants).
+
+    Raises:
+        ConfigError: neither dead time nor `closed_loop_time`, or `improved` with another model.
+    """
+    time = _delay(model) if closed_loop_time is None else closed_loop_time
+    total = check_number("SIMC", "closed_loop_time", time, unit="s", above=-model.delay) + model.delay
+    if improved and not isinstance(model, FirstOrder):
+        raise ConfigError("the improved SIMC rule is for a first-order model")
+    if isinstance(model, Integrator):
+        return from_series(1.0 / (model.gain * total), 4.0 * total)
+    lag = model.time_constant + (model.delay / 3.0 if improved else 0.0)
+    second = model.second_time_constant if isinstance(model, SecondOrder) else 0.0
+    return from_series(lag / (model.gain * total), min(lag, 4.0 * total), second)
+
+
+def simc_double_integrator(gain: float, delay: float, *, closed_loop_time: float | None = None) -> PidGains:
+    """SIMC for ``gain exp(-delay s) / s²``: series PID, Kc = 1/(4 gain (τc + L)²), τI = τD = 4 (τc + L).
+
+    Args:
+        gain: acceleration gain [y/(u s²)].
+        delay: dead time L [s].
+        closed_loop_time: τc [s]; None: the dead time.
+    """
+    time = delay if closed_loop_time is None else closed_loop_time
+    total = check_number("SIMC", "closed_loop_time + delay", time + delay, unit="s", above=0.0)
+    return from_series(1.0 / (4.0 * gain * total**2), 4.0 * total, 4.0 * total)
+
+
+def amigo(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
+    """AMIGO: a fit to robust loop shaping (M = 1.4) over a batch of essentially monotone processes.
+
+    PI: K Kp = 0.15 + (0.35 - L T/(L+T)²) T/L, Ti = 0.35 L + 13 L T²/(T² + 12 L T + 7 L²);
+    PID: K Kp = 0.2 + 0.45 T/L, Ti = L (0.4 L + 0.8 T)/(L + 0.1 T), Td = 0.5 L T/(0.3 L + T).
+    Integrator, the limit for large T: PI 0.35/(Kv L), 13.35 L; PID 0.45/(Kv L), 8 L, 0.5 L.
+    Set-point weight of PID: b = 0 where L < T (lag dominated), else 1, as the paper advises.
+
+    Raises:
+        ConfigError: no dead time, or an unknown form.
+    """
+    delay = _delay(model)
+    if form not in ("PI", "PID"):
+        raise _unknown(form, "PI", "PID")
+    if isinstance(model, Integrator):
+        if form == "PI":
+            return from_standard(0.35 / (model.gain * delay), 13.35 * delay)
+        return from_standard(0.45 / (model.gain * delay), 8.0 * delay, 0.5 * delay, proportional_weight=0.0)
+    lag = model.time_constant
+    if form == "PI":
+        gain = 0.15 + (0.35 - delay * lag / (delay + lag) ** 2) * lag / delay
+        integral = 0.35 * delay + 13.0 * delay * lag**2 / (lag**2 + 12.0 * delay * lag + 7.0 * delay**2)
+        return from_standard(gain / model.gain, integral)
+    gain = 0.2 + 0.45 * lag / delay
+    integral = delay * (0.4 * delay + 0.8 * lag) / (delay + 0.1 * lag)
+    derivative = 0.5 * delay * lag / (0.3 * delay + lag)
+    weight = 0.0 if delay < lag else 1.0
+    return from_standard(gain / model.gain, integral, derivative, proportional_weight=weight)
+
+
+def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float, form: Form = "PI") -> PidGains:
+    """Lambda tuning: a closed loop of first order (critically damped for an integrator) with a time constant λ.
+
+    PI: T/(K (λ + L)), T; PID: (T + L/2)/(K (λ + L/2)), T + L/2, T L/(2 T + L);
+    integrator, PI: (2 λ + L)/(Kv (λ + L)²), 2 λ + L.
+
+    Args:
+        model: the model.
+        closed_loop_time: λ [s].
+        form: PI, or PID for a first-order model.
+
+    Raises:
+        ConfigError: λ + L is not positive, or there is no such form for the model.
+    """
+    time = check_number("lambda tuning", "closed_loop_time", closed_loop_time, unit="s", at_least=0.0)
+    delay = model.delay
+    check_number("lambda tuning", "closed_loop_time + delay", time + delay, unit="s", above=0.0)
+    if isinstance(model, Integrator):
+        if form != "PI":
+            raise _unknown(form, "PI")
+        return from_standard((2.0 * time + delay) / (model.gain * (time + delay) ** 2), 2.0 * time + delay)
+    lag = model.time_constant
+    match form:
+        case "PI":
+            return from_standard(lag / (model.gain * (time + delay)), lag)
+        case "PID":
+            integral = lag + 0.5 * delay
+            gain = integral / (model.gain * (time + 0.5 * delay))
+            return from_standard(gain, integral, lag * delay / (2.0 * lag + delay))
+    raise _unknown(form, "PI", "PID")
+
+
+def _delay(model: FirstOrder | SecondOrder | Integrator) -> float:
+    if model.delay <= 0.0:
+        raise ConfigError(
+            f"{type(model).__name__}: the rule needs a dead time; set closed_loop_time, or use lambda tuning"
+        )
+    return model.delay
+
+
+def _ultimate(gain: float, period: float) -> tuple[float, float]:
+    return (
+        check_number("ultimate point", "gain", gain),
+        check_number("ultimate point", "period", period, unit="s", above=0.0),
+    )
+
+
+def _unknown(form: object, *allowed: str) -> ConfigError:
+    return ConfigError(f"no rule for {form!r}; {did_you_mean(form, allowed)}")

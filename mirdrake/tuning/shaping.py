@@ -1,0 +1,280 @@
+"""Robust loop shaping on a frequency response: the largest integral gain under a bound on Ms, or a phase margin.
+
+A bound on Ms or Mt keeps the Nyquist curve out of a circle with centre -c and radius r (Ms: c = 1, r = 1/Ms; Mt: c =
+Mt²/(Mt² - 1), r = Mt/(Mt² - 1)). With kp and kd fixed, ``|c + L(jω)|² >= r²`` is a quadratic inequality in ki at
+every ω, so the largest ki is a minimum over ω; kp and kd are then searched. The integral of the error after a step of
+the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T. Hägglund, Design of PI controllers based on non-convex optimization,
+Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID controllers based on
+constrained optimisation, IEE Proc. 149 (2002) 32.
+
+For PID the plain optimum lies on a ridge with badly damped zeros. Here ki kd <= ratio kp² keeps it off, with real zeros
+of the controller (Ti >= 4 Td) for the ratio 1/4; the papers use conditions on the curvature instead, so their PID gains
+differ. The plant needs a positive gain and no pole in the right half plane.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq, minimize, minimize_scalar
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.pid import PidGains
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.gains import FILTER_RATIO
+from mirdrake.tuning.margins import frequency_grid, loop_range
+from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction
+from mirdrake.tuning.stability import is_stable
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """The plant on a grid, and the circles to keep out of.
+
+    Attributes:
+        frequencies: ω [rad/s], shape (n,).
+        plant: G(jω) [y/u], shape (n,).
+        circles: (c, r) of each.
+    """
+
+    frequencies: Floats
+    plant: Complexes
+    circles: tuple[tuple[float, float], ...]
+
+    def largest(self, base: Complexes, direction: Complexes) -> Floats:
+        """Largest x >= 0 so that base + t direction stays out of the circles for every t from 0 to x and every ω.
+
+        Args:
+            base: shape (..., n); where it is inside of a circle, x is -inf.
+            direction: shape (n,) or (..., n).
+        """
+        result = np.full(base.shape[:-1], math.inf)
+        for centre, radius in self.circles:
+            from_centre = base + centre
+            outside = np.abs(from_centre) ** 2 - radius**2
+            half = (from_centre * direction.conj()).real
+            square = np.abs(direction) ** 2
+            root = half**2 - square * outside
+            meets = (half < 0.0) & (root > 0.0)
+            below = np.where(meets, np.sqrt(np.maximum(root, 0.0)) - half, 1.0)
+            first = np.where(meets, outside / below, math.inf)
+            first = np.where(outside < -1e-9, -math.inf, first)
+            result = np.minimum(result, first.min(axis=-1))
+        return result
+
+
+def maximize_integral_gain(
+    plant: Plant,
+    *,
+    max_sensitivity: float = 1.4,
+    max_complementary: float | None = None,
+    derivative: bool = False,
+    zero_ratio: float = 0.25,
+    filter_ratio: float = FILTER_RATIO,
+    frequencies: tuple[float, float] | None = None,
+) -> PidGains:
+    """PI or PID controller with the largest integral gain that keeps Ms (and Mt) below a bound.
+
+    Args:
+        plant: model or measured frequency response, in the form the head of the module asks for.
+        max_sensitivity: bound on Ms [1], above 1; 1.2 to 2 is usual.
+        max_complementary: bound on Mt [1], above 1, or None.
+        derivative: PID instead of PI.
+        zero_ratio: bound on ki kd / kp² [1].
+        filter_ratio: Td / Tf [1] of the derivative filter.
+        frequencies: lowest and highest frequency to look at [rad/s], None: chosen from the plant.
+
+    Raises:
+        ConfigError: a bound out of range, an unstable plant, or no controller of this kind meets the bounds.
+    """
+    circles = [_sensitivity_circle(max_sensitivity)]
+    if max_complementary is not None:
+        circles.append(_complementary_circle(max_complementary))
+    _refuse_unstable(plant)
+    low, high = loop_range(plant) if frequencies is None else frequencies
+    w, _ = frequency_grid(plant.response, low, high)
+    w = np.union1d(w, np.geomspace(low, high, max(round(200.0 * math.log10(high / low)), 200)))
+    value = plant.response(w)
+    bounds = _Bounds(w, value, tuple(circles))
+    if not derivative:
+        kp, ki = _best_pi(bounds, np.zeros_like(value))
+        return _checked(plant, PidGains(kp, _found(ki, "PI")))
+
+    # The filter follows the derivative time; a few rounds settle it.
+    filter_time, gains = 0.0, (0.0, 0.0, 0.0)
+    for _ in range(6):
+        gains = _best_pid(bounds, filter_time, zero_ratio)
+        new = (
+            gains[2]
+            / max(gains[0], 1e-300)
+            / check_number("PID", "filter_ratio", filter_ratio, above=0.0, infinite=True)
+        )
+        if abs(new - filter_time) <= 1e-3 * new:
+            break
+        filter_time = new
+    kp, ki, kd = gains
+    return _checked(plant, PidGains(kp, _found(ki, "PID"), kd, filter_time=filter_time))
+
+
+def design_for_phase_margin(
+    plant: Plant,
+    crossover: float,
+    *,
+    phase_margin: float = math.pi / 3.0,
+    derivative: bool = False,
+    filter_ratio: float = FILTER_RATIO,
+) -> PidGains:
+    """PI or PID controller with a given gain crossover and phase margin: L(j crossover) = -exp(j phase_margin).
+
+    For PID Ti = 4 Td. Source: Åström and Hägglund, Advanced PID Control (2006), section 6.3 (moving a point).
+
+    Args:
+        plant: model or measured frequency response.
+        crossover: wanted gain crossover, the bandwidth [rad/s].
+        phase_margin: [rad].
+        derivative: PID instead of PI.
+        filter_ratio: Td / Tf [1] of the derivative filter.
+
+    Raises:
+        ConfigError: the phase that is needed lies outside of what the controller can give; the message says how much.
+    """
+    check_number("design", "crossover", crossover, unit="rad/s", above=0.0)
+    check_number("design", "phase_margin", phase_margin, unit="rad", above=0.0, at_most=0.5 * math.pi)
+    check_number("design", "filter_ratio", filter_ratio, above=0.0, infinite=True)
+    value = complex(plant.response(np.array([crossover]))[0])
+    needed = float(np.angle(-np.exp(1j * phase_margin) / value))
+    size = 1.0 / abs(value)
+
+    def shape(x: float) -> complex:
+        """C / kp with Td ω = x and Ti = 4 Td."""
+        return 1.0 - 0.25j / x + 1j * x / (1.0 + 1j * x / filter_ratio)
+
+    if not derivative:
+        if not -0.5 * math.pi < needed < 0.0:
+            raise _out_of_reach(needed, "PI", -0.5 * math.pi, 0.0)
+        return PidGains(size * math.cos(needed), -crossover * size * math.sin(needed))
+    trial = np.geomspace(1e-4, 1e3, 2000)
+    angles = np.array([np.angle(shape(x)) for x in trial])
+    top = int(np.argmax(angles))
+    if not angles[0] < needed < angles[top]:
+        raise _out_of_reach(needed, "PID", float(angles[0]), float(angles[top]))
+    x = brentq(lambda x: float(np.angle(shape(x))) - needed, trial[0], trial[top])
+    kp, derivative_time = size / abs(shape(x)), x / crossover
+    return PidGains(kp, kp / (4.0 * derivative_time), kp * derivative_time, filter_time=derivative_time / filter_ratio)
+
+
+def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[float, float]:
+    """(kp, ki) with the largest ki on top of a loop `base`, kp not below `least`."""
+    if abs(np.angle(-bounds.plant[0])) < 0.25 * math.pi and not base.any():
+        return 0.0, -math.inf  # two integrators, or a negative gain: no PI holds them
+    top = float(bounds.largest(base, bounds.plant))
+    if not 0.0 < top < math.inf or top <= least:
+        return 0.0, -math.inf
+    integral = bounds.plant / (1j * bounds.frequencies)
+
+    def largest(kp: Floats) -> Floats:
+        return bounds.largest(base + np.multiply.outer(kp, bounds.plant), integral)
+
+    trial = np.linspace(least, top * (1.0 - 1e-9), 41)
+    values = largest(trial)
+    k = int(np.argmax(values))
+    a, b = trial[max(k - 1, 0)], trial[min(k + 1, len(trial) - 1)]
+    found = minimize_scalar(lambda kp: -float(largest(np.array(kp))), bounds=(a, b), method="bounded")
+    return max((float(trial[k]), float(values[k])), (float(found.x), -float(found.fun)), key=lambda pair: pair[1])
+
+
+def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[float, float, float]:
+    """(kp, ki, kd) with the largest ki under ki kd <= zero_ratio kp²."""
+    check_number("PID", "zero_ratio", zero_ratio, above=0.0, infinite=True)
+    s = 1j * bounds.frequencies
+    slope = bounds.plant * s / (1.0 + filter_time * s)
+    integral = bounds.plant / s
+    kp0, ki0 = _best_pi(bounds, np.zeros_like(slope))
+    top = float(bounds.largest(np.zeros_like(slope), slope))
+    scale = top if top < math.inf else kp0 / max(bounds.frequencies[0], 1e-12)
+
+    def largest(kp: float, kd: float) -> float:
+        """The ki for kp and kd, -inf where there is none."""
+        if not 0.0 <= kd < top or kp < 0.0:
+            return -math.inf
+        base = kd * slope
+        if not kp < float(bounds.largest(base, bounds.plant)):
+            return -math.inf
+        ki = float(bounds.largest(base + kp * bounds.plant, integral))
+        return min(ki, zero_ratio * kp**2 / kd) if kd > 0.0 else ki
+
+    best = (ki0, kp0, 0.0)
+    for kd in scale * np.geomspace(1e-4, 0.999, 25):
+        kp_top = float(bounds.largest(kd * slope, bounds.plant))
+        if not 0.0 < kp_top < math.inf:
+            continue
+        trial = np.linspace(0.0, kp_top, 31)[1:-1]
+        values = bounds.largest(kd * slope + np.multiply.outer(trial, bounds.plant), integral)
+        values = np.minimum(values, zero_ratio * trial**2 / kd)
+        k = int(np.argmax(values))
+        best = max(best, (float(values[k]), float(trial[k]), float(kd)))
+    if not best[0] > 0.0:
+        return best[1], best[0], best[2]
+    if best[2] > 0.0:
+        polished = minimize(
+            lambda x: -max(largest(math.exp(x[0]), math.exp(x[1])), -1e300) / best[0],
+            np.log([best[1], best[2]]),
+            method="Nelder-Mead",
+            options={
+                "xatol": 1e-5,
+                "fatol": 1e-7,
+                "maxiter": 300,
+                "initial_simplex": _simplex(np.log([best[1], best[2]])),
+            },
+        )
+        kp, kd = np.exp(polished.x)
+        best = max(best, (largest(float(kp), float(kd)), float(kp), float(kd)))
+    return best[1], best[0], best[2]
+
+
+def _simplex(start: Floats) -> Floats:
+    return np.asarray(start) + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.05]])
+
+
+def _sensitivity_circle(bound: float) -> tuple[float, float]:
+    return 1.0, 1.0 / check_number("loop shaping", "max_sensitivity", bound, above=1.0)
+
+
+def _complementary_circle(bound: float) -> tuple[float, float]:
+    square = check_number("loop shaping", "max_complementary", bound, above=1.0) ** 2
+    return square / (square - 1.0), bound / (square - 1.0)
+
+
+def _refuse_unstable(plant: Plant) -> None:
+    model = _rational(plant)
+    if model is not None and any(pole.real > 1e-9 * max(abs(pole), 1e-300) for pole in model.poles if abs(pole) > 1e-9):
+        raise ConfigError("loop shaping: the plant has a pole in the right half plane; stabilise it first")
+
+
+def _checked(plant: Plant, gains: PidGains) -> PidGains:
+    model = _rational(plant)
+    if model is not None and not is_stable(model, gains):
+        raise ConfigError("loop shaping: no stable loop was found; take a PID, or check the sign of the plant's gain")
+    return gains
+
+
+def _rational(plant: Plant) -> TransferFunction | None:
+    make: Callable[[], TransferFunction] | None = getattr(plant, "transfer_function", None)
+    return plant if isinstance(plant, TransferFunction) else make() if make else None
+
+
+def _found(ki: float, kind: str) -> float:
+    if ki == math.inf:
+        raise ConfigError("loop shaping: nothing bounds the gain; add the lag or dead time of actuator and sensor")
+    if not ki > 0.0:
+        raise ConfigError(
+            f"loop shaping: no {kind} controller with integral action meets the bounds; relax them, take a PID, "
+            "or check the sign of the plant's gain"
+        )
+    return ki
+
+
+def _out_of_reach(needed: float, kind: str, low: float, high: float) -> ConfigError:
+    shown = f"{math.degrees(needed):.0f}°, {kind} gives {math.degrees(low):.0f}° to {math.degrees(high):.0f}°"
+    return ConfigError(f"design: the controller would need a phase of {shown}; choose another crossover or margin")

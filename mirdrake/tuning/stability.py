@@ -1,0 +1,102 @@
+"""Whether a closed loop with dead time is stable, exactly: no Padé approximation, no simulation.
+
+With L = N(s) exp(-T s) / D(s), the closed loop's poles are the zeros of D(s) + N(s) exp(-T s). As ω goes from 0 to
+infinity, the argument of that function at jω turns by (n - 2 Z) π/2, n the degree of D and Z the number of zeros in the
+right half plane (A. V. Mikhailov 1938; for dead times L. S. Pontryagin 1942; see R. F. Curtain and H. Zwart, or K. Gu,
+V. Kharitonov and J. Chen, Stability of Time-Delay Systems, section 1.3). Poles of L at the origin need no detour.
+"""
+
+import math
+
+import numpy as np
+
+from mirdrake.controllers.pid import PidGains
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.gains import controller_transfer_function
+from mirdrake.tuning.models import Complexes, Floats, TransferFunction
+
+_MAX_POINTS = 200_000
+
+
+def is_stable(plant: TransferFunction, gains: PidGains) -> bool:
+    """Whether a plant under continuous PID control is stable.
+
+    Args:
+        plant: the plant; add half a period of a sampled controller to its dead time.
+        gains: the gains; not all zero.
+
+    Raises:
+        ConfigError: the controller is not proper.
+    """
+    return count_unstable_poles(plant * controller_transfer_function(gains)) == 0
+
+
+def count_unstable_poles(loop: TransferFunction) -> float:
+    """Closed-loop poles in the right half plane or on the imaginary axis, of the open loop under unit negative feedback.
+
+    Returns:
+        the number; inf for a loop whose high-frequency gain is 1 or more with a dead time (infinitely many poles).
+
+    Raises:
+        ConfigError: the loop cannot be decided within the grid: it is closer to the edge than 1e-9.
+    """
+    order = len(loop.denominator) - 1
+    if not loop.delay:
+        poles = np.roots(np.polyadd(loop.denominator, loop.numerator))
+        lost = order - len(poles)  # the leading coefficients cancel
+        return float(np.sum(poles.real >= -1e-12 * np.maximum(np.abs(poles), 1e-300))) + lost
+    through = abs(loop.numerator[0]) if len(loop.numerator) == len(loop.denominator) else 0.0
+    if through >= 1.0:
+        return math.inf
+    turn = _turn(loop)
+    if turn is None:
+        return 1.0
+    return float(max(round(0.5 * order - turn / math.pi), 0))
+
+
+def _turn(loop: TransferFunction) -> float | None:
+    """Turn of the argument of D + N exp(-T s) along the upper imaginary axis [rad]; None if it passes through zero."""
+
+    def value(w: Floats) -> Complexes:
+        s = 1j * w
+        return np.asarray(
+            np.polyval(loop.denominator, s) + np.polyval(loop.numerator, s) * np.exp(-loop.delay * s), dtype=complex
+        )
+
+    start = loop.denominator[-1] + loop.numerator[-1]
+    scale = abs(loop.denominator[-1]) + abs(loop.numerator[-1])
+    if abs(start) <= 1e-12 * scale or scale == 0.0:
+        return None
+    high = _highest(loop)
+    w = np.concatenate([[0.0], np.geomspace(1e-9 * high, high, 800)])
+    values = value(w)
+    for _ in range(40):
+        steps = np.abs(np.angle(values[1:] / values[:-1]))
+        split = np.flatnonzero(steps > 0.5)
+        if not len(split):
+            break
+        if len(w) > _MAX_POINTS:
+            raise ConfigError("stability: the loop is too close to the edge, or its dead time too long, to decide")
+        new = 0.5 * (w[split] + w[split + 1])
+        if np.any((new <= w[split]) | (new >= w[split + 1])) or np.any(value(new) == 0.0):
+            return None
+        w = np.insert(w, split + 1, new)
+        values = np.insert(values, split + 1, value(new))
+    else:
+        return None  # a jump of the argument that no refinement resolves: a zero on the axis
+    return float(np.sum(np.angle(values[1:] / values[:-1])))
+
+
+def _highest(loop: TransferFunction) -> float:
+    """Frequency [rad/s] beyond which the argument turns no more: D is its leading term, N small beside it."""
+    largest = 1.0
+    order = len(loop.denominator) - 1
+    for polynomial, below in ((loop.denominator, 0), (loop.numerator, 0)):
+        degree = len(polynomial) - 1
+        for k, coefficient in enumerate(polynomial):
+            drop = order - degree + k - below
+            if drop > 0 and coefficient != 0.0:
+                largest = max(
+                    largest if largest != 1.0 else 0.0, (1e3 * (order + 1) * abs(coefficient)) ** (1.0 / drop)
+                )
+    return largest

@@ -1,0 +1,163 @@
+"""Step test: a simple model from the response of an open loop to a step of the control.
+
+Three methods for first order plus dead time, and one for an integrator. Source: K. J. Åström and T. Hägglund, Advanced
+PID Control (2006), section 2.7 (tangent and 63 %; areas), the least squares our own on the analytic step response.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.integrate import trapezoid
+from scipy.optimize import least_squares
+
+from mirdrake.controllers.checks import check_number
+from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.tuning.models import FirstOrder, Floats, Integrator
+from mirdrake.tuning.processes import Process
+
+Method = Literal["tangent", "area", "least_squares"]
+
+
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """A step at time 0.
+
+    Attributes:
+        time: [s], from 0 on, evenly spaced, shape (n,).
+        measurement: [y] at `time`, shape (n,); the first entry is the rest before the step.
+        amplitude: height of the step [u].
+    """
+
+    time: Floats
+    measurement: Floats
+    amplitude: float
+
+    def __post_init__(self) -> None:
+        if self.time.shape != self.measurement.shape or self.time.ndim != 1 or len(self.time) < 20:
+            raise ConfigError(
+                f"StepRecord: time and measurement must be rows of one length, 20 at least; "
+                f"got {self.time.shape} and {self.measurement.shape}"
+            )
+        if check_number("StepRecord", "amplitude", self.amplitude) == 0.0:
+            raise ConfigError("StepRecord: the step has no height; give an amplitude")
+        if not np.isfinite(self.measurement).all():
+            raise RunError("step test: the measurement is not finite; the loop is unstable, or the step too large")
+
+
+def run_step_test(
+    process: Process, *, period: float, duration: float, amplitude: float, control: float = 0.0, rest: float = 0.0
+) -> StepRecord:
+    """Step the control of an open loop and record the measurement.
+
+    Args:
+        process: the process, see :mod:`mirdrake.tuning.processes`.
+        period: its period [s].
+        duration: time after the step [s].
+        amplitude: height of the step [u].
+        control: control before the step [u].
+        rest: time to come to rest at `control` before the step, at least one period is taken [s].
+
+    Raises:
+        ConfigError: a time is out of range.
+        RunError: the measurement is not finite.
+    """
+    check_number("step test", "period", period, unit="s", above=0.0)
+    steps = round(check_number("step test", "duration", duration, unit="s", above=0.0) / period)
+    measured = 0.0
+    for _ in range(max(round(rest / period), 1)):
+        measured = process(control)
+    values = [measured, *(process(control + amplitude) for _ in range(steps))]
+    return StepRecord(np.arange(steps + 1, dtype=float) * period, np.array(values), amplitude)
+
+
+def fit_first_order(record: StepRecord, method: Method = "least_squares", *, settled: float = 0.05) -> FirstOrder:
+    """First order plus dead time from a step test.
+
+    Args:
+        record: the test, long enough that the response has come to rest.
+        method: ``tangent``: dead time where the steepest tangent leaves the rest, T from the time to 63 % (the L and T
+            that AMIGO was made with; wants little noise). ``area``: from two areas, robust to noise; its dead time is
+            smaller for high-order lags. ``least_squares``: best fit of the whole response.
+        settled: largest drift over the last tenth, as a part of the whole change; more is refused.
+
+    Raises:
+        ConfigError: no such method.
+        RunError: the response has not settled, or does not move.
+    """
+    if method not in ("tangent", "area", "least_squares"):
+        raise ConfigError(f"fit_first_order: {did_you_mean(method, ('tangent', 'area', 'least_squares'))}")
+    time = record.time
+    change = record.measurement - record.measurement[0]
+    tail = max(len(time) // 20, 2)
+    final = float(np.mean(change[-tail:]))
+    if final == 0.0:
+        raise RunError("step test: the measurement does not move; is the loop connected, the step large enough?")
+    drift = abs(final - float(np.mean(change[-2 * tail : -tail]))) / abs(final)
+    if drift > settled:
+        raise RunError(
+            f"step test: still moving at the end ({drift:.0%} in the last tenth); test longer, or fit an integrator"
+        )
+    gain = final / record.amplitude
+    unit = change / final
+    if method == "tangent":
+        time_constant, delay = _by_tangent(time, unit)
+        return _made(gain, time_constant, delay, time)
+    time_constant, delay = _by_areas(time, unit)
+    if method == "area":
+        return _made(gain, time_constant, delay, time)
+    step = time[1] - time[0]
+    scale = np.array([gain, max(time_constant, step), max(delay, step)])
+
+    def residual(x: Floats) -> Floats:
+        k, t, d = x * scale
+        past = np.maximum(time - d, 0.0)
+        return np.asarray(k * record.amplitude * -np.expm1(-past / t) - change)
+
+    start = np.array([1.0, 1.0, delay / scale[2]])
+    limits = ([-np.inf, 1e-3, 0.0], [np.inf, np.inf, time[-1] / scale[2]])
+    fit = least_squares(residual, np.clip(start, limits[0], limits[1]), bounds=limits, x_scale=[1.0, 1.0, 1.0])
+    best = fit.x * scale
+    return FirstOrder(float(best[0]), float(best[1]), float(best[2]))
+
+
+def fit_integrator(record: StepRecord, *, part: float = 0.3) -> Integrator:
+    """Integrator plus dead time: the line through the last `part` of the response, and where it leaves the rest.
+
+    Args:
+        record: the test.
+        part: part of the record in which the ramp is steady [1].
+
+    Raises:
+        RunError: the measurement does not move.
+    """
+    check_number("fit_integrator", "part", part, above=0.0, at_most=1.0)
+    last = record.time >= record.time[-1] * (1.0 - part)
+    slope, offset = np.polyfit(record.time[last], record.measurement[last] - record.measurement[0], 1)
+    if slope == 0.0:
+        raise RunError("step test: the measurement does not move; is the loop connected, the step large enough?")
+    return Integrator(float(slope) / record.amplitude, max(float(-offset / slope), 0.0))
+
+
+def _by_tangent(time: Floats, unit: Floats) -> tuple[float, float]:
+    """(T, L) by the steepest tangent and the time to 63 %."""
+    slope = np.gradient(unit, time)
+    steepest = int(np.argmax(slope))
+    delay = float(time[steepest] - unit[steepest] / slope[steepest])
+    level = 1.0 - np.exp(-1.0)
+    after = int(np.argmax(unit >= level))
+    rise = (level - unit[after - 1]) / (unit[after] - unit[after - 1])
+    return float(time[after - 1] + rise * (time[after] - time[after - 1])) - delay, delay
+
+
+def _by_areas(time: Floats, unit: Floats) -> tuple[float, float]:
+    """(T, L) by areas: T + L is the area above the response, T/e the area below it up to T + L."""
+    total = float(trapezoid(1.0 - unit, time))
+    fine = np.linspace(0.0, max(total, 0.0), 2000)
+    time_constant = float(np.e * trapezoid(np.interp(fine, time, unit), fine))
+    return time_constant, total - time_constant
+
+
+def _made(gain: float, time_constant: float, delay: float, time: Floats) -> FirstOrder:
+    """The model, with a time constant and a dead time that are possible at this sampling."""
+    return FirstOrder(gain, max(time_constant, 0.1 * float(time[1] - time[0])), max(delay, 0.0))

@@ -1,0 +1,148 @@
+"""What the figures of a manoeuvre must not depend on: the driver's gains, the time step, and where a search begins."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mirdrake.diagram import assemble
+from mirdrake.manoeuvres import Rig, find_facts, read_settings, run_manoeuvre
+from mirdrake.manoeuvres.courses import eight, make_line
+from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec
+from mirdrake.manoeuvres.search import find_highest
+from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
+
+NAME = "bolt@handling"
+
+
+def _rig(name: str = NAME, **settings) -> Rig:
+    vehicle = load_vehicle(name)
+    return Rig(name, vehicle, find_facts(vehicle), **settings)
+
+
+# --- a simulation that ends on a condition ---------------------------------------------------------------------------
+
+
+def _simulation() -> Simulation:
+    return Simulation(
+        assemble(
+            {
+                "name": "condition",
+                "world": "empty",
+                "vehicles": {"ego": {"model": "bolt", "speed": 5.0}},
+                "control": {"ego": {"kind": "constant", "speed": 5.0}},
+                "plant": {"contact": "point"},
+                "record": {"meshcat": False, "report": False},
+                "duration": 1.0,
+            }
+        )
+    )
+
+
+def test_a_run_ends_with_the_step_on_which_its_condition_is_met():
+    simulation = _simulation()
+    run = simulation.run(until=lambda context: context.get_time() > 0.4321)
+    assert run.summary["stop_reason"] == "condition"
+    assert run.summary["simulated_s"] == pytest.approx(0.435)
+    assert run.signals.index[-1] == pytest.approx(0.42)  # 50 Hz
+    assert not [event for event in run.events if "stop" in event.values()]
+    assert simulation.run(until=lambda context: False).summary["stop_reason"] == "duration"
+
+
+def test_a_condition_may_be_met_at_the_start():
+    run = _simulation().run(until=lambda context: True)
+    assert run.summary["stop_reason"] == "condition"
+    assert len(run.signals) == 1
+
+
+# --- searches and lines -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("guess", [1.0, 9.0, 14.0, 40.0])
+def test_a_search_finds_the_limit_from_wherever_it_starts(guess):
+    tried = []
+
+    def attempt(speed):
+        tried.append(speed)
+        return speed, "" if speed <= 14.2 else "too fast"
+
+    found = find_highest(attempt, lowest=5.0, highest=30.0, guess=guess, resolution=0.2)
+    assert found.best == found.passed <= 14.2 < found.failed <= found.passed + 0.2
+    assert found.why == "too fast"
+    assert len(tried) < 20
+
+
+def test_a_search_that_ends_at_its_borders():
+    always = find_highest(lambda speed: (speed, ""), lowest=5.0, highest=30.0, guess=20.0, resolution=0.2)
+    assert (always.passed, always.failed) == (30.0, math.inf)
+    never = find_highest(lambda speed: (speed, "no"), lowest=5.0, highest=30.0, guess=20.0, resolution=0.2)
+    assert never.best is None
+    assert (never.failed, never.why) == (5.0, "no")
+
+
+def test_an_eased_figure_of_eight_joins_two_circles():
+    line, shift = eight(radius=9.0, laps=1, ease=4.0), 4.0**2 / 54.0
+    for part, centre in ((line.s < 45.0, -9.0 - shift), ((line.s > 65.0) & (line.s < 110.0), 9.0 + shift)):
+        assert np.hypot(line.x, line.y - centre)[part] == pytest.approx(9.0, abs=0.03)
+
+
+def test_a_planned_line_is_straight_where_it_need_not_bend():
+    facts, spec = find_facts(load_vehicle("bolt")), DoubleLaneChangeSpec()
+    line = make_line(spec._line(facts, spec.sections(facts.width), 1.0))
+    assert np.max(np.abs(line.curvature[line.x < -10.0])) < 0.05 * np.max(np.abs(line.curvature))
+
+
+# --- the plant --------------------------------------------------------------------------------------------------------
+
+
+def test_tyres_with_a_law_stand_on_points_unless_patches_are_asked_for():
+    assert _rig().contact == "point"
+    assert _rig("bolt").contact == "hydroelastic"
+    assert _rig(plant={"contact": "hydroelastic"}).contact == "hydroelastic"
+
+
+def test_both_sides_of_a_symmetrical_car_are_alike():
+    figures = []
+    for turn in ("left", "right"):
+        outcome = run_manoeuvre("step_steer", _rig(), read_settings([f"step_steer.turn={turn}"]).step_steer)
+        figures.append([metric.value for metric in outcome.metrics])
+    assert figures[0] == pytest.approx(figures[1], rel=1e-6, nan_ok=True)
+
+
+def test_the_driver_keeps_the_car_on_its_line_on_split_friction():
+    outcome = run_manoeuvre("split_friction_braking", _rig())
+    assert outcome.verdict == "pass", outcome.reason
+    assert 0.3 * 9.81 < (outcome.value("mean") or 0.0) < 0.7 * 9.81  # between ice on one side and asphalt on both
+    assert (outcome.value("hand_wheel_mean") or 0.0) > 20.0  # to the left, where the road is slippery
+    assert (outcome.value("sideways") or 9.0) < 0.6
+
+
+@pytest.mark.slow
+def test_the_largest_lateral_acceleration_is_not_that_of_the_driver():
+    found = []
+    for gain in (0.7, 1.0, 1.3):
+        spec = SteadyStateCircleSpec(turns="left", pressing=gain, first_lateral=5.0, fit_from=5.5, fit_to=6.5)
+        found.append(run_manoeuvre("steady_state_circle", _rig(), spec).value("largest"))
+    assert found == pytest.approx([found[1]] * 3, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["step_steer", "braking", "acceleration", "steady_state_circle"])
+def test_figures_do_not_depend_on_the_time_step(name):
+    """Halving it changes each by less than 1 %; what is a percentage, or near zero, by less than half a unit."""
+    settings = read_settings(
+        [f"steady_state_circle.{item}" for item in ("turns=left", "first_lateral=1.5", "speed_rate=0.6", "limit=4.5")]
+    )
+    coarse, fine = (
+        run_manoeuvre(name, _rig(plant={"time_step": dt}), getattr(settings, name)) for dt in (5e-3, 2.5e-3)
+    )
+    assert [metric.key for metric in coarse.metrics] == [metric.key for metric in fine.metrics]
+    for one, other in zip(coarse.metrics, fine.metrics, strict=True):
+        if one.key == "rise":  # a tenth of a second, of samples every hundredth
+            continue
+        assert (one.value is None) == (other.value is None), one.key
+        if one.value is not None:
+            margin = 0.5 if one.unit == "%" else 1e-3
+            assert one.value == pytest.approx(other.value, rel=0.01, abs=margin), one.key

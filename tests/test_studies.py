@@ -1,0 +1,438 @@
+"""Studies: the same rows whatever runs them, whatever dies meanwhile; values of knobs; faults of a study file."""
+
+import gc
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import make_spec
+from mirdrake.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.studies import Workers, find_knobs, load_results, load_study, make_study, run_study
+from mirdrake.studies import run as study_run
+from mirdrake.studies.plan import make_plan
+from mirdrake.studies.sampling import sample
+from mirdrake.studies.store import PARTS, RESULTS_FILE, Store, make_schema, read_rows
+from mirdrake.studies.workers import WorkerLostError
+
+DIAGRAM = {
+    "world": "empty",
+    "vehicles": {"ego": {"model": "bolt", "speed": 3.0}},
+    "control": {"ego": {"kind": "constant", "speed": 5.0}},
+    "plant": {"contact": "point", "time_step": 0.01},
+}
+
+
+def study(**changes: Any) -> dict[str, Any]:
+    """A small study of eight short runs: knobs and a path of the diagram."""
+    return {
+        "diagram": DIAGRAM,
+        "parameters": {
+            "ego.speed.kp": {"low": 0.3, "high": 3.0, "scale": "log"},
+            "ego.mass_scale": {"low": 0.8, "high": 1.2},
+            "road.friction": {"low": 0.3, "high": 1.0},
+            "control.ego.speed": {"values": [5.0, "36 km/h"]},
+        },
+        "sampling": {"kind": "sobol", "runs": 8},
+        "metrics": ["ego.distance_m", "ego.max_speed_mps", "simulated_s"],
+        "duration": 0.3,
+        "seed": 4,
+    } | changes
+
+
+def write_metrics(folder: Path, text: str) -> str:
+    """A module of metrics in a folder; its name, which no other test uses."""
+    name = f"metrics_{folder.name.replace('-', '_')}"
+    (folder / f"{name}.py").write_text(textwrap.dedent(text), encoding="utf-8")
+    return name
+
+
+# --- the same rows, whatever runs them ---
+
+
+def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
+    results = {count: run_study(study(), out=tmp_path / str(count), workers=count) for count in (0, 1, 2)}
+    assert results[0].counts == {"ok": 8, "unstable": 0, "failed": 0}
+    assert results[0].table["ego.distance_m"].nunique() > 4
+    files = {(tmp_path / str(count) / RESULTS_FILE).read_bytes() for count in results}
+    assert len(files) == 1
+    assert load_results(tmp_path / "1").arrow.equals(results[2].arrow)
+    assert results[0].table.attrs["units"]["ego.mass_scale"] == "1"
+    assert not (tmp_path / "2" / PARTS).exists()
+
+
+def test_a_foreign_executor_gives_the_same_rows() -> None:
+    with ThreadPoolExecutor(2) as threads:
+        assert run_study(study(), executor=threads).arrow.equals(run_study(study(), workers=0).arrow)
+
+
+@pytest.mark.slow
+def test_two_dask_workers_on_loopback_give_the_same_rows() -> None:
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1")
+    with cluster, distributed.Client(cluster) as client:
+        through_dask = run_study(study(), executor=client.get_executor())
+    assert through_dask.arrow.equals(run_study(study(), workers=0).arrow)
+
+
+def test_a_run_does_not_know_the_runs_before_it() -> None:
+    plan = make_plan(make_study(study()))
+    alone = study_run.run_job(plan.job(5))
+    for index in (2, 7, 0):
+        study_run.run_job(plan.job(index))
+    assert study_run.run_job(plan.job(5)) == alone
+
+
+# --- what is not well ---
+
+
+def test_an_unstable_candidate_is_a_result() -> None:
+    loops = {"ego.speed.kp": {"values": [1.0, 1e308]}, "ego.speed.ki": {"values": [0.0, 1e308]}}
+    table = run_study(study(parameters=loops, sampling={"kind": "list"}, duration=1.0), workers=0).table
+    assert table["status"].tolist()[0] == "ok"
+    assert set(table["status"]) <= {"ok", "unstable"}
+
+
+def test_a_metric_that_raises_fails_its_run_only(tmp_path: Path) -> None:
+    name = write_metrics(
+        tmp_path,
+        """
+        def errors(run):
+            wanted = run.spec["control"]["ego"]["speed"]
+            if wanted > 8.0:
+                raise ValueError("too fast")
+            error = wanted - run["ego.vx"]
+            return {"iae": float(abs(error).sum() * 0.02), "last": float(error.iloc[-1]), "text": "x"}
+        """,
+    )
+    metrics = [f"{name}:errors.iae", f"{name}:errors.last"]
+    result = run_study(study(metrics=metrics, folder=str(tmp_path)), workers=0)
+    slow = result.table[result.table["control.ego.speed"] == 5.0]
+    fast = result.table[result.table["control.ego.speed"] == 10.0]
+    assert set(slow["status"]) == {"ok"}
+    assert (slow[metrics[0]] > 0.2).all()
+    assert set(fast["reason"]) == {f"metric {name}:errors: ValueError: too fast"}
+    assert fast[metrics[0]].isna().all()
+    result = run_study(study(metrics=[f"{name}:errors.itea"], folder=str(tmp_path)), workers=0)
+    assert "gives no 'itea'; (allowed: iae, last, text)" in " ".join(result.table["reason"])
+
+
+def test_a_worker_that_crashes_costs_its_run_only(tmp_path: Path) -> None:
+    name = write_metrics(
+        tmp_path,
+        """
+        import os, signal
+
+        def speed(run):
+            if run.spec["control"]["ego"]["speed"] == 6.0:
+                os.kill(os.getpid(), signal.SIGSEGV)
+            if run.spec["control"]["ego"]["speed"] == 7.0:
+                os._exit(3)
+            return run["ego.vx"].iloc[-1]
+        """,
+    )
+    speeds = {"control.ego.speed": {"values": [5.0, 6.0, 7.0, 8.0]}}
+    given = study(parameters=speeds, sampling={"kind": "list"}, metrics=[f"{name}:speed"], folder=str(tmp_path))
+    table = run_study(given, workers=1).table
+    assert table["status"].tolist() == ["ok", "failed", "failed", "ok"]
+    assert "ended by SIGSEGV" in table["reason"][1]
+    assert "exit code 3" in table["reason"][2]
+
+
+@pytest.mark.slow
+def test_a_run_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_run, "GRACE", 20.0)
+    name = write_metrics(
+        tmp_path,
+        """
+        import time
+
+        def stuck(run):
+            while run.spec["control"]["ego"]["speed"] == 6.0:
+                time.sleep(0.1)
+            return 1.0
+        """,
+    )
+    speeds = {"control.ego.speed": {"values": [5.0, 6.0, 7.0]}}
+    given = study(parameters=speeds, sampling={"kind": "list"}, metrics=[f"{name}:stuck"], folder=str(tmp_path))
+    table = run_study(given | {"time_limit": 5.0}, workers=2).table
+    assert table["status"].tolist() == ["ok", "failed", "ok"]
+    assert f"no end after 25 s of wall time; it was in stuck of {tmp_path}" in table["reason"][1]
+
+
+def test_a_simulation_that_takes_too_long_is_ended() -> None:
+    table = run_study(study(time_limit=1e-9), workers=0).table
+    assert set(table["reason"]) == {"no end after 1e-09 s of wall time"}
+
+
+def test_workers_outlive_what_they_are_given() -> None:
+    workers = Workers(1, limit=2.0)
+    try:
+        crash, hang, refused, fine = (
+            workers.submit(os.abort),
+            workers.submit(time.sleep, 60.0),
+            workers.submit(lambda: 0),
+            workers.submit(abs, -3),
+        )
+        with pytest.raises(WorkerLostError, match="ended by SIGABRT"):
+            crash.result(timeout=60)
+        with pytest.raises(WorkerLostError, match="no end after 2 s"):
+            hang.result(timeout=60)
+        assert refused.exception(timeout=60) is not None
+        assert fine.result(timeout=60) == 3
+    finally:
+        workers.shutdown(cancel_futures=True)
+
+
+# --- killed and resumed ---
+
+_SCRIPT = """
+import sys, json
+from mirdrake.studies import run_study
+run_study(json.load(open(sys.argv[1])), out=sys.argv[2], workers=2, resume=True,
+          progress=lambda done, total, row: print(done, flush=True))
+"""
+
+
+def _killed_after(seconds: float, given: Path, out: Path) -> None:
+    """Begin a study in a process of its own and kill it so long after its first run."""
+    command = [sys.executable, "-c", _SCRIPT, str(given), str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[1]) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(seconds)
+        process.send_signal(signal.SIGKILL)
+
+
+def _check_kills(tmp_path: Path, *, times: int) -> None:
+    given = study(sampling={"kind": "latin_hypercube", "runs": 120})
+    (tmp_path / "study.json").write_text(json.dumps(given), encoding="utf-8")
+    out, chance = tmp_path / "killed", random.Random(7)
+    counts = []
+    for _ in range(times):
+        _killed_after(chance.uniform(0.2, 1.0), tmp_path / "study.json", out)
+        counts.append(len(read_rows(out)))
+    assert counts == sorted(counts)
+    resumed = run_study(given, out=out, workers=2, resume=True)
+    assert resumed.complete
+    undisturbed = run_study(given, out=tmp_path / "whole", workers=0)
+    assert (out / RESULTS_FILE).read_bytes() == (tmp_path / "whole" / RESULTS_FILE).read_bytes()
+    assert resumed.arrow.equals(undisturbed.arrow)
+    if times == 1:
+        assert 0 < counts[0] < 120, "the kill came too early or too late to show anything"
+
+
+def test_a_killed_study_resumes_with_the_same_rows(tmp_path: Path) -> None:
+    _check_kills(tmp_path, times=1)
+
+
+@pytest.mark.slow
+def test_a_study_killed_five_times_ends_with_the_same_rows(tmp_path: Path) -> None:
+    _check_kills(tmp_path, times=5)
+
+
+def test_a_folder_takes_one_study_only(tmp_path: Path) -> None:
+    few = study(sampling={"kind": "sobol", "runs": 2})
+    run_study(few, out=tmp_path, workers=0)
+    with pytest.raises(RunError, match="is not empty"):
+        run_study(few, out=tmp_path, workers=0)
+    with pytest.raises(RunError, match="begun with another study"):
+        run_study(few | {"seed": 5}, out=tmp_path, resume=True, workers=0)
+    before = (tmp_path / RESULTS_FILE).stat().st_mtime_ns
+    assert run_study(few | {"time_limit": 9.0}, out=tmp_path, resume=True, workers=2).complete
+    assert (tmp_path / RESULTS_FILE).stat().st_mtime_ns == before
+    with pytest.raises(ConfigError, match="not the folder of a study"):
+        load_results(tmp_path / "nothing")
+
+
+def test_rows_of_a_folder_survive_between_all_steps_of_writing(tmp_path: Path) -> None:
+    schema = make_schema({"a": ""}, ["m"])
+    row = {"run": 0, "a": 1.0, "status": "ok", "reason": "", "simulated": 1.0, "m": 2.0}
+    store = Store(tmp_path, schema, 2)
+    store.add(row | {"run": 1})
+    store.flush()
+    (tmp_path / PARTS / ".part-000001.parquet.tmp").write_bytes(b"half a file")
+    assert [entry["run"] for entry in read_rows(tmp_path)] == [1]
+    store.add(row)
+    store.finish()
+    (tmp_path / PARTS).mkdir()  # killed while the parts were removed
+    pq.write_table(pa.Table.from_pylist([row], schema=schema), tmp_path / PARTS / "part-000000.parquet")
+    assert sorted(entry["run"] for entry in read_rows(tmp_path)) == [0, 1]
+    assert pq.read_table(tmp_path / RESULTS_FILE).column("run").to_pylist() == [0, 1]
+
+
+# --- knobs ---
+
+
+def test_knobs_change_the_context_and_nothing_else() -> None:
+    assembly = assemble(make_spec(DIAGRAM))
+    parts = assembly.parts
+    knobs = find_knobs({"ego": parts.vehicles["ego"].vehicle}, parts.world)
+    plant, instance = parts.plant, parts.vehicles["ego"].instance
+    context, other = assembly.make_context(), assembly.make_context()
+    mass = plant.CalcTotalMass(plant.GetMyContextFromRoot(context), [instance])
+    values = {"ego.mass_scale": 1.2, "road.friction": 0.4, "ego.speed.ki": 7.0}
+    for name, value in values.items():
+        knobs[name].turn(assembly, context, value)
+    assert plant.CalcTotalMass(plant.GetMyContextFromRoot(context), [instance]) == pytest.approx(1.2 * mass)
+    assert plant.CalcTotalMass(plant.GetMyContextFromRoot(other), [instance]) == pytest.approx(mass)
+    control = assembly.diagram.GetSubsystemByName("ego.control")
+    assert control.GetMyContextFromRoot(context).get_numeric_parameter(0).value()[1] == 7.0
+    query = parts.scene_graph.get_query_output_port()
+    tyre, plane = parts.vehicles["ego"].tyres[0], parts.world.road_mu
+    for root, wanted in ((context, 0.4), (other, min(parts.vehicles["ego"].tyre_mu[0], plane))):
+        inspector = query.Eval(parts.scene_graph.GetMyContextFromRoot(root)).inspector()
+        friction = inspector.GetProximityProperties(tyre).GetProperty("material", "coulomb_friction")
+        mu = friction.static_friction()
+        assert 2.0 * mu * plane / (mu + plane) == pytest.approx(wanted)
+
+
+def test_half_the_grip_takes_twice_the_way_to_stop() -> None:
+    braking = DIAGRAM | {"vehicles": {"ego": {"model": "bolt", "speed": 10.0}}}
+    grip = {"road.friction": {"values": [0.15, 0.3]}}
+    given = study(diagram=braking, overrides={"control.ego.speed": 0.0}, parameters=grip, sampling={"kind": "list"})
+    table = run_study(given | {"duration": 9.0, "metrics": ["ego.distance_m"]}, workers=0).table
+    way = table["ego.distance_m"].to_numpy()
+    assert way[0] / way[1] == pytest.approx(2.0, rel=0.15)
+
+
+# --- sampling ---
+
+
+def test_ways_of_sampling() -> None:
+    two = {"ego.speed.kp": {"low": 1.0, "high": 100.0, "scale": "log", "count": 3}, "ego.speed.ki": {"values": [1, 2]}}
+    grid = sample(make_study(study(parameters=two, sampling={"kind": "grid"})))
+    assert grid == [(pytest.approx(kp), ki) for kp in (1.0, 10.0, 100.0) for ki in (1, 2)]
+    for kind in ("random", "latin_hypercube", "sobol"):
+        drawn = make_study(study(parameters=two, sampling={"kind": kind, "runs": 50}))
+        rows = sample(drawn)
+        assert rows == sample(drawn)
+        assert rows != sample(make_study(study(parameters=two, sampling={"kind": kind, "runs": 50}, seed=5)))
+        assert all(1.0 <= kp <= 100.0 and ki in (1, 2) for kp, ki in rows)
+        assert 15 <= sum(kp < 10.0 for kp, _ in rows) <= 35
+    spread = make_study(study(parameters=two, sampling={"kind": "latin_hypercube", "runs": 20}))
+    cells = np.floor([10.0 * np.log10(kp) for kp, _ in sample(spread)])
+    assert sorted(cells) == list(range(20))
+
+
+# --- faults of a study file ---
+
+_FILE = """\
+mirdrake: study/1
+diagram:
+  world: empty
+  vehicles: {ego: {model: bolt}}
+  control: {ego: {kind: constant, speed: 5}}
+parameters:
+  ego.speed.kp: {low: 0.5, high: 5, count: 2}
+metrics: [ego.distance_m]
+duration: 1 s
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "ego.speed.kp",
+            "ego.speed.kpp",
+            "study.yaml:7: parameters.ego.speed.kpp: no such knob, nor a path of the diag",
+        ),
+        ("ego.speed.kp", "ego.steering.kp", "study.yaml:7: parameters.ego.steering.kp: no such knob"),
+        (
+            "ego.speed.kp",
+            "control.ego.sped",
+            "study.yaml:7: parameters.control.ego.sped: control.ego.sped: unknown field",
+        ),
+        ("ego.speed.kp", "connect.3.x", "study.yaml:7: parameters.connect.3.x: a list of 0 has no item '3'"),
+        ("ego.speed.kp", "duration", "study.yaml:7: parameters.duration: cannot vary"),
+        (
+            "ego.speed.kp: {low: 0.5",
+            "ego.mass_scale: {low: 0",
+            "study.yaml:7: parameters.ego.mass_scale: 0 is not allowed",
+        ),
+        ("high: 5", "high: 0.5", "study.yaml:7: parameters.ego.speed.kp: the range from 0.5 to 0.5 is empty"),
+        ("low: 0.5", "low: 0, scale: log", "study.yaml:7: parameters.ego.speed.kp: a range on a log scale"),
+        ("high: 5, ", "", "study.yaml:7: parameters.ego.speed.kp: a range needs low and high; high is missing"),
+        (
+            "low: 0.5, high: 5, count: 2",
+            "",
+            "study.yaml:7: parameters.ego.speed.kp: needs either values, or low and high",
+        ),
+        ("low: 0.5, high: 5, count: 2", "values: []", "study.yaml:7: parameters.ego.speed.kp.values: has 0 items"),
+        (
+            "low: 0.5, high: 5, count: 2",
+            "values: [1, much]",
+            "study.yaml:7: parameters.ego.speed.kp: 'much' is not a num",
+        ),
+        (", count: 2", "", "study.yaml:7: parameters.ego.speed.kp: a grid needs a count, or values"),
+        ("[ego.distance_m]", "[ego.distanc]", "study.yaml:8: metrics.0: no figure 'ego.distanc'"),
+        ("[ego.distance_m]", "[nowhere_at_all:f]", "study.yaml:8: metrics.0: module 'nowhere_at_all' cannot be import"),
+        ("[ego.distance_m]", "['math:sine']", "study.yaml:8: metrics.0: 'sine' is no function of math; did you mean"),
+        ("[ego.distance_m]", "[status]", "study.yaml:8: metrics.0: 'status' is a column already"),
+        ("speed: 5}", "sped: 5}", "study.yaml:2: diagram: control.ego.sped: unknown field"),
+        ("duration: 1 s", "sampling: {kind: halton, runs: 3}", "study.yaml:9: sampling.kind: unknown kind 'halton'"),
+        ("duration: 1 s", "duration: 0 s", "study.yaml:9: duration: 0"),
+        (
+            "duration: 1 s",
+            "overrides: {plant.contakt: point}",
+            "study.yaml:9: overrides.plant.contakt: plant.contakt: unkn",
+        ),
+    ],
+)
+def test_a_faulty_study_is_refused_with_its_line(
+    old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert _FILE.count(old) == 1
+    Path("study.yaml").write_text(_FILE.replace(old, new), encoding="utf-8")
+    with pytest.raises(MirdrakeError) as caught:
+        run_study("study.yaml", out="out", workers=0)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+    assert not Path("out").exists()
+
+
+def test_a_study_file_finds_its_diagram_and_name(tmp_path: Path) -> None:
+    lines = _FILE.splitlines()
+    (tmp_path / "car.yaml").write_text("\n".join(line[2:] for line in lines[2:5]) + "\n", encoding="utf-8")
+    text = "\n".join([lines[0], "diagram: car.yaml", *lines[5:]])
+    (tmp_path / "gains.yaml").write_text(text, encoding="utf-8")
+    spec = load_study(tmp_path / "gains.yaml")
+    assert spec.name == "gains"
+    assert make_plan(spec).diagram["vehicles"]["ego"]["model"] == "bolt"
+
+
+# --- cost ---
+
+
+@pytest.mark.slow
+def test_memory_and_time_of_a_run_do_not_grow(tmp_path: Path) -> None:
+    page = os.sysconf("SC_PAGE_SIZE")
+    sizes, times = [], []
+
+    def look(done: int, total: int, row: dict[str, Any]) -> None:
+        times.append(time.process_time())
+        if done % 50 == 0:
+            gc.collect()
+            sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * page / 1e6)
+
+    knobs = {name: study()["parameters"][name] for name in ("ego.speed.kp", "ego.mass_scale", "road.friction")}
+    given = study(parameters=knobs, sampling={"kind": "sobol", "runs": 200})
+    run_study(given, out=tmp_path / "out", workers=0, progress=look)
+    assert sizes[-1] - sizes[0] < 5.0, sizes
+    each = np.diff(times)
+    assert np.median(each[-50:]) < 1.3 * np.median(each[20:70])
