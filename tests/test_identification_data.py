@@ -1,23 +1,30 @@
-"""Recorded drives and their check: every oddity that real logs have is put into a clean one, and found with its number."""
+"""Recorded drives and their check: each oddity of real logs is put into a clean one, and found with its number."""
 
+import re
+from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
+from functools import cache
+from math import degrees, pi
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.interpolate import CubicSpline
 from scipy.io import savemat
-from scipy.signal import butter, sosfiltfilt
 
-from mirdrake.errors import ConfigError, MirdrakeError
+from mirdrake.errors import ConfigError, MissingDependencyError
 from mirdrake.identification import DataSet, Log, check_data, load_data
 from mirdrake.identification.alignment import delay_of
 from mirdrake.identification.channels import CHANNELS, unit_factor
-from mirdrake.identification.readers import FORMATS
 from mirdrake.identification.samples import find_glitches
+from mirdrake.identification.spec import REPAIRS
 from mirdrake.identification.timing import hold_of
 from mirdrake.logs import RunWriter
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
@@ -25,31 +32,481 @@ from mirdrake.single_track import SingleTrack, SingleTrackParameters
 CAR = SingleTrackParameters(
     mass=1500.0, yaw_inertia=2400.0, front_length=1.2, rear_length=1.5, front_stiffness=90e3, rear_stiffness=110e3
 )
-STEP, FINE = 0.01, 0.0025
+STEP = 0.01
 NOISE = {
-    "vx": 0.01, "vy": 0.005, "yaw_rate": 0.002, "yaw": 0.0005,
-    "longitudinal_acceleration": 0.05, "lateral_acceleration": 0.05, "road_wheel_angle": 0.0003,
+    "vx": 0.01, "vy": 0.005, "yaw_rate": 0.002, "yaw": 0.0005, "road_wheel_angle": 0.0003,
+    "longitudinal_acceleration": 0.05, "lateral_acceleration": 0.05,
 }  # fmt: skip
 
 
-def drive(seconds: float = 40.0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """A drive with steering and pedals that sweep, without noise, on steps of FINE."""
-    model = SingleTrack(CAR)
-    simulator = Simulator(model)
-    context = simulator.get_mutable_context()
-    model.set_state(context, vx=15.0)
-    steering, forces = model.steering.FixValue(context, [0.0]), model.forces.FixValue(context, [0.0, 0.0, 0.0])
-    ResetIntegratorFromFlags(simulator, "runge_kutta3", FINE)
-    simulator.get_mutable_integrator().set_fixed_step_mode(True)
-    simulator.Initialize()
-    time = np.arange(round(seconds / FINE)) * FINE
-    angle = 0.03 * (np.sin(2.0 * time) + 0.7 * np.sin(2.0 * np.pi * (0.3 + 0.02 * time) * time))
+@cache
+def clean():
+    """Time and channels of a drive of 40 s with steering and pedals that swing, without noise."""
+    time = np.arange(4001) * STEP
+    angle = 0.03 * (np.sin(2.0 * time) + 0.7 * np.sin(2.0 * pi * (0.3 + 0.02 * time) * time))
     force = 3500.0 * np.sin(0.8 * time) + 1500.0 * np.sin(2.3 * time)
-    states, motions = [], []
-    for at, turn, push in zip(time, angle, force, strict=True):
-        steering.GetMutableData().SetFrom(type(steering.get_value())([turn]) if False else _vector([turn]))
-        forces.GetMutableData().SetFrom(_vector([max(push, 0.0), max(-push, 0.0), 0.0]))
-        states.append(model.state.Eval(context).copy())
-        motions.append(model.motion.Eval(context).copy())
-        simulator.AdvanceTo(at + FINE)
-    return time, {"state": np.array(states), "motion": np.array(motions), "angle": angle, "force": force}
+    builder = DiagramBuilder()
+    model = builder.AddSystem(SingleTrack(CAR))
+    inputs = {model.steering: [angle], model.forces: [np.maximum(force, 0.0), np.maximum(-force, 0.0)]}
+    for port, values in inputs.items():
+        source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.FirstOrderHold(time, np.array(values))))
+        builder.Connect(source.get_output_port(), port)
+    sinks = [LogVectorOutput(port, builder, STEP) for port in (model.state, model.motion)]
+    simulator = Simulator(builder.Build())
+    model.set_state(model.GetMyMutableContextFromRoot(simulator.get_mutable_context()), vx=15.0)
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", STEP)
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    simulator.AdvanceTo(time[-1])
+    state, motion = (sink.FindLog(simulator.get_context()).data() for sink in sinks)
+    return time, {
+        "vx": state[6], "vy": state[7] + CAR.rear_length * state[11], "yaw_rate": state[11], "yaw": np.unwrap(state[5]), "road_wheel_angle": angle,
+        "longitudinal_acceleration": motion[1], "lateral_acceleration": motion[2],
+    }  # fmt: skip
+
+
+def recorded(seed=0, *, late=None, without=()):
+    """A log of the drive with noise; channels of `late` are so many samples late."""
+    time, channels = clean()
+    random = np.random.default_rng(seed)
+    values = {}
+    for name, exact in channels.items():
+        shift = (late or {}).get(name, 0.0) * STEP
+        noise = random.normal(0.0, NOISE[name], len(time))
+        if name not in without:
+            values[name] = CubicSpline(time, exact)(np.clip(time - shift, 0.0, None)) + noise
+    return Log("drive", "train", time, values)
+
+
+def changed(log, **channels):
+    return replace(log, channels={**log.channels, **channels})
+
+
+def checked(log, **options):
+    return check_data(DataSet((log,), wheelbase=CAR.front_length + CAR.rear_length), **options)
+
+
+def held(values, count):
+    return np.repeat(values[::count], count)[: len(values)]
+
+
+# --- the check ---------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_a_clean_drive_has_no_fault_and_no_warning_and_stays_as_it_is(seed):
+    log = recorded(seed)
+    report = checked(log)
+    assert [found.text for found in report.findings if found.severity != "info"] == []
+    assert report.repairs == []
+    assert report.data.digest == DataSet((log,)).digest
+    for relation in report.of("relation"):
+        if "road_wheel_angle" not in relation.channel:  # the tyres slip
+            assert relation.value == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("samples", [-2.6, 0.7, 4.0, 7.3])
+@pytest.mark.parametrize("name", ["longitudinal_acceleration", "lateral_acceleration", "yaw"])
+def test_a_delay_is_found_within_a_tenth_of_a_sample_and_taken_out(name, samples):
+    log = recorded(1, late={name: samples})
+    report = checked(log)
+    (found,) = [item for item in report.of("delay") if name in item.channel.split(", ")]
+    sign = -1.0 if name == "yaw" else 1.0  # there the yaw rate is what is measured
+    assert found.value / STEP == pytest.approx(sign * samples, abs=0.1)
+    assert "shifted" in found.repair
+    again = check_data(report.data)
+    assert max(abs(item.value) for item in again.of("delay")) < 0.15 * STEP
+
+
+def test_an_accelerometer_at_another_place_is_no_delay():
+    log = recorded(1)
+    vy = log.channels["vy"] - CAR.rear_length * log.channels["yaw_rate"]
+    report = checked(changed(log, vy=vy))
+    (found,) = report.of("place")
+    assert found.value == pytest.approx(CAR.rear_length, rel=0.03)
+    assert not report.repairs
+
+
+def test_two_sources_of_one_quantity_are_compared():
+    log = recorded(2)
+    twin = recorded(3, late={"yaw_rate": 4.4})
+    (found,) = checked(changed(log, **{"yaw_rate@imu": twin.channels["yaw_rate"]})).of(
+        "delay", "yaw_rate@imu, yaw_rate"
+    )
+    assert found.value == pytest.approx(0.044, abs=0.001)
+    assert found.repair.startswith("shifted yaw_rate@imu by -4")
+
+
+def test_a_second_clock_shows_as_a_delay_that_grows():
+    time, channels = clean()
+    late = 0.004 * time  # 0.4 % slow
+    other = CubicSpline(time, channels["yaw_rate"])(time - late)
+    (found,) = checked(changed(recorded(4), **{"yaw_rate@imu": other})).of("drift")
+    assert found.value == pytest.approx(0.004, rel=0.1)
+
+
+@pytest.mark.parametrize("factor", [0.2, 0.8, 1.25, 2.5])
+def test_the_true_step_is_found_within_one_per_cent(factor):
+    log = recorded(5)
+    report = checked(replace(log, time=log.time / factor))
+    (found,) = report.of("step")
+    assert found.value == pytest.approx(STEP, rel=0.01)
+    assert np.ptp(report.data.logs[0].time) == pytest.approx(40.0, rel=0.01)
+    assert not report.of("units")
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 10])
+def test_a_copy_at_a_higher_rate_is_found_exactly_and_thinned(count):
+    log = recorded(6)
+    time = np.arange(len(log.time) * count) * STEP / count
+    report = checked(replace(log, time=time, channels={k: np.repeat(v, count) for k, v in log.channels.items()}))
+    (found,) = report.of("held")
+    assert (found.value, found.channel) == (count, "")
+    mended = report.data.logs[0]
+    assert np.array_equal(mended.channels["vx"], log.channels["vx"])
+    assert np.diff(mended.time) == pytest.approx(STEP)
+
+
+def test_a_copy_with_a_wrong_step_as_well_gives_the_true_step():
+    log = recorded(6)
+    time = np.arange(len(log.time) * 5) * STEP / 4  # said to be 400 Hz, are 500 Hz
+    report = checked(replace(log, time=time, channels={k: np.repeat(v, 5) for k, v in log.channels.items()}))
+    assert report.of("held")[0].value == 5
+    assert report.of("step")[0].value == pytest.approx(STEP, rel=0.01)
+
+
+@pytest.mark.parametrize("count", [2, 3, 7])
+@pytest.mark.parametrize("name", ["vx", "yaw_rate", "road_wheel_angle"])
+def test_one_held_channel_is_found_exactly(name, count):
+    log = recorded(7)
+    report = checked(changed(log, **{name: held(log.channels[name], count)}))
+    (found,) = report.of("held")
+    assert (found.channel, found.value) == (name, count)
+    assert hold_of(report.data.logs[0].channels[name]) == (1.0, 0.0)
+    kept = checked(changed(log, **{name: held(log.channels[name], count)}), repairs=())
+    assert np.array_equal(kept.data.logs[0].channels[name], held(log.channels[name], count))
+    assert kept.repairs == []
+
+
+def test_coarse_steps_are_no_held_samples():
+    log = recorded(8)
+    coarse = np.round(log.channels["vx"] / 0.05) * 0.05
+    report = checked(changed(log, vx=coarse))
+    assert not report.of("held")
+    assert not report.of("glitches")
+    assert report.of("quantisation", "vx")[0].value == pytest.approx(0.05)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    name=st.sampled_from(sorted(NOISE)),
+    count=st.integers(1, 30),
+    length=st.integers(1, 3),
+    size=st.floats(0.6, 1000.0),
+)
+def test_all_glitches_are_found_and_no_other_sample(seed, name, count, length, size):
+    values = recorded(seed).channels[name].copy()
+    random = np.random.default_rng(seed)
+    starts = 20 + np.sort(random.choice(190, count, replace=False)) * 20
+    rows = np.unique((starts[:, None] + np.arange(length)).ravel())
+    values[rows] += size * np.ptp(values) * random.choice([-1.0, 1.0], count).repeat(length)
+    assert np.array_equal(np.flatnonzero(find_glitches(values, np.inf)), rows)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), rate=st.floats(0.2, 30.0), height=st.floats(-50.0, 50.0), noise=st.floats(0.0, 1.0))
+def test_steps_ramps_and_rests_are_no_glitches(seed, rate, height, noise):
+    time = np.arange(1500) * STEP
+    step = height * (1.0 - np.exp(-rate * np.clip(time - 4.0, 0.0, None))) * (time < 9.0)
+    values = step + np.clip(time - 10.0, 0.0, 3.0) + np.random.default_rng(seed).normal(0.0, noise, len(time))
+    assert not find_glitches(values, np.inf).any()
+
+
+def test_glitches_are_replaced_and_counted():
+    log = recorded(9)
+    values = log.channels["vx"].copy()
+    values[[500, 1500, 1501]] = [1e4, -60.0, -60.0]
+    report = checked(changed(log, vx=values))
+    (found,) = report.of("glitches")
+    assert (found.channel, found.value) == ("vx", 3)
+    assert "at 5, 15, 15.01 s" in found.text
+    assert report.data.logs[0].channels["vx"] == pytest.approx(log.channels["vx"], abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "what"),
+    [
+        ("yaw_rate", degrees(1.0), "deg as rad"),
+        ("vx", 3.6, "km/h as m/s"),
+        ("lateral_acceleration", 1 / 9.80665, "g as m/s^2"),
+        ("longitudinal_acceleration", 1 / 9.80665, "g as m/s^2"),
+        ("lateral_acceleration", -1.0, "wrong sign"),
+        ("yaw_rate", -1.0, "wrong sign"),
+    ],
+)
+def test_a_wrong_unit_or_sign_is_named(name, factor, what):
+    log = recorded(10)
+    report = checked(changed(log, **{name: factor * log.channels[name]}))
+    assert f"{what} of {name}" in report.of("units")[0].text
+    assert not report.of("step")
+
+
+def test_steering_to_the_wrong_side_and_in_degrees_is_named():
+    log = recorded(11)
+    angle = log.channels["road_wheel_angle"]
+    assert "wrong sign" in checked(changed(log, road_wheel_angle=-angle)).of("units", "road_wheel_angle")[0].text
+    (found,) = checked(changed(log, road_wheel_angle=degrees(1.0) * angle)).of("relation", "yaw_rate, road_wheel_angle")
+    assert "deg as rad?" in found.text
+
+
+def test_gravity_in_an_accelerometer_is_found():
+    log = recorded(12)
+    roll = 0.03 * np.sin(0.21 * log.time)  # a banked road, not the roll of the car
+    leaning = log.channels["lateral_acceleration"] + 9.80665 * np.sin(roll)
+    (found,) = checked(changed(log, lateral_acceleration=leaning, roll=roll)).of("gravity")
+    assert found.value == pytest.approx(9.8, rel=0.1)
+    still = {name: np.concatenate((np.zeros(300), values)) for name, values in log.channels.items()}
+    still["longitudinal_acceleration"][:300] = 0.5
+    (found,) = checked(Log("b", "train", np.arange(4301) * STEP, still)).of("gravity")
+    assert found.value == pytest.approx(0.5)
+    assert "2.9 deg" in found.text
+
+
+def test_stamps_gaps_missing_values_and_clipping_are_counted():
+    log = recorded(13)
+    keep = np.ones(len(log.time), dtype=bool)
+    keep[1000:1040] = keep[2000:2003] = False
+    time = log.time.copy()
+    time[100] = time[99]
+    time[200] = time[190]
+    ay = np.clip(log.channels["lateral_acceleration"], -2.5, 2.5)
+    ay[3000:3007] = np.nan
+    report = checked(
+        Log(
+            "odd",
+            "train",
+            time[keep],
+            {**{k: v[keep] for k, v in log.channels.items()}, "lateral_acceleration": ay[keep]},
+        )
+    )
+    assert [found.value for found in report.of("stamps")][:2] == [1.0, 1.0]
+    assert "45 samples are missing" in report.of("gaps")[0].text  # the two rows left out are among them
+    assert report.of("missing", "lateral_acceleration")[0].value == 7
+    assert {found.value for found in report.of("saturation")} == {-2.5, 2.5}
+    assert len(report.data.logs[0].time) == keep.sum() - 2
+    assert np.all(np.diff(report.data.logs[0].time) > 0.0)
+
+
+def test_excitation_tells_what_a_drive_cannot_give():
+    offers = {item.parameters: item for item in checked(recorded(14)).excitation}
+    assert offers["cornering stiffness, yaw inertia"].verdict == "good"
+    log = recorded(14)
+    steady = changed(log, vx=np.full(len(log.time), 15.0) + 0.01 * np.sin(log.time))
+    offer = {item.parameters: item for item in checked(steady, repairs=()).excitation}[
+        "steering ratio, understeer gradient"
+    ]
+    assert offer.verdict == "weak"
+    assert "cannot be told apart at one speed" in offer.text
+
+
+def test_the_report_is_a_table_and_data():
+    log = recorded(15, late={"lateral_acceleration": 4.0})
+    report = checked(log)
+    assert "delay" in report.table()
+    assert re.search(r"-> shifted lateral_acceleration by -(39\.\d|40|40\.\d) ms", report.table())
+    assert len(report.to_pandas()) == len(report.findings)
+    with pytest.raises(ConfigError, match="unknown repair 'delay'; did you mean 'delays'"):
+        checked(log, repairs=["delay"])
+    assert set(REPAIRS) == {"stamps", "held", "glitches", "step", "delays"}
+
+
+@pytest.mark.parametrize("kind", ["constant", "missing", "one channel", "short"])
+def test_a_poor_log_is_checked_without_a_crash(kind):
+    log = recorded(16)
+    if kind == "constant":
+        log = replace(log, channels={name: np.full(len(log.time), 1.0) for name in log.channels})
+    elif kind == "missing":
+        gone = np.random.default_rng(0).random(len(log.time)) < 0.7
+        log = replace(log, channels={name: np.where(gone, np.nan, v) for name, v in log.channels.items()})
+    elif kind == "one channel":
+        log = replace(log, channels={"vx": log.channels["vx"]})
+    else:
+        log = replace(log, time=log.time[:20], channels={name: v[:20] for name, v in log.channels.items()})
+    assert checked(log).table()
+
+
+def test_no_delay_is_told_of_what_does_not_move():
+    assert delay_of(np.zeros(1000), np.ones(1000), STEP) is None
+
+
+# --- files -------------------------------------------------------------------------------------------------------
+
+GERMAN = "Messung;17.3.\n# Kommentar\nZeit [ms];v (km/h);Gier\nms;km/h;deg/s\n" + "".join(
+    f"{10 * i};{str(36 + 0.5 * i).replace('.', ',')};{str(-0.25 * i).replace('.', ',')}\n" for i in range(30)
+)
+HEAD = "mirdrake: data/1\n"
+
+
+def dataset(folder, text, **files):
+    for name, content in files.items():
+        (folder / f"{name}.csv").write_text(content, encoding="utf-8")
+    (folder / "drives.yaml").write_text(HEAD + text, encoding="utf-8")
+    return load_data(folder / "drives.yaml")
+
+
+def table(columns="time,v", rows=30, row=lambda i: f"{0.1 * i:.3f},{i}"):
+    return "\n".join([columns, *map(row, range(rows))]) + "\n"
+
+
+MAPPED = "channels: {vx: {column: v, unit: m/s}}\nlogs: [{file: a.csv}]\n"
+
+
+def test_a_file_with_decimal_commas_comments_and_units_in_the_header_is_read(tmp_path):
+    data = dataset(
+        tmp_path,
+        "time: {column: Zeit}\nchannels: {vx: v, yaw_rate: {column: Gier, sign: -1}}\nlogs: [{file: a.csv}]\n",
+        a=GERMAN,
+    )
+    (log,) = data.logs
+    assert log.time[:3] == pytest.approx([0.0, 0.01, 0.02])
+    assert log.channels["vx"][2] == pytest.approx(37.0 / 3.6)
+    assert log.channels["yaw_rate"][4] == pytest.approx(np.radians(1.0))
+    assert any("decimal commas" in note for note in log.notes)
+    assert log.to_pandas().attrs["units"] == {"vx": "m/s", "yaw_rate": "rad/s"}
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", "|", " "])
+def test_every_usual_delimiter_is_found(tmp_path, mark):
+    text = table().replace(",", mark)
+    (log,) = dataset(tmp_path, MAPPED, a=text).logs
+    assert log.channels["vx"][7] == 7.0
+
+
+def test_logs_are_one_data_set_with_parts_of_their_own(tmp_path):
+    data = dataset(
+        tmp_path,
+        "channels: {vx: {column: v, unit: km/h}}\n"
+        "logs:\n- {file: a.csv, start: 0.3 s}\n- {file: b.csv, use: validation, time: {step: 20 ms},"
+        " channels: {vx: {column: w, unit: m/s, scale: 2, offset: 1}}}\n",
+        a=table(),
+        b=table("w,z"),
+    )
+    first, second = data.train[0], data.validation[0]
+    assert (len(first.time), first.channels["vx"][0]) == (27, pytest.approx(3 / 3.6))
+    assert second.time[1] == pytest.approx(0.02)
+    assert second.channels["vx"][10] == pytest.approx(3.0)
+    assert len(data.digest) == 64
+
+
+def test_mat_parquet_and_run_folders_are_read(tmp_path):
+    time, speed = np.arange(30) * 0.1, np.arange(30.0)
+    savemat(tmp_path / "m.mat", {"log": {"t": time[:, None], "v": speed[:, None]}, "note": "x"})
+    pq.write_table(pa.table({"time": time, "v": speed}), tmp_path / "p.parquet")
+    writer = RunWriter(tmp_path / "run", {"a": 1})
+    writer.write_signals(time, {"ego.v": speed}, {"ego.v": "m/s"})
+    writer.finish(dict)
+    data = dataset(
+        tmp_path,
+        "channels: {vx: {column: v, unit: m/s}}\nlogs:\n- {file: p.parquet}\n- {file: run, channels: {vx: ego.v}}\n"
+        "- {file: m.mat, time: {column: log.t}, channels: {vx: {column: log.v, unit: km/h}}}\n",
+    )
+    assert [log.channels["vx"][9] for log in data.logs] == pytest.approx([9.0, 9.0, 2.5])
+    assert [log.time[9] for log in data.logs] == pytest.approx([0.9] * 3)
+
+
+FAULTS = [
+    (
+        "channels: {vx: {column: vv, unit: m/s}}\nlogs: [{file: a.csv}]\n",
+        r"2: channels.vx: .*a.csv has no column 'vv'; did you mean 'v'\?",
+    ),
+    (
+        "channels: {vxx: {column: v, unit: m/s}}\nlogs: [{file: a.csv}]\n",
+        r"2: channels: unknown channel 'vxx'; did you mean 'vx'\?",
+    ),
+    (
+        "channels: {vx: {column: v, unit: kph}}\nlogs: [{file: a.csv}]\n",
+        r"2: channels: vx: unit 'kph' does not fit; allowed: m/s, km/h",
+    ),
+    ("channels: {vx: {column: v, unit: rad}}\nlogs: [{file: a.csv}]\n", "vx: unit 'rad' does not fit"),
+    ("channels: {vx: v}\nlogs: [{file: a.csv}]\n", "2: channels.vx: needs a unit, for example 'unit: m/s'"),
+    (
+        "channels: {vx: {column: v, unit: m/s}, vy: {column: v, unit: m/s}}\nlogs: [{file: a.csv}]\n",
+        "column 'v' is given twice, as vx and as vy",
+    ),
+    (
+        "channels: {vx: {column: v, unit: m/s}, vx: {column: w, unit: m/s}}\nlogs: [{file: a.csv}]\n",
+        "drives.yaml:2: .*repeated",
+    ),
+    (MAPPED.replace("a.csv", "b.csv"), "3: logs.0.file: .*no such file"),
+    (MAPPED + "time: {column: stamp}\n", "4: time: .*no column 'stamp'"),
+    (MAPPED + "time: {}\n", "time: needs either a column or a step"),
+    (MAPPED + "time: {column: time, unit: m}\n", "4: time.unit: unit 'm' does not fit"),
+    ("channels: {}\nlogs: [{file: a.csv}]\n", "channels: no channel is mapped"),
+    ("channels: {vx: {column: v, unit: m/s}}\nlogs: []\n", "logs: has 0 items; at least 1"),
+    ("channels: {vx: {column: v, unit: m/s}}\nlogs: [{file: a.csv}, {file: a.csv}]\n", "a second log 'a.csv'"),
+    (
+        "channels: {vx: {column: v, unit: m/s}}\nlogs: [{file: a.csv, start: 2, end: 1}]\n",
+        "ends at 1 s, before it starts",
+    ),
+    ("channels: {vx: {column: v, unit: m/s}}\nlogs: [{file: a.csv, start: 2.5}]\n", "has 5 rows to use; at least 20"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), FAULTS)
+def test_a_fault_of_the_data_file_names_its_line(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        dataset(tmp_path, text, a=table())
+    assert "\n" not in str(caught.value)
+
+
+BAD_LOGS = [
+    ("", "a.csv: is empty"),
+    ("# nothing\n\n", "a.csv: is empty"),
+    ("time,v\n", "has a header and no rows"),
+    (table(row=lambda i: f"{0.1 * i},{'x7' if i == 4 else i}"), r"a.csv:6: column 'v': 'x7' is not a number"),
+    ("# one\n" + table(row=lambda i: f"{0.1 * i},{i}{',1' if i == 4 else ''}"), "a.csv:7: does not have the 2 cells"),
+    (table(row=lambda i: f"{0.1 * (i % 15)},{i}"), "a.csv:17: time goes back from 1.4 s to 0 s, and 14 of 30 rows"),
+    (table(row=lambda i: f"1.5,{i}"), "time stands still at 1.5 s"),
+    (table(row=lambda i: f"{0.1 * i},nan"), "2: channels.vx: column 'v' of .* has no numbers"),
+    (table("time,v [km/h]"), "unit 'm/s', but .* says 'km/h'"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_LOGS)
+def test_a_fault_of_a_log_names_its_line(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
+        dataset(tmp_path, MAPPED, a=text)
+
+
+def test_unreadable_formats_are_told(tmp_path):
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform")
+    (tmp_path / "b.mat").write_bytes(b"nothing")
+    (tmp_path / "c.parquet").write_bytes(b"nothing")
+    (tmp_path / "d.xyz").write_bytes(b"")
+    (tmp_path / "e.bag").write_bytes(b"")
+    (tmp_path / "folder").mkdir()
+    for name, message in {
+        "a.mat": "version 7.3", "b.mat": "not a MAT file", "c.parquet": "not a Parquet", "d.xyz": "unknown format '.xyz'",
+        "folder": "no run folder",
+    }.items():  # fmt: skip
+        with pytest.raises(ConfigError, match=message):
+            dataset(tmp_path, MAPPED.replace("a.csv", name))
+    with pytest.raises(MissingDependencyError, match="not read yet"):
+        dataset(tmp_path, MAPPED.replace("a.csv", "e.bag"))
+
+
+@settings(max_examples=60, deadline=None)
+@given(text=st.text(max_size=300))
+def test_whatever_stands_in_a_log_there_is_no_crash(text, tmp_path_factory):
+    with suppress(ConfigError):
+        data = dataset(tmp_path_factory.mktemp("any"), MAPPED, a="time,v\n" + text.encode("utf-8", "ignore").decode())
+        assert len(data.logs[0].time) >= 20
+
+
+def test_every_unit_of_a_channel_is_one_of_the_project():
+    assert {name: unit_factor(channel.unit, channel.unit) for name, channel in CHANNELS.items()} == dict.fromkeys(
+        CHANNELS, 1.0
+    )
+    assert unit_factor("%", "1") == 0.01
+    assert unit_factor("1/min", "rad/s") == pytest.approx(2 * pi / 60)

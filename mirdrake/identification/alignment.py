@@ -42,11 +42,12 @@ class Delay(NamedTuple):
 def delay_of(left: Array, right: Array, step: float) -> Delay | None:
     """How late the first signal is behind the second, whatever its scale and offset; None: too little moves.
 
-    The peak of the cross-correlation is the start of Gauss-Newton steps on ``left(t) = g right(t - τ) + c``. Noise on the
-    right side makes g small but leaves τ alone, since noise is not correlated with its own derivative.
+    The peak of the cross-correlation is the start of Gauss-Newton steps on ``left(t) = g right(t - τ) + c``. Noise on
+    the right side makes g small but leaves τ alone, since noise is not correlated with its own derivative.
 
     Args:
-        left, right: samples on the same even steps (n).
+        left: samples on even steps (n).
+        right: samples at the same times (n).
         step: [s].
     """
     width = max(1.0, SMOOTHING / step)
@@ -117,9 +118,19 @@ def find_delays(log: Log) -> list[tuple[Relation, Delay]]:
 
 def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Channels that are late against others; their repair shifts the late ones, the earliest stays."""
-    pairs = find_delays(log)
+    pairs, found = [], []
     grid = make_grid(log)
-    step, found = grid.step, []
+    step = grid.step
+    for relation, delay in find_delays(log):
+        arm = _lever_arm(grid, relation, delay)
+        if arm is None:
+            pairs.append((relation, delay))
+            continue
+        text = (
+            f"the accelerometer sits {abs(arm):.3g} m {'ahead of' if arm > 0.0 else 'behind'} the point whose velocity "
+            f"is logged: this fits better than a delay of {1e3 * delay.value:.3g} ms"
+        )
+        found.append(Finding(log.name, "place", relation.measured, "warning", arm, "m", text))
     late = _lateness(pairs)
     moved = {name: value for name, value in late.items() if value > 0.25 * step}
     for relation, delay in pairs:
@@ -127,14 +138,9 @@ def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         behind = "late" if delay.value > 0.0 else "early"
         other = _clock_of(relation)
         text = (
-            f"{relation.measured} is {1e3 * abs(delay.value):.3g} ± {2e3 * delay.sigma:.2g} ms {behind} against what {other} "
-            f"gives ({abs(delay.value) / step:.3g} samples, correlation {delay.correlation:.3f})"
+            f"{relation.measured} is {1e3 * abs(delay.value):.3g} ± {2e3 * delay.sigma:.2g} ms {behind} "
+            f"against what {other} gives ({abs(delay.value) / step:.3g} samples, correlation {delay.correlation:.3f})"
         )
-        if relation.measured == "lateral_acceleration" and sure:
-            speed = float(np.median(np.abs(grid.channels[relation.others[0]])))
-            text += (
-                f"; a sensor {speed * abs(delay.value):.2g} m {'behind' if delay.value > 0 else 'ahead'} looks alike"
-            )
         shifted = [name for name in (relation.measured, other) if name in moved]
         done = "shifted " + ", ".join(f"{name} by -{1e3 * moved[name]:.3g} ms" for name in shifted) if shifted else ""
         severity = "warning" if sure else "info"
@@ -165,6 +171,19 @@ def check_response(log: Log) -> list[Finding]:
                 text = f"the yaw rate follows {name} by {1e3 * delay.value:.3g} ms, with the response of the vehicle"
                 found.append(Finding(log.name, "response", f"yaw_rate, {name}", "info", delay.value, "s", text))
     return found
+
+
+def _lever_arm(grid: Grid, relation: Relation, delay: Delay) -> float | None:
+    """How far the accelerometer sits ahead [m], when that explains the lateral acceleration better than a delay."""
+    if relation.measured != "lateral_acceleration" or abs(delay.value) < max(0.25 * grid.step, 4.0 * delay.sigma):
+        return None
+    width = max(1.0, SMOOTHING / grid.step)
+    right, turn = relation.right(grid), grid.rate(grid.channels["yaw_rate"])
+    target = gaussian_filter1d(grid.channels[relation.measured], width)
+    base = np.column_stack((gaussian_filter1d(right, width), gaussian_filter1d(turn, width), np.ones(len(right))))
+    solved = np.linalg.lstsq(base, target, rcond=None)[0]
+    rest = float(np.var(target - base @ solved))
+    return float(solved[1] / solved[0]) if rest < (1.0 - delay.correlation**2) * float(np.var(target)) else None
 
 
 def _clock_of(relation: Relation) -> str:

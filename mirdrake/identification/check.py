@@ -8,7 +8,13 @@ from mirdrake.identification.alignment import check_delays, check_response
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.excitation import check_excitation
 from mirdrake.identification.findings import DataReport, Finding
-from mirdrake.identification.plausibility import check_gravity, check_relations, check_steering, check_step
+from mirdrake.identification.plausibility import (
+    check_course,
+    check_gravity,
+    check_relations,
+    check_steering,
+    check_step,
+)
 from mirdrake.identification.samples import check_glitches, check_values
 from mirdrake.identification.spec import REPAIRS
 from mirdrake.identification.timing import check_held, check_stamps
@@ -52,5 +58,6 @@ def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> t
     ):
         log, seen = check(log, repair=name in allowed)
         found += seen
-    found += check_relations(log) + check_steering(log, wheelbase) + check_gravity(log) + check_response(log)
+    found += check_relations(log) + check_steering(log, wheelbase) + check_course(log)
+    found += check_gravity(log) + check_response(log)
     return log, found

@@ -205,6 +205,6 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     if back.mean() > MOST_BACKWARDS:
         at = int(np.argmax(back))
         raise ConfigError(
-            f"{table.row(int(rows[at]))}: time goes back from {latest[at]:g} s to {used[at]:g} s, and {int(back.sum())} "
-            f"of {len(used)} rows lie before an earlier one; make it several logs with start and end, or one a file"
+            f"{table.row(int(rows[at]))}: time goes back from {latest[at]:g} s to {used[at]:g} s, "
+            f"and {int(back.sum())} of {len(used)} rows lie before an earlier one; put each drive into a file of its own"
         )

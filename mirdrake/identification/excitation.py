@@ -4,11 +4,9 @@ import numpy as np
 
 from mirdrake.identification.alignment import smooth
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Excitation
+from mirdrake.identification.findings import Excitation, Verdict
 from mirdrake.identification.plausibility import STEERING
 from mirdrake.identification.relations import Grid, make_grid
-
-Verdict = dict[bool, str]
 
 
 def check_excitation(log: Log) -> list[Excitation]:
@@ -22,16 +20,16 @@ def check_excitation(log: Log) -> list[Excitation]:
     if "yaw_rate" in grid.channels:
         rate = smooth(grid, "yaw_rate")
         side = speed * rate if "lateral_acceleration" not in grid.channels else smooth(grid, "lateral_acceleration")
-        found += _lateral(log.name, grid, speed, rate, side, steering)
+        found += _lateral(log.name, grid, speed, side, steering)
     found += _longitudinal(log.name, grid, speed)
     return found
 
 
-def _rated(good: bool, weak: bool) -> str:
+def _rated(good: bool, weak: bool) -> Verdict:
     return "good" if good else "weak" if weak else "none"
 
 
-def _lateral(name: str, grid: Grid, speed: Array, rate: Array, side: Array, steering: str | None) -> list[Excitation]:
+def _lateral(name: str, grid: Grid, speed: Array, side: Array, steering: str | None) -> list[Excitation]:
     found = []
     most = float(np.percentile(np.abs(side), 99.5))
     turning = np.abs(side) > 0.3 * max(most, 0.3)
@@ -51,15 +49,15 @@ def _lateral(name: str, grid: Grid, speed: Array, rate: Array, side: Array, stee
             text += "; one speed only: front and rear stiffness will be strongly correlated, add another speed"
         if moves and band <= 0.8:
             text += "; slow steering: add a step or a sweep to 2 Hz"
-        found.append(Excitation(name, "cornering stiffness, yaw inertia", verdict, figures, text))  # type: ignore[arg-type]
+        found.append(Excitation(name, "cornering stiffness, yaw inertia", verdict, figures, text))
         text = f"turning at {mean:.3g} m/s ± {0.5 * spread:.2g}"
         if not varied:
             text += ": ratio and understeer gradient cannot be told apart at one speed"
         verdict = _rated(moves and varied, moves)
-        found.append(Excitation(name, "steering ratio, understeer gradient", verdict, figures, text))  # type: ignore[arg-type]
+        found.append(Excitation(name, "steering ratio, understeer gradient", verdict, figures, text))
     text = f"lateral acceleration to {most:.2g} m/s^2" + (": far from the limit of the tyres" if most < 4.0 else "")
     verdict = _rated(most > 6.0, most > 4.0)
-    found.append(Excitation(name, "friction, tyre curve", verdict, {"lateral_acceleration": most}, text))  # type: ignore[arg-type]
+    found.append(Excitation(name, "friction, tyre curve", verdict, {"lateral_acceleration": most}, text))
     return found
 
 
@@ -75,7 +73,7 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
         if span < 8.0:
             text += "; a coast-down from a high speed is wanted"
         verdict = _rated(lasts > 10.0 and span > 8.0, lasts > 2.0 and span > 1.0)
-        found.append(Excitation(name, "drag, rolling resistance", verdict, {"coasting": lasts, "span": span}, text))  # type: ignore[arg-type]
+        found.append(Excitation(name, "drag, rolling resistance", verdict, {"coasting": lasts, "span": span}, text))
     for pedal, values in pedals.items():
         change = np.abs(np.diff(values)) > 0.1
         jumps = int(np.sum(change & ~np.append(False, change[:-1])))
@@ -84,12 +82,12 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
         text = f"{lasts:.3g} s of {pedal}, {jumps} quick changes, {levels} levels"
         verdict = _rated(jumps >= 2 and levels >= 3 and lasts > 2.0, lasts > 0.5)
         figures = {"duration": lasts, "steps": float(jumps), "levels": float(levels)}
-        found.append(Excitation(name, f"{pedal} gain, lag, delay", verdict, figures, text))  # type: ignore[arg-type]
+        found.append(Excitation(name, f"{pedal} gain, lag, delay", verdict, figures, text))
     return found
 
 
 def bandwidth(values: Array, step: float) -> float:
-    """The frequency below which 95 % of the power of a signal's derivative lie [Hz], up to 10 Hz."""
+    """The frequency below which 80 % of the power of a signal's derivative lie [Hz], up to 10 Hz."""
     rate = np.gradient(values - values.mean(), step)
     power = np.abs(np.fft.rfft(rate * np.hanning(len(rate)))) ** 2
     frequency = np.fft.rfftfreq(len(rate), step)

@@ -8,6 +8,7 @@ import pandas as pd
 from mirdrake.identification.data import DataSet
 
 Severity = Literal["info", "warning", "fault"]
+Verdict = Literal["good", "weak", "none"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Excitation:
 
     log: str
     parameters: str
-    verdict: Literal["good", "weak", "none"]
+    verdict: Verdict
     measures: dict[str, float]
     text: str
 

@@ -95,6 +95,27 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
     return found
 
 
+def check_course(log: Log) -> list[Finding]:
+    """Whether the path turns to the side that the yaw rate says; a path has no other sign."""
+    grid = make_grid(log)
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if not {"x", "y", "yaw_rate", forward} <= set(grid.channels):
+        return []
+    width = max(3, round(0.5 / grid.step))
+    x, y = grid.channels["x"][::width], grid.channels["y"][::width]
+    course = np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
+    turned = np.cumsum(grid.channels["yaw_rate"])[::width] * grid.step
+    fast = grid.channels[forward][::width][1:-1] > 2.0
+    path, own = np.diff(course)[fast], (0.5 * (turned[2:] - turned[:-2]))[fast]
+    if fast.sum() < 10 or np.std(path) == 0.0 or np.ptp(own) < 0.02:
+        return []
+    correlation = float(np.corrcoef(path, own)[0, 1])
+    if correlation > -0.5:
+        return []
+    text = f"the path turns right where the yaw rate says left (correlation {correlation:.2f}): wrong sign of x or of y"
+    return [Finding(log.name, "units", "x, y", "fault", correlation, "1", text)]
+
+
 def check_gravity(log: Log) -> list[Finding]:
     """Accelerometers that feel gravity: an offset at standstill, or one that goes with roll and pitch."""
     grid, found = make_grid(log), []

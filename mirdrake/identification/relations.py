@@ -5,8 +5,8 @@ For the velocities and accelerations of one place of a rigid body on a flat road
     ax = dvx/dt - r vy        r = dψ/dt
     ay = dvy/dt + r vx        |v| = ds/dt,  wheels ≈ vx
 
-Each is a relation ``left = gain · right + offset``. The gain is 1 when units, signs and the step are right. A wrong step
-shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
+Each is a relation ``left = gain · right + offset``. The gain is 1 when units, signs and the step are right. A wrong
+step shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
 """
 
 from collections.abc import Callable, Mapping

@@ -27,7 +27,8 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         count = int(bad.sum())
         times = ", ".join(f"{at:.6g}" for at in log.time[bad][:5]) + (", …" if count > 5 else "")
         worst = values[bad][np.argmax(np.abs(values[bad]))]
-        text = f"{count} samples stand out of their neighbours, at {times} s; the largest is {worst:.4g} {channel(name).unit}"
+        unit = channel(name).unit
+        text = f"{count} samples stand out of their neighbours, at {times} s; the largest is {worst:.4g} {unit}"
         done = "replaced by straight lines" if repair else ""
         found.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
         if repair:

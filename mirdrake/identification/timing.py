@@ -38,15 +38,13 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             found.append(Finding(log.name, "stamps", "", "fault", float(back.sum()), "rows", text, done))
         if again.any():
             first = log.time[np.argmax(again)]
-            text = f"{int(again.sum())} rows have the time of the row before (within 5 % of a step), first at {first:.6g} s"
+            text = f"{int(again.sum())} rows have the time of the row before (to 5 % of a step), first at {first:.6g} s"
             found.append(Finding(log.name, "stamps", "", "warning", float(again.sum()), "rows", text, done))
         if repair:
             log = replace(log, time=log.time[~bad], channels={name: v[~bad] for name, v in log.channels.items()})
     steps = np.diff(log.time)
     jitter = float(np.percentile(np.abs(steps - step), 90)) / step
-    text = (
-        f"the usual step is {step:.6g} s ({1.0 / step:.5g} Hz); nine of ten are within {100 * jitter:.2g} % of it"
-    )
+    text = f"the usual step is {step:.6g} s ({1.0 / step:.5g} Hz); nine of ten are within {100 * jitter:.2g} % of it"
     found.append(Finding(log.name, "stamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
     gaps = np.flatnonzero(steps > GAP * step)
     if len(gaps):

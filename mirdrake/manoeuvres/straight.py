@@ -220,8 +220,11 @@ class SplitFrictionSpec(ManoeuvreSpec):
         braking = stop_from(record.time, record.vx, record.distance, 0.95 * self.speed)
         offset = float(np.max(np.abs(record.y)))
         heading = float(np.max(np.abs(record.yaw)))
-        outcome.add("distance", f"From {0.95 * self.speed / KMH:.1f} km/h to standstill", braking.distance, "m")
-        outcome.add("mean", "Mean deceleration", braking.mean, "m/s²")
+        way, mean, note = braking.distance, braking.mean, ""
+        if heading > math.radians(60.0):
+            way, mean, note = math.nan, math.nan, "it turned round"
+        outcome.add("distance", f"From {0.95 * self.speed / KMH:.1f} km/h to standstill", way, "m", note)
+        outcome.add("mean", "Mean deceleration", mean, "m/s²", note)
         outcome.add("sideways", "Largest offset to the side", offset, "m", f"at most {self.sideways:.3g} m")
         outcome.add(
             "yaw", "Largest heading error", math.degrees(heading), "deg", f"at most {math.degrees(self.yaw):.0f} deg"
@@ -292,7 +295,7 @@ def brake_run(
     def stop(time: float, state: Sequence[float]) -> str | None:
         if abs(state[1]) > wide:
             return f"it went {wide:g} m to the side"
-        if time > 0.5 and state[6] < 0.01:
+        if time > 0.5 and state[6] < 0.01 and abs(state[7]) < 0.1:
             stood.append(time)
         return "standstill" if stood and time > stood[0] + 0.1 else None
 

@@ -19,7 +19,7 @@ from mirdrake.studies.knobs import Knob, find_knobs
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
 from mirdrake.summary import _vehicle_figures
-from mirdrake.yaml_io import where
+from mirdrake.yaml_io import Source, validate, where
 
 _RESERVED = {"run", "status", "reason", "simulated"}
 _FIGURES = ("simulated_s",)
@@ -144,11 +144,8 @@ def _read_diagram(spec: StudySpec) -> DiagramSpec:
         except ConfigError as error:
             raise ConfigError(f"{place}: {error}") from None
     else:
-        try:
-            diagram = make_spec(spec.diagram)
-        except ConfigError as error:
-            first = str(error).splitlines()[0].removeprefix("diagram: ")
-            raise ConfigError(f"{place}: {first}") from None
+        source = spec._source or Source("study", {})
+        diagram = validate(dict(spec.diagram), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
     data = diagram.model_dump(mode="json")
     for path, value in spec.overrides.items():
         try:

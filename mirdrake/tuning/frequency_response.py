@@ -3,7 +3,8 @@
 An excitation e is added to the control of the running loop; with u and y in steady state, Fourier lines over whole
 periods give G = Y / U. Because u is measured after the controller, feedback does no harm; averaging U and Y over the
 periods before the division keeps the bias from noise small (R. Pintelon and J. Schoukens, System Identification: A
-Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases: M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85.
+Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases:
+M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85.
 """
 
 from collections.abc import Sequence

@@ -4,7 +4,8 @@ All are found on the frequency response of the open loop L, with its dead time e
 the curve turns, then by root finding and minimisation. For loops without dead time they equal those of python-control,
 which has no dead time. Definitions: K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., sections 10.3 and 12.1;
 disk margin: P. Seiler, A. Packard and P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40
-(2020) 78, with skew 0. Margins say nothing of a loop that is unstable; ask :func:`mirdrake.tuning.stability.is_stable` first.
+(2020) 78, with skew 0. Margins say nothing of a loop that is unstable; ask
+:func:`mirdrake.tuning.stability.is_stable` first.
 """
 
 import math

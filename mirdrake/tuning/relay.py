@@ -4,8 +4,8 @@ First a relay with hysteresis takes the loop's control (K. J. Åström and T. H�
 describing function of its limit cycle of amplitude a, N = 4 d / (π sqrt(a² - ε²)) in modulus, gives the classic
 estimate; it is off by up to a quarter where the cycle is no sine. So a second stage puts a saturated gain a little
 above the ultimate gain in the relay's place (C.-C. Yu, Autotuning of PID Controllers, 2nd ed., chapter 3), whose cycle
-is almost a sine, and the first Fourier lines of control and measurement in both cycles are two exact points of the frequency
-response. The ultimate point is where the phase between them, or beyond, is -180°.
+is almost a sine, and the first Fourier lines of control and measurement in both cycles are two exact points of the
+frequency response. The ultimate point is where the phase between them, or beyond, is -180°.
 """
 
 import math

@@ -3,7 +3,8 @@
 A bound on Ms or Mt keeps the Nyquist curve out of a circle with centre -c and radius r (Ms: c = 1, r = 1/Ms; Mt: c =
 Mt²/(Mt² - 1), r = Mt/(Mt² - 1)). With kp and kd fixed, ``|c + L(jω)|² >= r²`` is a quadratic inequality in ki at
 every ω, so the largest ki is a minimum over ω; kp and kd are then searched. The integral of the error after a step of
-the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T. Hägglund, Design of PI controllers based on non-convex optimization,
+the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and
+T. Hägglund, Design of PI controllers based on non-convex optimization,
 Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID controllers based on
 constrained optimisation, IEE Proc. 149 (2002) 32.
 
@@ -192,7 +193,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
     integral = bounds.plant / s
     kp0, ki0 = _best_pi(bounds, np.zeros_like(slope))
     top = float(bounds.largest(np.zeros_like(slope), slope))
-    scale = top if top < math.inf else kp0 / max(bounds.frequencies[0], 1e-12)
+    _found(top, "PID")
 
     def largest(kp: float, kd: float) -> float:
         """The ki for kp and kd, -inf where there is none."""
@@ -205,7 +206,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
         return min(ki, zero_ratio * kp**2 / kd) if kd > 0.0 else ki
 
     best = (ki0, kp0, 0.0)
-    for kd in scale * np.geomspace(1e-4, 0.999, 25):
+    for kd in top * np.geomspace(1e-4, 0.999, 25):
         kp_top = float(bounds.largest(kd * slope, bounds.plant))
         if not 0.0 < kp_top < math.inf:
             continue

@@ -32,7 +32,7 @@ def is_stable(plant: TransferFunction, gains: PidGains) -> bool:
 
 
 def count_unstable_poles(loop: TransferFunction) -> float:
-    """Closed-loop poles in the right half plane or on the imaginary axis, of the open loop under unit negative feedback.
+    """Poles of the closed loop (unit negative feedback) in the right half plane or on the imaginary axis.
 
     Returns:
         the number; inf for a loop whose high-frequency gain is 1 or more with a dead time (infinitely many poles).
