@@ -59,7 +59,8 @@ def clean():
     simulator.AdvanceTo(time[-1])
     state, motion = (sink.FindLog(simulator.get_context()).data() for sink in sinks)
     return time, {
-        "vx": state[6], "vy": state[7] + CAR.rear_length * state[11], "yaw_rate": state[11], "yaw": np.unwrap(state[5]), "road_wheel_angle": angle,
+        "vx": state[6], "vy": state[7] + CAR.rear_length * state[11],  # of the centre of mass
+        "yaw_rate": state[11], "yaw": np.unwrap(state[5]), "road_wheel_angle": angle,
         "longitudinal_acceleration": motion[1], "lateral_acceleration": motion[2],
     }  # fmt: skip
 
@@ -268,7 +269,7 @@ def test_gravity_in_an_accelerometer_is_found():
     assert found.value == pytest.approx(9.8, rel=0.1)
     still = {name: np.concatenate((np.zeros(300), values)) for name, values in log.channels.items()}
     still["longitudinal_acceleration"][:300] = 0.5
-    (found,) = checked(Log("b", "train", np.arange(4301) * STEP, still)).of("gravity")
+    (found,) = checked(Log("b", "train", np.arange(4301.0) * STEP, still)).of("gravity")
     assert found.value == pytest.approx(0.5)
     assert "2.9 deg" in found.text
 
@@ -400,7 +401,7 @@ def test_logs_are_one_data_set_with_parts_of_their_own(tmp_path):
 
 
 def test_mat_parquet_and_run_folders_are_read(tmp_path):
-    time, speed = np.arange(30) * 0.1, np.arange(30.0)
+    time, speed = np.arange(30.0) * 0.1, np.arange(30.0)
     savemat(tmp_path / "m.mat", {"log": {"t": time[:, None], "v": speed[:, None]}, "note": "x"})
     pq.write_table(pa.table({"time": time, "v": speed}), tmp_path / "p.parquet")
     writer = RunWriter(tmp_path / "run", {"a": 1})
@@ -487,7 +488,8 @@ def test_unreadable_formats_are_told(tmp_path):
     (tmp_path / "e.bag").write_bytes(b"")
     (tmp_path / "folder").mkdir()
     for name, message in {
-        "a.mat": "version 7.3", "b.mat": "not a MAT file", "c.parquet": "not a Parquet", "d.xyz": "unknown format '.xyz'",
+        "a.mat": "version 7.3", "b.mat": "not a MAT file", "c.parquet": "not a Parquet",
+        "d.xyz": "unknown format '.xyz'",
         "folder": "no run folder",
     }.items():  # fmt: skip
         with pytest.raises(ConfigError, match=message):

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Finding
+from mirdrake.identification.findings import Finding, Severity
 from mirdrake.identification.relations import Grid, Relation, make_grid, relations_of
 
 LONGEST = 0.6
@@ -93,15 +93,15 @@ def delay_of(left: Array, right: Array, step: float) -> Delay | None:
             values.append(float(np.sum(tangent * (rest[part] - rest[part].mean()))) / weight)
             weights.append(weight)
             times.append(float(part.mean()) * step)
-    value, weight, time = np.array(values) * step, np.array(weights) / sum(weights), np.array(times)
-    enough = 1.0 / float(np.sum(weight**2))  # effective number of parts
+    value, share, time = np.array(values) * step, np.array(weights) / sum(weights), np.array(times)
+    enough = 1.0 / float(np.sum(share**2))  # effective number of parts
     if enough < 1.5:
         return None
-    spread = float(np.sum(weight * value**2)) / max(enough - 1.0, 0.5)
-    mean = float(np.sum(weight * time))
-    across = float(np.sum(weight * (time - mean) ** 2))
-    drift = float(np.sum(weight * (time - mean) * value)) / across
-    left_over = float(np.sum(weight * (value - drift * (time - mean)) ** 2)) / max(enough - 2.0, 0.5)
+    spread = float(np.sum(share * value**2)) / max(enough - 1.0, 0.5)
+    mean = float(np.sum(share * time))
+    across = float(np.sum(share * (time - mean) ** 2))
+    drift = float(np.sum(share * (time - mean) * value)) / across
+    left_over = float(np.sum(share * (value - drift * (time - mean)) ** 2)) / max(enough - 2.0, 0.5)
     return Delay(delay * step, float(np.sqrt(spread)), drift, float(np.sqrt(left_over / across)), correlation)
 
 
@@ -117,7 +117,7 @@ def find_delays(log: Log) -> list[tuple[Relation, Delay]]:
 
 
 def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
-    """Channels that are late against others; their repair shifts the late ones, the earliest stays."""
+    """Channels that are late against others; their repair shifts as few as possible."""
     pairs, found = [], []
     grid = make_grid(log)
     step = grid.step
@@ -131,10 +131,10 @@ def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             f"is logged: this fits better than a delay of {1e3 * delay.value:.3g} ms"
         )
         found.append(Finding(log.name, "place", relation.measured, "warning", arm, "m", text))
-    late = _lateness(pairs)
-    moved = {name: value for name, value in late.items() if value > 0.25 * step}
+    late = _lateness(pairs, 0.25 * step, "vy" in log.channels)
+    moved = {name: value for name, value in late.items() if abs(value) > 0.25 * step}
     for relation, delay in pairs:
-        sure = abs(delay.value) > max(0.25 * step, 4.0 * delay.sigma)
+        sure = abs(delay.value) > max(0.25 * step, 5.0 * delay.sigma)
         behind = "late" if delay.value > 0.0 else "early"
         other = _clock_of(relation)
         text = (
@@ -142,13 +142,14 @@ def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             f"against what {other} gives ({abs(delay.value) / step:.3g} samples, correlation {delay.correlation:.3f})"
         )
         shifted = [name for name in (relation.measured, other) if name in moved]
-        done = "shifted " + ", ".join(f"{name} by -{1e3 * moved[name]:.3g} ms" for name in shifted) if shifted else ""
-        severity = "warning" if sure else "info"
+        shifted += ["vy"] if "vy" in moved and "yaw_rate" in shifted else []
+        done = "shifted " + ", ".join(f"{name} by {-1e3 * moved[name]:+.3g} ms" for name in shifted) if shifted else ""
+        severity: Severity = "warning" if sure else "info"
         name = f"{relation.measured}, {other}"
         found.append(
             Finding(log.name, "delay", name, severity, delay.value, "s", text, done if repair and sure else "")
         )
-        if abs(delay.drift) > max(4.0 * delay.drift_sigma, 1e-4) and abs(delay.drift) * np.ptp(log.time) > 0.5 * step:
+        if abs(delay.drift) > 7.0 * delay.drift_sigma and abs(delay.drift) * np.ptp(log.time) > step:
             text = f"the delay of {relation.measured} against {other} changes by {1e6 * delay.drift:.3g} µs each second"
             found.append(Finding(log.name, "drift", name, "fault", delay.drift, "s/s", text + ": two clocks"))
     if not repair or not moved:
@@ -156,7 +157,7 @@ def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     channels = dict(log.channels)
     for name, value in moved.items():
         good = np.isfinite(channels[name])
-        curve = np.interp(log.time + value, log.time[good], channels[name][good])
+        curve = np.interp(log.time + value, log.time[good], channels[name][good], left=np.nan, right=np.nan)
         channels[name] = np.where(good, curve, np.nan)
     return replace(log, channels=channels), found
 
@@ -175,7 +176,7 @@ def check_response(log: Log) -> list[Finding]:
 
 def _lever_arm(grid: Grid, relation: Relation, delay: Delay) -> float | None:
     """How far the accelerometer sits ahead [m], when that explains the lateral acceleration better than a delay."""
-    if relation.measured != "lateral_acceleration" or abs(delay.value) < max(0.25 * grid.step, 4.0 * delay.sigma):
+    if relation.measured != "lateral_acceleration" or abs(delay.value) < max(0.25 * grid.step, 5.0 * delay.sigma):
         return None
     width = max(1.0, SMOOTHING / grid.step)
     right, turn = relation.right(grid), grid.rate(grid.channels["yaw_rate"])
@@ -191,24 +192,36 @@ def _clock_of(relation: Relation) -> str:
     return "yaw_rate" if "yaw_rate" in relation.others else relation.others[0]
 
 
-def _lateness(pairs: list[tuple[Relation, Delay]]) -> dict[str, float]:
-    """How late each channel is [s] against the earliest of those it is tied to; pairs without a sure delay tie, too."""
-    names = sorted({name for relation, _ in pairs for name in (relation.measured, _clock_of(relation))})
+def _lateness(pairs: list[tuple[Relation, Delay]], least: float, sideways: bool) -> dict[str, float]:
+    """How late each channel is [s] against the clock of most of those that it is tied to.
+
+    Args:
+        pairs: relations and their delays; one that is not sure ties its channels, too.
+        least: what is less than this is no difference [s].
+        sideways: there is a vy; its clock is that of the yaw rate, beside which it stands in the lateral acceleration.
+    """
+    ties = [(relation.measured, _clock_of(relation), delay.value, delay.sigma) for relation, delay in pairs]
+    if sideways and any(relation.measured == "lateral_acceleration" for relation, _ in pairs):
+        ties.append(("vy", "yaw_rate", 0.0, 1e-5))
+    names = sorted({name for first, second, _, _ in ties for name in (first, second)})
     if not names:
         return {}
-    matrix, right = np.zeros((len(pairs), len(names))), np.zeros(len(pairs))
+    matrix, right = np.zeros((len(ties), len(names))), np.zeros(len(ties))
     groups = {name: name for name in names}
-    for row, (relation, delay) in enumerate(pairs):
-        first, second = relation.measured, _clock_of(relation)
-        scale = 1.0 / max(delay.sigma, 1e-5)
+    for row, (first, second, value, sigma) in enumerate(ties):
+        scale = 1.0 / max(sigma, 1e-5)
         matrix[row, names.index(first)], matrix[row, names.index(second)] = scale, -scale
-        sure = abs(delay.value) > 4.0 * delay.sigma
-        right[row] = delay.value * scale if sure else 0.0
+        right[row] = value * scale if abs(value) > 5.0 * sigma else 0.0
         old, new = groups[second], groups[first]
         groups = {name: new if group == old else group for name, group in groups.items()}
     solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    least = {group: min(solved[names.index(n)] for n in names if groups[n] == group) for group in set(groups.values())}
-    return {name: float(solved[index] - least[groups[name]]) for index, name in enumerate(names)}
+    late: dict[str, float] = {}
+    for group in set(groups.values()):
+        members = {name: float(solved[names.index(name)]) for name in names if groups[name] == group}
+        values = np.array(sorted(members.values()))
+        others = [int(np.sum(np.abs(values - value) > least)) for value in values]
+        late |= {name: value - float(values[int(np.argmin(others))]) for name, value in members.items()}
+    return late
 
 
 def smooth(grid: Grid, name: str) -> Array:

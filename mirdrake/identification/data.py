@@ -181,7 +181,7 @@ def _values(table: Table, name: str, column: Column, place: str) -> Array:
 
 def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
     if clock.step is not None:
-        return np.arange(rows) * clock.step
+        return np.arange(float(rows)) * clock.step
     assert clock.column is not None  # the schema wants one of them
     numbers = table.numbers(clock.column, asked)
     unit = clock.unit or table.units.get(clock.column) or "s"
@@ -191,7 +191,7 @@ def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
         raise ConfigError(f"{asked}: {error} ({table.name} says so)") from None
     if len(numbers) and np.isfinite(numbers).any() and abs(np.nanmin(numbers)) * factor > 1e7:
         numbers = numbers - numbers[np.isfinite(numbers)][0]  # a date: floats of it are coarse
-    return np.asarray(numbers * factor)
+    return np.asarray(numbers * factor, dtype=np.float64)
 
 
 def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
@@ -206,5 +206,5 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
         at = int(np.argmax(back))
         raise ConfigError(
             f"{table.row(int(rows[at]))}: time goes back from {latest[at]:g} s to {used[at]:g} s, "
-            f"and {int(back.sum())} of {len(used)} rows lie before an earlier one; put each drive into a file of its own"
+            f"and {int(back.sum())} of {len(used)} rows lie before an earlier one; put each drive into a file"
         )

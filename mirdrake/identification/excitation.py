@@ -42,18 +42,20 @@ def _lateral(name: str, grid: Grid, speed: Array, side: Array, steering: str | N
             f"lateral acceleration to {most:.2g} m/s^2, {steering} to {band:.2g} Hz, turning at {mean:.3g} m/s "
             f"± {0.5 * spread:.2g}"
         )
-        moves = most > 0.5
+        moves = most > 1.0
         figures = {"lateral_acceleration": most, "bandwidth": band, "speed": mean, "speed_spread": spread}
-        verdict = _rated(moves and band > 0.8 and varied, moves and band > 0.3)
+        verdict = _rated(most > 2.0 and band > 0.8 and varied, moves and band > 0.3)
         if moves and not varied:
             text += "; one speed only: front and rear stiffness will be strongly correlated, add another speed"
+        if most <= 2.0:
+            text += "; little lateral acceleration: noise will count"
         if moves and band <= 0.8:
             text += "; slow steering: add a step or a sweep to 2 Hz"
         found.append(Excitation(name, "cornering stiffness, yaw inertia", verdict, figures, text))
         text = f"turning at {mean:.3g} m/s ± {0.5 * spread:.2g}"
         if not varied:
             text += ": ratio and understeer gradient cannot be told apart at one speed"
-        verdict = _rated(moves and varied, moves)
+        verdict = _rated(most > 2.0 and varied, moves)
         found.append(Excitation(name, "steering ratio, understeer gradient", verdict, figures, text))
     text = f"lateral acceleration to {most:.2g} m/s^2" + (": far from the limit of the tyres" if most < 4.0 else "")
     verdict = _rated(most > 6.0, most > 4.0)

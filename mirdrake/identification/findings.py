@@ -93,7 +93,9 @@ class DataReport:
         for log in self.data.logs:
             lines.append(f"{log.name} ({log.use}, {len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s)")
             found = [item for item in self.findings if item.log == log.name]
-            rows = [(item.severity, item.check, item.channel or "-", item.text + _repaired(item)) for item in found]
+            rows: list[tuple[str, str, str, str]] = [
+                (item.severity, item.check, item.channel or "-", item.text + _repaired(item)) for item in found
+            ]
             offers = [item for item in self.excitation if item.log == log.name]
             rows += [(item.verdict, "excitation", item.parameters, item.text) for item in offers]
             widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]

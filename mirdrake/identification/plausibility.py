@@ -62,7 +62,8 @@ def check_relations(log: Log) -> list[Finding]:
 
 def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
     """Sign and scale of the steering against the yaw rate, where the car runs with little slip."""
-    grid, found = make_grid(log), []
+    grid = make_grid(log)
+    found: list[Finding] = []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels or "yaw_rate" not in grid.channels:
         return found

@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Finding
+from mirdrake.identification.findings import Finding, Severity
 from mirdrake.identification.timing import fresh_rows, resolution
 
 WINDOW = 9
@@ -92,7 +92,7 @@ def check_values(log: Log) -> list[Finding]:
         quantum, levels = resolution(good), len(np.unique(good))
         if quantum is not None and levels < 200:
             text = f"has steps of {quantum:.3g} {known.unit}: {levels} different values from {low:.4g} to {high:.4g}"
-            severity = "warning" if levels < 30 else "info"
+            severity: Severity = "warning" if levels < 30 else "info"
             found.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
         for extreme in (low, high):
             count = clipped(good, extreme)

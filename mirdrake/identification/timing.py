@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Finding
+from mirdrake.identification.findings import Finding, Severity
 
 GAP = 1.7
 """A step longer than so many usual ones is a gap."""
@@ -44,7 +44,7 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             log = replace(log, time=log.time[~bad], channels={name: v[~bad] for name, v in log.channels.items()})
     steps = np.diff(log.time)
     jitter = float(np.percentile(np.abs(steps - step), 90)) / step
-    text = f"the usual step is {step:.6g} s ({1.0 / step:.5g} Hz); nine of ten are within {100 * jitter:.2g} % of it"
+    text = f"usual step {step:.6g} s ({1.0 / step:.5g} Hz); nine of ten within {max(100 * jitter, 1e-3):.2g} % of it"
     found.append(Finding(log.name, "stamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
     gaps = np.flatnonzero(steps > GAP * step)
     if len(gaps):
@@ -54,7 +54,7 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             f"{len(gaps)} gaps, about {lost} samples are missing; the longest is {steps[longest]:.4g} s after "
             f"{log.time[longest]:.6g} s"
         )
-        severity = "fault" if steps[longest] > 20 * step else "warning"
+        severity: Severity = "fault" if steps[longest] > 20 * step else "warning"
         found.append(Finding(log.name, "gaps", "", severity, float(len(gaps)), "gaps", text))
     for name, values in log.channels.items():
         missing = int(np.isnan(values).sum())

@@ -7,6 +7,7 @@ Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases:
 M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -91,7 +92,7 @@ def measure_frequency_response(
         amplitude: of a sine; root of the summed squares of a multisine's sines [u].
         method: all at once, or one after the other (longer, better against noise at a given amplitude).
         cycles: cycles to average [1], of the lowest frequency for a multisine.
-        settle: cycles before them [1].
+        settle: cycles of the lowest frequency before them, for each sine anew [1].
 
     Returns:
         G of the plant itself: the hold of the control over a period is taken out.
@@ -119,7 +120,9 @@ def measure_frequency_response(
         return _joined([_measure(loop, period, samples, lines, amplitude, cycles, settle)])
     counts = np.unique(np.maximum(np.round(2.0 * np.pi / (wanted * period)), 3).astype(int))[::-1]
     one = np.array([1])
-    return _joined([_measure(loop, period, int(n), one, amplitude, cycles, settle) for n in counts])
+    settles = [math.ceil(settle * counts[0] / n) for n in counts]
+    parts = zip(counts.tolist(), settles, strict=True)
+    return _joined([_measure(loop, period, n, one, amplitude, cycles, before) for n, before in parts])
 
 
 def _measure(

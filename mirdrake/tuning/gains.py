@@ -67,8 +67,9 @@ def from_series(
     """
     check_number("PID", "integral_time", integral_time, unit="s", above=0.0, infinite=True)
     factor = 1.0 + derivative_time / integral_time
-    ratio = filter_ratio / factor
-    return from_standard(gain * factor, integral_time * factor, derivative_time / factor, filter_ratio=ratio / factor)
+    return from_standard(
+        gain * factor, integral_time * factor, derivative_time / factor, filter_ratio=filter_ratio / factor
+    )
 
 
 def to_standard(gains: PidGains) -> tuple[float, float, float]:

@@ -24,7 +24,7 @@ from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction, f
 
 LoopResponse = Callable[[Floats], Complexes]
 
-_MAX_POINTS = 100_000
+_MAX_POINTS = 10_000
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,9 @@
 A bound on Ms or Mt keeps the Nyquist curve out of a circle with centre -c and radius r (Ms: c = 1, r = 1/Ms; Mt: c =
 Mt²/(Mt² - 1), r = Mt/(Mt² - 1)). With kp and kd fixed, ``|c + L(jω)|² >= r²`` is a quadratic inequality in ki at
 every ω, so the largest ki is a minimum over ω; kp and kd are then searched. The integral of the error after a step of
-the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and
-T. Hägglund, Design of PI controllers based on non-convex optimization,
-Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID controllers based on
-constrained optimisation, IEE Proc. 149 (2002) 32.
+the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T. Hägglund, Design of PI controllers based on non-convex
+optimization, Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID controllers
+based on constrained optimisation, IEE Proc. 149 (2002) 32.
 
 For PID the plain optimum lies on a ridge with badly damped zeros. Here ki kd <= ratio kp² keeps it off, with real zeros
 of the controller (Ti >= 4 Td) for the ratio 1/4; the papers use conditions on the curvature instead, so their PID gains
@@ -170,6 +169,8 @@ def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[floa
     if abs(np.angle(-bounds.plant[0])) < 0.25 * math.pi and not base.any():
         return 0.0, -math.inf  # two integrators, or a negative gain: no PI holds them
     top = float(bounds.largest(base, bounds.plant))
+    if top == math.inf:
+        return 0.0, math.inf
     if not 0.0 < top < math.inf or top <= least:
         return 0.0, -math.inf
     integral = bounds.plant / (1j * bounds.frequencies)
@@ -235,7 +236,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
 
 
 def _simplex(start: Floats) -> Floats:
-    return np.asarray(start) + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.05]])
+    return np.asarray(start + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.05]]), dtype=float)
 
 
 def _sensitivity_circle(bound: float) -> tuple[float, float]:

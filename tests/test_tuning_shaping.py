@@ -1,0 +1,154 @@
+"""Loop shaping against published gains and against its own bounds; figures of responses against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mirdrake.controllers.pid import PidGains, PidLimits
+from mirdrake.errors import ConfigError
+from mirdrake.tuning import (
+    FirstOrder,
+    FrequencyResponse,
+    LinearProcess,
+    TransferFunction,
+    design_for_phase_margin,
+    find_margins,
+    is_stable,
+    lags,
+    maximize_integral_gain,
+    response_figures,
+    simulate_loop,
+    to_standard,
+)
+
+THIRD = lags(1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("bound", "gain", "integral"), [(1.4, 0.633, 1.95), (1.6, 0.862, 1.87), (2.0, 1.22, 1.78)], ids=str
+)
+def test_pi_for_the_third_order_lag_has_the_published_gains(bound: float, gain: float, integral: float) -> None:
+    # Åström, Panagopoulos and Hägglund (1998), example 1/(s + 1)³.
+    gains = maximize_integral_gain(THIRD, max_sensitivity=bound)
+    assert to_standard(gains)[:2] == pytest.approx((gain, integral), rel=0.01)
+    assert find_margins(THIRD, gains).max_sensitivity == pytest.approx(bound, rel=1e-3)
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.floats(0.1, 5.0), st.floats(1.25, 2.2))
+def test_no_pi_beside_the_optimum_does_better(ratio: float, bound: float) -> None:
+    plant = FirstOrder(1.0, 1.0, ratio).transfer_function()
+    best = maximize_integral_gain(plant, max_sensitivity=bound)
+    assert is_stable(plant, best)
+    assert find_margins(plant, best).max_sensitivity == pytest.approx(bound, rel=2e-3)
+    for factor in (0.9, 1.1):
+        beside = PidGains(factor * best.kp, best.ki * 1.01)
+        assert find_margins(plant, beside).max_sensitivity > bound
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [THIRD, FirstOrder(2.0, 1.0, 0.3).transfer_function(), TransferFunction((3.0,), (1.0, 0.0, 0.0), 0.5)],
+    ids=["third-order lag", "first order", "double integrator"],
+)
+def test_pid_meets_both_bounds_and_beats_pi(plant: TransferFunction) -> None:
+    gains = maximize_integral_gain(plant, max_sensitivity=1.7, max_complementary=1.7, derivative=True)
+    found = find_margins(plant, gains)
+    assert is_stable(plant, gains)
+    assert max(found.max_sensitivity, found.max_complementary) == pytest.approx(1.7, rel=5e-3)
+    assert gains.ki * gains.kd <= 0.25 * gains.kp**2 * (1.0 + 1e-6)
+    assert gains.filter_time == pytest.approx(0.1 * gains.kd / gains.kp, rel=2e-3)
+    if plant.denominator[-1]:
+        assert gains.ki > 1.3 * maximize_integral_gain(plant, max_sensitivity=1.7, max_complementary=1.7).ki
+
+
+def test_shaping_works_on_a_measured_response() -> None:
+    w = np.geomspace(0.02, 20.0, 60)
+    measured = maximize_integral_gain(FrequencyResponse(w, THIRD.response(w)), max_sensitivity=1.6)
+    exact = maximize_integral_gain(THIRD, max_sensitivity=1.6)
+    assert (measured.kp, measured.ki) == pytest.approx((exact.kp, exact.ki), rel=0.01)
+
+
+@pytest.mark.parametrize(("derivative", "crossover"), [(False, 0.6), (True, 1.3)], ids=["PI", "PID"])
+def test_phase_margin_and_crossover_come_out_as_asked(derivative: bool, crossover: float) -> None:
+    wanted = math.radians(50.0)
+    gains = design_for_phase_margin(THIRD, crossover, phase_margin=wanted, derivative=derivative)
+    found = find_margins(THIRD, gains)
+    assert (found.gain_crossover, found.phase_margin) == pytest.approx((crossover, wanted), rel=1e-6)
+    assert is_stable(THIRD, gains)
+    if derivative:
+        assert gains.kp / gains.ki == pytest.approx(4.0 * gains.kd / gains.kp)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: design_for_phase_margin(THIRD, 3.0), "choose another crossover or margin"),
+        (lambda: maximize_integral_gain(lags(1.0)), "nothing bounds the gain"),
+        (lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, 0.0, 0.0)), derivative=True), "nothing bounds"),
+        (lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, 0.0, 0.0), 1.0)), "no PI controller"),
+        (lambda: maximize_integral_gain(lags(1.0, 1.0, gain=-1.0, delay=1.0)), "sign of the plant's gain"),
+        (lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, -1.0), 0.1)), "right half plane"),
+        (lambda: maximize_integral_gain(THIRD, max_sensitivity=1.0), "max_sensitivity must be > 1"),
+    ],
+)
+def test_what_cannot_be_is_refused(call, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        call()
+
+
+def test_figures_of_a_first_order_response() -> None:
+    time = np.linspace(0.0, 20.0, 20_001)
+    y = -np.expm1(-time)
+    found = response_figures(time, 1.0, y, np.ones_like(time))
+    assert (found.iae, found.itae, found.ise) == pytest.approx((1.0, 1.0, 0.5), rel=1e-5)
+    assert found.overshoot == 0.0
+    assert found.rise_time == pytest.approx(math.log(9.0), rel=1e-5)
+    assert found.settling_time == pytest.approx(math.log(50.0), rel=1e-5)
+    assert found.steady_error == pytest.approx(0.0, abs=1e-7)
+    assert (found.peak_effort, found.rms_effort, found.total_variation) == pytest.approx((1.0, 1.0, 0.0))
+    assert found.peak_jerk == pytest.approx(1.0, rel=2e-3)
+    assert found.rms_jerk == pytest.approx(math.sqrt(0.5 / 20.0), rel=2e-3)
+
+
+def test_figures_of_a_second_order_response() -> None:
+    # Damping 0.5: overshoot exp(-π/√3) = 16.3 %; here downwards from 3 to 1.
+    time = np.linspace(0.0, 40.0, 40_001)
+    root = math.sqrt(0.75)
+    y = 3.0 - 2.0 * (1.0 - np.exp(-0.5 * time) * (np.cos(root * time) + 0.5 / root * np.sin(root * time)))
+    found = response_figures(time, 1.0, y, np.zeros_like(time))
+    assert found.overshoot == pytest.approx(math.exp(-math.pi / math.sqrt(3.0)), rel=1e-5)
+    assert found.settling_time == pytest.approx(8.08, abs=0.01)
+    assert found.rise_time == pytest.approx(1.64, abs=0.01)
+
+
+def test_figures_count_effort_and_saturation() -> None:
+    time = np.arange(6.0)
+    control = np.array([0.0, 2.0, 2.0, 1.0, 0.5, 0.5])
+    found = response_figures(time, 1.0, time / 5.0, control, limits=PidLimits(0.0, 2.0))
+    assert found.total_variation == pytest.approx(3.5)
+    assert found.saturation_time == pytest.approx(3.0)  # at 0, and two periods at 2
+    slow = response_figures(time, 1.0, time / 5.0, control, limits=PidLimits(rate=2.0))
+    assert slow.saturation_time == pytest.approx(1.0)
+
+
+def test_figures_that_do_not_exist_are_not_numbers() -> None:
+    time = np.arange(10.0)
+    low = response_figures(time, 1.0, 0.05 * time, time)
+    assert math.isnan(low.rise_time)
+    assert math.isnan(low.settling_time)
+    load = response_figures(time, 0.0, np.sin(time), time)
+    assert math.isnan(load.overshoot)
+    bad = response_figures(time, 1.0, np.where(time > 5.0, np.inf, 0.0), time)
+    assert (bad.finite, bad.iae) == (False, math.inf)
+    with pytest.raises(ConfigError, match="time must increase"):
+        response_figures([0.0, 1.0, 1.0], 1.0, [0.0, 1.0, 1.0], [0.0, 0.0, 0.0])
+
+
+def test_the_integral_of_the_error_after_a_load_is_one_over_ki() -> None:
+    gains = maximize_integral_gain(THIRD, max_sensitivity=1.4)
+    run = simulate_loop(LinearProcess(THIRD, 0.02), gains, period=0.02, reference=np.zeros(3000), disturbance=1.0)
+    assert 0.02 * float(np.sum(run.measurement)) == pytest.approx(1.0 / gains.ki, rel=0.01)
