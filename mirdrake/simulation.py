@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.framework import Context, EventStatus, System
 
 from mirdrake.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
@@ -129,7 +129,7 @@ class Simulation:
             watchers.append(recorder)
         met = threading.Event()
         if watchers or until is not None:
-            simulator.set_monitor(lambda context: _watch(watchers, until, met, context))
+            simulator.set_monitor(lambda context: _watch(assembly.diagram, watchers, until, met, context))
         telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
@@ -279,6 +279,7 @@ def _failure(error: Exception) -> str:
 
 
 def _watch(
+    system: System,
     watchers: list[Callable[[Context], None]],
     until: Callable[[Context], bool] | None,
     met: threading.Event,
@@ -290,7 +291,7 @@ def _watch(
     if until is None or not until(context):
         return EventStatus.DidNothing()
     met.set()
-    return EventStatus.ReachedTermination(None, "condition")
+    return EventStatus.ReachedTermination(system, "condition")
 
 
 def default_folder(name: str, *, base: Path | None = None) -> Path:
