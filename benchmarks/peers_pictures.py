@@ -1,20 +1,21 @@
-"""Job W2 in MuJoCo and PyBullet: colours and depths of the same obstacles, of the same size, without shadows."""
+"""Job W2 beside MuJoCo and PyBullet: colours and depths of the same obstacles, of the same size, without shadows."""
 
 import importlib.util
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
+from functools import partial
 from math import atan, degrees, tan
 from multiprocessing import get_context
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.timing import Times, installed, timed
-from benchmarks.w2 import EYE, FAR, FIELD, HEIGHT, NEAR, RATE, SPEED, WIDTH
+from benchmarks.w2 import EYE, FAR, FIELD, HEIGHT, NEAR, RATE, SPEED, WIDTH, Scene
 
 Pictures = Iterator[tuple[NDArray[np.uint8], NDArray[np.float32]]]
 """Colours (height, width, 3) and depths [m] (height, width), a frame each."""
@@ -41,37 +42,85 @@ def obstacles() -> list[dict[str, Any]]:
     return found
 
 
-def run_peers(*, duration: float, repeat: int) -> dict[str, Any]:
-    """Time of a frame of every peer that is installed and can draw here; each in a process of its own."""
-    makers: dict[str, Callable[[float, list[dict[str, Any]]], Pictures]] = {}
-    if installed("mujoco"):
-        makers["mujoco"] = mujoco_pictures
-    if installed("pybullet") and importlib.util.find_spec("eglRenderer") is not None:
-        makers["pybullet"] = bullet_pictures
-    things, results = obstacles(), {}
-    for name, make in makers.items():
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            results[name] = pool.submit(_measure, make, duration, repeat, things).result()
-    return results
+def run_in_turn(*, duration: float, repeat: int) -> dict[str, Any]:
+    """Time of a frame here and of every peer that is installed and can draw, each in a process of its own.
 
+    They draw in turn, so that a machine that is slow for a while is slow for all of them.
 
-def _measure(
-    make: Callable[[float, list[dict[str, Any]]], Pictures], duration: float, repeat: int, things: list[dict[str, Any]]
-) -> dict[str, float]:
-    times: list[Times] = []
-    last: list[Any] = []
-    for _ in range(repeat):
-        pictures = make(duration + 1.0 / RATE, things)
-        for _ in range(2):  # contexts are made and shaders compiled
-            next(pictures)
-        times.append(timed(lambda pictures=pictures: last.extend(pictures)))  # type: ignore[misc]
-    count = len(last) // repeat
-    return {
-        "ms_per_frame": 1e3 * median(time.wall for time in times) / count,
-        "cpu_ms_per_frame": 1e3 * median(time.cpu for time in times) / count,
-        "frames": count,
-        "nearest_m": float(last[-1][1].min()),
+    Args:
+        duration: simulated time [s].
+        repeat: how often; medians are given.
+
+    Returns:
+        ``color_and_depth`` and ``depth``, ours, and ``peers``; for each peer the median of ours over its time of the
+        same turn, too (``ours_over_it``).
+    """
+    things = obstacles()
+    drawing: dict[str, Callable[[], Times]] = {
+        "color_and_depth": partial(_draw_ours, duration),
+        "depth": partial(_draw_ours, duration, color=False),
     }
+    if installed("mujoco"):
+        drawing["mujoco"] = partial(_draw, mujoco_pictures, duration, things)
+    if installed("pybullet") and importlib.util.find_spec("eglRenderer") is not None:
+        drawing["pybullet"] = partial(_draw, bullet_pictures, duration, things)
+    turns: dict[str, list[Drawn]] = {name: [] for name in drawing}
+    with ExitStack() as stack:
+        pools = {name: stack.enter_context(ProcessPoolExecutor(1, mp_context=get_context("spawn"))) for name in drawing}
+        for _ in range(repeat):
+            for name, draw in drawing.items():
+                turns[name].append(pools[name].submit(draw).result())
+    results = {name: _figures(drawn) for name, drawn in turns.items()}
+    for name in results.keys() - {"color_and_depth", "depth"}:
+        pairs = zip(turns["color_and_depth"], turns[name], strict=True)
+        results[name]["ours_over_it"] = median(
+            (ours.times.wall / ours.frames) / (theirs.times.wall / theirs.frames) for ours, theirs in pairs
+        )
+    ours = {name: results.pop(name) for name in ("color_and_depth", "depth")}
+    for figures in ours.values():
+        figures["missing"] = round(duration * RATE) + 1 - figures["frames"]
+    return ours | {"peers": results}
+
+
+class Drawn(NamedTuple):
+    """What drawing took, how many frames, and the nearest depth of the last one [m]."""
+
+    times: Times
+    frames: int
+    nearest: float
+
+
+def _figures(drawn: list[Drawn]) -> dict[str, Any]:
+    return {
+        "ms_per_frame": 1e3 * median(turn.times.wall / turn.frames for turn in drawn),
+        "cpu_ms_per_frame": 1e3 * median(turn.times.cpu / turn.frames for turn in drawn),
+        "frames": drawn[-1].frames,
+        "nearest_m": drawn[-1].nearest,
+    }
+
+
+_scenes: dict[bool, Scene] = {}
+
+
+def _draw_ours(duration: float, *, color: bool = True) -> Drawn:
+    if color not in _scenes:
+        _scenes[color] = Scene(color=color)
+        _scenes[color].run(2.0 / RATE)  # compiles the shaders
+    taken: list[dict[str, Any]] = []
+    times = timed(lambda: taken.extend(_scenes[color].run(duration)))
+    depth = taken[-1]["depth"]
+    return Drawn(times, len(taken), float(depth[np.isfinite(depth)].min()))
+
+
+def _draw(
+    make: Callable[[float, list[dict[str, Any]]], Pictures], duration: float, things: list[dict[str, Any]]
+) -> Drawn:
+    pictures = make(duration + 1.0 / RATE, things)
+    for _ in range(2):  # contexts are made and shaders compiled
+        next(pictures)
+    taken: list[Any] = []
+    times = timed(lambda: taken.extend(pictures))
+    return Drawn(times, len(taken), float(taken[-1][1].min()))
 
 
 def mujoco_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:

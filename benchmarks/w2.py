@@ -1,20 +1,18 @@
 """Job W2: colours and depths of 640 x 480 pixels at 30 Hz among 36 obstacles, and pictures collected while driving."""
 
 import tempfile
-from collections.abc import Sequence
 from math import radians
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from benchmarks.timing import Times, timed
+from benchmarks.timing import timed
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import load_diagram
 from mirdrake.plant import add_world
@@ -75,36 +73,13 @@ class Scene:
         return pictures
 
 
-def run_w2(*, duration: float = DURATION, collected: float = 20.0, repeat: int = 5) -> dict[str, Any]:
-    """Time of a frame, and of a drive that collects pictures.
+def collect(*, duration: float, repeat: int) -> dict[str, Any]:
+    """The diagram ``collect_driving_data``, with the driving log and every picture on disk.
 
     Args:
-        duration: simulated time of the scene [s].
-        collected: simulated time of the drive [s].
+        duration: simulated time [s].
         repeat: how often; medians are given.
     """
-    frames = {"color_and_depth": _frames(duration, repeat), "depth": _frames(duration, repeat, color=False)}
-    return frames | {"collect": _collect(collected, min(repeat, 3))}
-
-
-def _frames(duration: float, repeat: int, *, color: bool = True) -> dict[str, Any]:
-    """Time of a frame [ms], and whether all of them are there and show something."""
-    scene = Scene(color=color)
-    scene.run(2.0 / RATE)  # compiles the shaders
-    taken: list[dict[str, Any]] = []
-    times = [timed(lambda: taken.extend(scene.run(duration))) for _ in range(repeat)]
-    count = len(taken) // repeat
-    depth = taken[-1]["depth"]
-    return {
-        **_per(times, count, "frame"),
-        "frames": count,
-        "missing": round(duration * RATE) + 1 - count,
-        "nearest_m": float(depth[np.isfinite(depth)].min()),
-    }
-
-
-def _collect(duration: float, repeat: int) -> dict[str, Any]:
-    """The diagram ``collect_driving_data``, with the driving log and every picture on disk."""
     simulation = Simulation(assemble(load_diagram("collect_driving_data", overrides=["record.report=false"])))
     times = []
     with tempfile.TemporaryDirectory() as folder:
@@ -116,15 +91,9 @@ def _collect(duration: float, repeat: int) -> dict[str, Any]:
     count = round(duration * COLLECTED_RATE) + 1
     return {
         "rtf": duration / median(time.wall for time in times),
-        **_per(times, count, "picture"),
+        "ms_per_picture": 1e3 * median(time.wall for time in times) / count,
+        "cpu_ms_per_picture": 1e3 * median(time.cpu for time in times) / count,
         "pictures": len(pictures),
         "missing": count - len(pictures),
         "kb_per_picture": size / 1e3 / max(len(pictures), 1),
-    }
-
-
-def _per(times: Sequence[Times], count: int, what: str) -> dict[str, float]:
-    return {
-        f"ms_per_{what}": 1e3 * median(time.wall for time in times) / count,
-        f"cpu_ms_per_{what}": 1e3 * median(time.cpu for time in times) / count,
     }

@@ -15,6 +15,7 @@ Every message is one line: what was given, where, what is allowed, what to do.
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from itertools import accumulate
 
 
 class MirdrakeError(Exception):
@@ -56,12 +57,14 @@ def did_you_mean(given: object, allowed: Iterable[str]) -> str:
         allowed: the names that would have been right.
 
     Returns:
-        for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``; the list is cut after 12 names.
+        for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``; the list is cut after 12 names, or 180
+        characters.
     """
     names = sorted({str(name) for name in allowed})
     if not names:
         return "nothing is available here"
     near = get_close_matches(str(given), names, n=1, cutoff=0.6)
-    shown = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+    few = min(12, max(1, sum(length <= 180 for length in accumulate(len(name) + 2 for name in names))))
+    shown = ", ".join(names[:few]) + (", …" if len(names) > few else "")
     hint = f"did you mean '{near[0]}'? " if near else ""
     return f"{hint}(allowed: {shown})"

@@ -4,6 +4,7 @@ A static prop costs next to nothing in a step: its shapes lie on the world body,
 against each other.
 """
 
+import itertools
 import json
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,11 +15,13 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddContactMaterial,
     AddRigidHydroelasticProperties,
+    Box,
     GeometryId,
     InMemoryMesh,
     Mesh,
     ProximityProperties,
     Shape,
+    Sphere,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
@@ -26,7 +29,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
 from mirdrake.worlds import PlacedProp, World
-from mirdrake.worlds.props import DISSIPATION, STIFFNESS, Color
+from mirdrake.worlds.props import DISSIPATION, STIFFNESS, Color, Solid
 
 _GREY = (0.72, 0.71, 0.68, 1.0)  # of a prop without mesh and colour
 
@@ -91,10 +94,32 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
             found.owners[geometry] = placed.name
             if prop.driven_over:
                 found.bumps.add(geometry)
+            for number, (shape, X_PG) in enumerate([] if placed.static else _feet(solid)):
+                foot = plant.RegisterCollisionGeometry(body, X_BP @ X_PG, shape, f"{name}/foot{number}", material)
+                found.owners[foot] = placed.name
         for index, (shape, X_PG) in enumerate(looks(placed)):
             rgba = np.array([*placed.color, 1.0] if placed.color else _GREY)
             plant.RegisterVisualGeometry(body, X_BP @ X_PG, shape, f"prop/{placed.name}/look{index}", rgba)
     return found
+
+
+def _feet(solid: Solid) -> list[tuple[Shape, RigidTransform]]:
+    """Small balls in the corners of a box, flush with its faces, on which it rests.
+
+    Drake's point contact finds one point of a box on the ground, the deepest corner, so that a box would rattle from
+    corner to corner; each ball has a point of its own.
+
+    Returns:
+        shapes and their poses X_PG; none for other shapes than boxes.
+    """
+    if not isinstance(solid.shape, Box):
+        return []
+    radius = 0.02 * float(min(solid.shape.size()))
+    reach = 0.5 * solid.shape.size() - radius
+    return [
+        (Sphere(radius), solid.X_PS @ RigidTransform(reach * np.array(signs)))
+        for signs in itertools.product((-1.0, 1.0), repeat=3)
+    ]
 
 
 def looks(placed: PlacedProp) -> list[tuple[Shape, RigidTransform]]:

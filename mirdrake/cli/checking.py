@@ -41,7 +41,7 @@ STANDING = 1.0
 MOST_TRAVEL, MOST_TILT = 0.02, math.radians(3.0)
 """How far it may go meanwhile, in wheelbases, and how far it may tip [rad]: springs settle."""
 
-_NAMES = re.compile(r"'[^']*'")
+_NAMES = re.compile(r"'[^']*'|\(allowed: .*\)")
 
 
 @dataclass
@@ -67,7 +67,10 @@ class Findings:
             self.note(str(error).splitlines())
 
     def note(self, lines: Iterable[str]) -> None:
-        """Take down faults, each once: of those at one place that differ by a name, as in a macro, only the first."""
+        """Take down faults, each once: of those at one place that differ by a name or by what is allowed, the first.
+
+        Macros and variants tell the same fault in such words.
+        """
         for line in lines:
             if _NAMES.sub("", line) not in map(partial(_NAMES.sub, ""), self.faults):
                 self.faults.append(line)
@@ -88,7 +91,8 @@ def check_vehicle(name: str) -> Findings:
         with own.caught():
             _check_files(folder, variant, own)
         found.note(own.faults)
-        if not own.faults and next(_not_xml(folder), None) is None:
+        # Where the vehicle itself does not stand, its variants would only say so in other words.
+        if not own.faults and not found.failures and next(_not_xml(folder), None) is None:
             with found.caught():
                 vehicle = load_vehicle(str(folder) if variant is None else f"{folder}{VARIANT_MARK}{variant}")
                 found.remarks += [line for line in vehicle.warnings if line not in found.remarks]
