@@ -35,7 +35,7 @@ def test_the_single_track_model_has_the_understeer_of_its_own_parameters(tmp_pat
         "--set", "steady_state_circle.turns=left",
     )  # fmt: skip
     assert code == 0
-    exact = math.degrees(understeer_gradient(find_facts(load_vehicle("bolt")).parameters)) * 9.80665
+    exact = math.degrees(understeer_gradient(find_facts(load_vehicle("bolt@handling")).parameters)) * 9.80665
     assert _figures(results, "steady_state_circle")["understeer"] == pytest.approx(exact, rel=0.15)
     assert results["manoeuvres"][0]["settings"]["radius"] == {
         "value": 40.0,
@@ -49,6 +49,8 @@ def test_the_single_track_model_has_the_understeer_of_its_own_parameters(tmp_pat
 def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path, capsys):
     code, results = _drive(tmp_path, "step_steer", "bolt", "--model", "single_track")
     assert code == 0
+    assert results["vehicle"] == "bolt@handling"  # the Bolt as named has no tyres with slip
+    assert "--as-is" in capsys.readouterr().out
     figures = _figures(results, "step_steer")
     assert figures["lateral"] == pytest.approx(4.0, rel=0.05)
     assert 0.0 < figures["yaw_response"] < figures["lateral_response"] < 1.0
@@ -71,7 +73,7 @@ def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path,
 
 def test_braking_by_command_keeps_to_the_slope_of_the_speed_control(tmp_path):
     code, results = _drive(
-        tmp_path, "braking", "bolt", "--set", "braking.speed=40 km/h", "--set", "plant.contact=point"
+        tmp_path, "braking", "bolt", "--as-is", "--set", "braking.speed=40 km/h", "--set", "plant.contact=point"
     )
     assert code == 0
     figures = _figures(results, "braking")
@@ -116,7 +118,9 @@ def test_a_criterion_that_is_not_met_is_exit_code_1(tmp_path, capsys):
 )
 def test_what_a_vehicle_cannot_do_is_said_and_is_no_error(tmp_path, name, setting, reason):
     extra = ["--set", "double_lane_change.offset=30"] if name == "double_lane_change" else []
-    code, results = _drive(tmp_path, name, "bolt", "--model", "single_track", "--set", setting, *extra, "--quiet")
+    code, results = _drive(
+        tmp_path, name, "bolt", "--model", "single_track", "--set", setting, *extra, "--quiet", "--as-is"
+    )
     assert code == 0
     assert results["manoeuvres"][0]["verdict"] == "not possible"
     assert reason in results["manoeuvres"][0]["reason"]

@@ -4,10 +4,13 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
+
+if TYPE_CHECKING:
+    from mirdrake.vehicles import Vehicle
 
 HELP = "drive standard manoeuvres with a vehicle and write a handling report"
 MORE = """\
@@ -27,6 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("name", nargs="?", metavar="NAME", help="manoeuvres, with commas, or all")
     parser.add_argument("vehicle", nargs="?", metavar="VEHICLE", help="name or path of a vehicle; bolt@x is a variant")
+    parser.add_argument(
+        "--as-is",
+        action="store_true",
+        help="drive the vehicle as named; else, if it has contact friction only, its variant 'handling'",
+    )
     parser.add_argument("--list", action="store_true", help="show the manoeuvres, their standards and settings")
     parser.add_argument(
         "--model", choices=("full", "single_track"), default="full", help="the plant, or the reduced model"
@@ -61,8 +69,14 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.manoeuvres.rig import Rig
     from mirdrake.simulation import default_folder
     from mirdrake.vehicles import load_vehicle
+    from mirdrake.vehicles.vehicle import VARIANT_MARK
 
     vehicle = load_vehicle(options.vehicle)
+    if not options.as_is and _has_better(vehicle):
+        options.vehicle += f"{VARIANT_MARK}handling"
+        vehicle = load_vehicle(options.vehicle)
+        if not options.quiet:
+            print(f"driving {vehicle.name}, which has tyres with slip; --as-is drives it on contact friction alone")
     facts = find_facts(vehicle)
     folder = options.out or default_folder(f"{vehicle.name.replace('@', '-')}-handling")
     if folder.exists() and any(folder.iterdir()):
@@ -110,6 +124,14 @@ def run(options: argparse.Namespace) -> int:
         print("interrupted; what was done is kept", file=sys.stderr)
         return 130
     return results.exit_code
+
+
+def _has_better(vehicle: "Vehicle") -> bool:
+    """Whether a vehicle that was named without a variant corners on rails, and has a variant that does not."""
+    from mirdrake.vehicles.vehicle import VARIANT_MARK, variants
+
+    plain = VARIANT_MARK not in vehicle.name and vehicle.spec.tyres.kind == "coulomb"
+    return plain and "handling" in variants(vehicle.folder)
 
 
 def _plant(settings: Any, contact: str) -> dict[str, Any]:
