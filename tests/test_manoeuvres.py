@@ -49,8 +49,9 @@ def test_the_single_track_model_has_the_understeer_of_its_own_parameters(tmp_pat
 def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path, capsys):
     code, results = _drive(tmp_path, "step_steer", "bolt", "--model", "single_track")
     assert code == 0
-    assert results["vehicle"] == "bolt@handling"  # the Bolt as named has no tyres with slip
-    assert "--as-is" in capsys.readouterr().out
+    assert results["vehicle"]["name"] == "bolt@handling"  # the Bolt as named has no tyres with slip
+    told = capsys.readouterr().out
+    assert "--as-is" in told
     figures = _figures(results, "step_steer")
     assert figures["lateral"] == pytest.approx(4.0, rel=0.05)
     assert 0.0 < figures["yaw_response"] < figures["lateral_response"] < 1.0
@@ -68,7 +69,7 @@ def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path,
     with (out / "metrics.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["metric"] for row in rows} == set(figures)
-    assert "recalled, not verified: speed" in capsys.readouterr().out
+    assert "recalled, not verified: speed" in told
 
 
 def test_braking_by_command_keeps_to_the_slope_of_the_speed_control(tmp_path):
