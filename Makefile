@@ -14,13 +14,14 @@ INSTALL = $(RUN)/python -m pip install --quiet --disable-pip-version-check --con
 PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
 ARGS ?=
 
-.PHONY: help drive test test-all check bench clean
+.PHONY: help drive test test-all check docs bench clean
 
 help:
 	@echo "make drive     drive the MIR Bolt around its test track (ARGS='--set duration=20' for options)"
 	@echo "make test      the fast tests"
 	@echo "make test-all  all tests"
 	@echo "make check     formatting, lint, types and the fast tests"
+	@echo "make docs      the API reference from the docstrings, into docs/reference/"
 	@echo "make bench     benchmarks against other simulators (ARGS=... for options)"
 	@echo "make clean     remove .venv, builds and caches; runs/ stays"
 	@echo "PYTHON=python3.12 chooses the Python of .venv, WORKERS=4 the number of test processes"
@@ -39,6 +40,10 @@ check: $(VENV)/ready-dev
 	$(RUN)/ruff check .
 	$(RUN)/mypy
 	$(PYTEST) $(ARGS)
+
+docs: $(VENV)/ready-dev
+	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m tests.api_page docs/reference
+	@echo "docs/reference/index.html"
 
 bench: $(VENV)/ready-bench
 	OPENBLAS_NUM_THREADS=1 $(RUN)/python benchmarks/run.py $(ARGS)

@@ -1,9 +1,14 @@
-"""Job W4: a sweep of many independent short runs on all cores, set-up included."""
+"""Job W4: a sweep of many independent short runs on all cores, set-up included, by a study of mirdrake.studies."""
 
+import json
 import multiprocessing
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 RUNS, DURATION = 32, 10.0
@@ -12,37 +17,109 @@ RUNS, DURATION = 32, 10.0
 STEPS = (0.005, 0.010, 0.020)
 """Plant steps [s]; point contact."""
 
+GAINS = (0.3, 0.7)
+"""Range of the speed loop's gain over the runs."""
+
 _worker: dict[str, Any] = {}
 
 
 def run_w4(*, runs: int = RUNS, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
     """Wall time per simulated second of the sweep, of mirdrake and of MuJoCo.
 
-    Every run has its own gain of the speed loop. Workers are fresh processes (spawn): starting them, importing and
-    building count. Forked workers inherit the imports of this process, and still build.
+    Every run has its own gain of the speed loop. `spawn`: the first study of a process; its workers start, import and
+    build. `fork`: the second one; the workers fork from a server that has imported everything, and build. `plain_pool`:
+    the same runs of the same diagram by hand in a pool of fresh processes, without a study. `cpu`: processor time of
+    runs one after the other in one process.
 
     Args:
         runs: number of runs.
         duration: simulated time of each [s].
         repeat: how often; the best is given, since other load can only add to it.
     """
-    import mirdrake.simulation  # noqa: F401  (forked workers inherit it; not in the peers' workers)
     from mirdrake.diagram_spec import load_diagram
 
-    gains = [0.3 + 0.4 * i / max(runs - 1, 1) for i in range(runs)]
-    results = {}
+    gains = [float(gain) for gain in _gains(runs)]
+    results: dict[str, Any] = {}
     for step in STEPS:
-        data = load_diagram("w1", overrides=["plant.contact=point", f"plant.time_step={step}"]).model_dump(mode="json")
-        for method in ("spawn", "fork"):
-            results[f"mirdrake_{round(1e3 * step)}_ms_{method}"] = _sweep(
-                _start_mirdrake, (data,), _run_mirdrake, gains, duration=duration, repeat=repeat, method=method
-            )
+        ms = round(1e3 * step)
+        study = _study(step, runs, duration)
+        found = [_measure(study) for _ in range(repeat)]
+        for name in ("spawn", "fork"):
+            results[f"mirdrake_{ms}_ms_{name}"] = _row([one[name] for one in found], runs, duration, found[0]["speeds"])
+        results[f"cpu_{ms}_ms"] = {
+            key: min(one["cpu"][key] for one in found) for key in ("set_up_s", "s_per_run", "ms_per_simulated_s")
+        }
+    data = load_diagram("w1", overrides=["plant.contact=point", f"plant.time_step={step}"]).model_dump(mode="json")
+    results[f"plain_pool_{ms}_ms"] = _sweep(
+        _start_mirdrake, (data,), _run_mirdrake, gains, duration=duration, repeat=repeat
+    )
     try:
         import mujoco  # noqa: F401
     except ImportError:
         return results
     results["mujoco_pool"] = _sweep(_start_mujoco, (), _run_mujoco, gains, duration=duration, repeat=repeat)
     return results
+
+
+def final_speed(run: Any) -> float:
+    """Metric of the study: the speed at the end [m/s]."""
+    return float(run["ego.vx"].iloc[-1])
+
+
+def _gains(runs: int) -> list[float]:
+    return [GAINS[0] + (GAINS[1] - GAINS[0]) * i / max(runs - 1, 1) for i in range(runs)]
+
+
+def _study(step: float, runs: int, duration: float) -> dict[str, Any]:
+    return {
+        "diagram": "w1",
+        "overrides": {"plant.contact": "point", "plant.time_step": step},
+        "parameters": {"ego.speed.kp": {"values": _gains(runs)}},
+        "metrics": ["benchmarks.w4:final_speed"],
+        "duration": duration,
+    }
+
+
+def _measure(study: Mapping[str, Any]) -> dict[str, Any]:
+    """A study in a process of its own, twice, and a few of its runs in that process alone."""
+    root = Path(__file__).resolve().parents[1]
+    path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-m", "benchmarks.w4", json.dumps(study)]
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, check=True, stdout=subprocess.PIPE, text=True)
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def _time_study(study: Mapping[str, Any]) -> dict[str, Any]:
+    """What :func:`_measure` gives; imports of this process do not count, those of the workers do."""
+    from mirdrake.studies import run_study
+
+    found: dict[str, Any] = {}
+    for name in ("spawn", "fork"):
+        began = time.perf_counter()
+        result = run_study(study)
+        found[name] = time.perf_counter() - began
+        assert result.counts["ok"] == result.runs
+        found["speeds"] = result.table["benchmarks.w4:final_speed"].tolist()
+    few = dict(study) | {"parameters": {"ego.speed.kp": {"values": study["parameters"]["ego.speed.kp"]["values"][:6]}}}
+    times = [time.process_time()]
+    run_study(few, workers=0, progress=lambda *_: times.append(time.process_time()))
+    each = sorted(b - a for a, b in pairwise(times[1:]))
+    run = each[len(each) // 2] if each else times[1] - times[0]
+    found["cpu"] = {"set_up_s": times[1] - times[0] - run, "s_per_run": run}
+    found["cpu"]["ms_per_simulated_s"] = 1e3 * run / study["duration"]
+    return found
+
+
+def _row(walls: Sequence[float], runs: int, duration: float, speeds: Sequence[float]) -> dict[str, float | int]:
+    return {
+        "wall_ms_per_simulated_s": 1e3 * min(walls) / (runs * duration),
+        "wall_s": min(walls),
+        "workers": os.cpu_count() or 1,
+        "runs": runs,
+        "slowest_final_speed": min(speeds),
+        "fastest_final_speed": max(speeds),
+    }
 
 
 def _sweep(
@@ -53,7 +130,6 @@ def _sweep(
     *,
     duration: float,
     repeat: int,
-    method: str = "spawn",
 ) -> dict[str, float | int]:
     """The sweep in a pool of fresh processes: ms of wall time per simulated second, best of several."""
     workers = os.cpu_count() or 1
@@ -61,18 +137,10 @@ def _sweep(
     jobs = [(gain, duration) for gain in gains]
     for _ in range(repeat):
         began = time.perf_counter()
-        with multiprocessing.get_context(method).Pool(workers, start, arguments) as pool:
+        with multiprocessing.get_context("spawn").Pool(workers, start, arguments) as pool:
             speeds = list(pool.imap_unordered(run, jobs))
         walls.append(time.perf_counter() - began)
-    simulated = len(gains) * duration
-    return {
-        "wall_ms_per_simulated_s": 1e3 * min(walls) / simulated,
-        "wall_s": min(walls),
-        "workers": workers,
-        "runs": len(gains),
-        "slowest_final_speed": min(speeds),
-        "fastest_final_speed": max(speeds),
-    }
+    return _row(walls, len(gains), duration, speeds)
 
 
 def _start_mirdrake(data: Mapping[str, Any]) -> None:
@@ -109,3 +177,7 @@ def _run_mujoco(job: tuple[float, float]) -> float:
 
     gain, duration = job
     return float(_worker["car"].run(duration, Driver(kp=gain))[-1, 4])
+
+
+if __name__ == "__main__":
+    print(json.dumps(_time_study(json.loads(sys.argv[1]))))

@@ -44,6 +44,9 @@ class VehicleEntry(Schema):
     mounts: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="keys of its sensors.yaml to change, say {front_camera: {rate: 25}} [-]"
     )
+    control: dict[str, Any] = Field(
+        default_factory=dict, description="laid over its control.yaml, say {wheel_speed: {kp: 3}} [-]"
+    )
     parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
 
 

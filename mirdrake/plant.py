@@ -26,6 +26,7 @@ from pydrake.geometry import (
     RoleAssign,
     SceneGraph,
     SceneGraphConfig,
+    Shape,
 )
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
@@ -101,31 +102,18 @@ class TyreSpring:
     Attributes:
         softness: [m/N^power].
         power: exponent [1].
-        radius: of a wheel that touches with a patch [m]; 0 for one that touches with a point.
     """
 
     softness: float
     power: float
-    radius: float = 0.0
 
     def __call__(self, load: float) -> float:
         """Compression [m] under a load [N]."""
         return float(self.softness * max(load, 0.0) ** self.power)
 
-    def load(self, depth: float, *, way: float = 0.0) -> float:
-        """Load [N] at a compression [m] of a wheel that rolls some way in a step of the plant [m].
-
-        The pressure that Drake predicts for the end of the step is that of the patch a way s ahead, but on the old
-        patch from -a to a: proportional to a² - x² + 2 s x where that is positive, a = sqrt(2 R depth). So a rolling
-        wheel carries more at a depth than a standing one.
-        """
-        load = float((max(depth, 0.0) / self.softness) ** (1.0 / self.power))
-        if self.radius <= 0.0 or depth <= 0.0 or way == 0.0:
-            return load
-        a = sqrt(2.0 * self.radius * depth)
-        s = abs(way)
-        x = s - sqrt(s * s + a * a)
-        return load * 0.75 * ((a - x) * a * a - (a**3 - x**3) / 3.0 + s * (a * a - x * x)) / a**3
+    def load(self, depth: float) -> float:
+        """Load [N] at a compression [m]."""
+        return float((max(depth, 0.0) / self.softness) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True)
@@ -315,7 +303,7 @@ def add_vehicle(
             gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
             actuator.set_controller_gains(gains)
 
-    tyres = []
+    tyres, turning = [], vehicle.spec.tyres.kind == "coulomb"
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
     for wheel, joint, radius, width in sizes:
         geometries = plant.GetCollisionGeometriesForBody(joint.child_body())
@@ -323,23 +311,11 @@ def add_vehicle(
             raise ModelError(
                 f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
             )
-        apart = _never_touching(scene_graph, geometries[0])
-        scene_graph.ChangeShape(
-            source_id=plant.get_source_id(),
-            geometry_id=geometries[0],
-            shape=make_wheel_shape(
-                contact,
-                radius=radius,
-                width=width,
-                mirrored=wheel.endswith("right"),
-                fine=vehicle.spec.tyres.kind != "coulomb",
-            ),
-            X_FG=RigidTransform(),
+        shape = make_wheel_shape(
+            contact, radius=radius, width=width, mirrored=wheel.endswith("right"), fine=not turning
         )
-        scene_graph.collision_filter_manager().Apply(
-            CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometries[0]), GeometrySet(apart))
-        )
-        tyres.append(geometries[0])
+        place = _place_tyre if turning else _hang_tyre
+        tyres.append(place(plant, scene_graph, joint, geometries[0], shape))
     inspector, geometry = scene_graph.model_inspector(), vehicle.geometry
     compression = (
         _compression(
@@ -381,6 +357,41 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     return joints
 
 
+def _place_tyre(
+    plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
+) -> GeometryId:
+    """Give the collision geometry of a wheel another shape; its id."""
+    apart = _never_touching(scene_graph, tyre)
+    source = plant.get_source_id()
+    scene_graph.ChangeShape(source_id=source, geometry_id=tyre, shape=shape, X_FG=RigidTransform())
+    _keep_apart(scene_graph, tyre, apart)
+    return tyre
+
+
+def _hang_tyre(
+    plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
+) -> GeometryId:
+    """Put the shape of a tyre that has a law of its own on what carries the wheel, in place of the wheel; its id.
+
+    It has no friction, so nobody can tell whether it turns, but Drake: a discrete step sees the patch of a turning
+    shape at the old angle and its pressure at the new one, and with it moments about all axes that go with speed times
+    step (:mod:`mirdrake.tyres.rolling_resistance`). The patch of a shape that does not turn stands still.
+    """
+    apart, source = _never_touching(scene_graph, tyre), plant.get_source_id()
+    properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+    scene_graph.RemoveRole(source, tyre, Role.kProximity)
+    X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
+    X_PW = X_PJ.multiply(X_WJ.inverse())
+    hung = plant.RegisterCollisionGeometry(wheel.parent_body(), X_PW, shape, f"{wheel.name()}_tyre", properties)
+    _keep_apart(scene_graph, hung, apart)
+    return hung
+
+
+def _keep_apart(scene_graph: SceneGraph, tyre: GeometryId, others: list[GeometryId]) -> None:
+    declaration = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(tyre), GeometrySet(others))
+    scene_graph.collision_filter_manager().Apply(declaration)
+
+
 def _never_touching(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryId]:
     """Shapes that a collision filter keeps from a tyre; changing the tyre's shape would lift it (Drake 1.51, 1.58)."""
     inspector = scene_graph.model_inspector()
@@ -398,7 +409,7 @@ def _compression(material: ProximityProperties, contact: ContactModel, radius: f
         stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
         return TyreSpring(1.0 / stiffness, 1.0)
     modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
-    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0, radius)
+    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0)
 
 
 def matched_friction(tyre: float, road: float, *, plane: float) -> float:

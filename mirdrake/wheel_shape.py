@@ -7,6 +7,11 @@ A cylinder is what a vehicle file states. Simulated as it stands it has two faul
 - Drake meshes a hydroelastic cylinder into tetrahedra that differ from facet to facet, so the wheel rides over
   bumps (up to 1.5 mm at 20 m/s with resolution hint 0.1 m). A wedge mesh, the same around the circumference, is ten
   times smoother with as many contact polygons.
+
+The tread is flat, and has two rows of triangles. A wheel that leans by γ is pressed in more on the side to which its
+top leans, and in a discrete step, with one pressure a triangle, the load moves there by w² γ / (24 d), with the width w
+and the depth d: this is the overturning moment of a patch, for a car about that of a load below the wheel's centre. The
+ellipsoid rolls aside by (w/2)² γ / R.
 """
 
 from itertools import pairwise
@@ -23,9 +28,8 @@ SEGMENTS = 32
 triple the ripple of the yaw rate (0.3 and 0.2 % against 0.05 %), 48 halve it; the cost differs by 5 %."""
 
 FINE_SEGMENTS = 64
-"""The same where a tyre model takes its load from the contact. With 32 the load of a wheel at 15 m/s scatters by 10 %
-from step to step of 5 ms, with 64 by 1.5 % and with 96 by 0.4 %; at 30 m/s, where a wheel rolls over its whole patch
-in a step, by 21, 4 and 3 %. Measured on the Bolt; 64 cost 8 to 15 % more than 32."""
+"""The same where a tyre model takes its load from the contact. At depths of 4 to 12 mm the load differs
+from the closed form of a round wheel by up to 1.4 %, by 0.8 % from one angle to another; with 32 by 5 and 9 %."""
 
 Point = tuple[float, float, float]
 
@@ -40,7 +44,7 @@ def make_wheel_shape(
         radius: outer radius [m].
         width: width of the tread [m].
         mirrored: for the wheels of the right side, see :func:`write_wheel_vtk`.
-        fine: for a steady load, see :data:`FINE_SEGMENTS`.
+        fine: for a load as that of a round wheel, see :data:`FINE_SEGMENTS`.
     """
     if contact == "point":
         return Ellipsoid(radius, width / 2.0, radius)

@@ -18,9 +18,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from mirdrake.cli import main
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import make_spec
 from mirdrake.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.simulation import Simulation
 from mirdrake.studies import Workers, find_knobs, load_results, load_study, make_study, run_study
 from mirdrake.studies import run as study_run
 from mirdrake.studies.job import run_job
@@ -427,6 +429,85 @@ def test_a_faulty_study_is_refused_with_its_line(
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
     assert not Path("out").exists()
+
+
+_UNDRIVEN = """\
+world: empty
+vehicles: {ego: {model: bolt}}
+"""
+
+
+def test_a_loop_that_is_not_connected_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("car.yaml").write_text(_UNDRIVEN, encoding="utf-8")
+    Path("study.yaml").write_text(
+        "diagram: car.yaml\nparameters: {ego.speed.kp: {values: [1]}}\nmetrics: [ego.distance_m]\n", encoding="utf-8"
+    )
+    with pytest.raises(MirdrakeError) as caught:
+        run_study("study.yaml", out="out", workers=0)
+    assert str(caught.value).startswith("car.yaml:1: control: nobody drives 'ego' (open inputs: ego.speed_reference")
+    block = "systems: {half: {kind: gain, gain: 0.5}}\ncontrol: {ego: {kind: constant, speed: 5}}\n"
+    Path("car.yaml").write_text(_UNDRIVEN + block, encoding="utf-8")
+    with pytest.raises(MirdrakeError) as caught:
+        run_study("study.yaml", out="out", workers=0)
+    assert str(caught.value).startswith("car.yaml:3: systems.half: input 'half.u' is not connected")
+    assert not Path("out").exists()
+
+
+def test_the_figures_of_a_run_can_be_metrics() -> None:
+    run = Simulation(assemble(make_spec(DIAGRAM))).run(duration=0.1)
+    known = [f"ego.{name}" for name in run.summary["vehicles"]["ego"] if name != "model"]
+    result = run_study(study(metrics=[*known, "simulated_s"], sampling={"kind": "sobol", "runs": 1}), workers=0)
+    assert result.counts["ok"] == 1
+
+
+# --- the command ---
+
+
+def test_the_command_runs_resumes_and_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gains.yaml").write_text(_FILE.replace("duration: 1 s", "duration: 0.1 s"), encoding="utf-8")
+    assert main(["study", "gains.yaml", "--workers", "0"]) == 0
+    told = capsys.readouterr().out
+    assert "2 of 2 runs: 2 ok" in told
+    assert "ego.distance_m" in told
+    assert "runs/gains/" in told
+    before = Path("runs/gains", RESULTS_FILE).read_bytes()
+    assert main(["study", "gains.yaml", "--workers", "0", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert Path("runs/gains", RESULTS_FILE).read_bytes() == before
+    assert main(["study", "gains.yaml", "--workers", "0", "--set", "seed=1"]) == 2
+    assert "begun with another study" in capsys.readouterr().err
+    assert main(["study", "nowhere.yaml"]) == 2
+    assert capsys.readouterr().err.startswith("error: nowhere.yaml: no such file")
+    assert main(["study", "gains.yaml", "--workers", "1", "--scheduler", "tcp://x:1"]) == 2
+
+
+def test_a_scheduler_that_is_not_there_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed")
+    (tmp_path / "gains.yaml").write_text(_FILE, encoding="utf-8")
+    assert main(["study", str(tmp_path / "gains.yaml"), "--scheduler", "nonsense://x"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: --scheduler nonsense://x: no Dask scheduler answers")
+    assert len(told.splitlines()) == 1
+
+
+def test_ctrl_c_keeps_the_runs_that_are_done(tmp_path: Path) -> None:
+    few = study(sampling={"kind": "sobol", "runs": 4}, duration=0.1)
+
+    def stop(done: int, total: int, row: dict[str, Any]) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    stopped = run_study(few, out=tmp_path / "out", workers=0, progress=stop)
+    assert not stopped.complete
+    assert load_results(tmp_path / "out").arrow.num_rows == 2
+    resumed = run_study(few, out=tmp_path / "out", workers=0, resume=True)
+    assert resumed.arrow.equals(run_study(few, workers=0).arrow)
 
 
 def test_a_study_file_finds_its_diagram_and_name(tmp_path: Path) -> None:

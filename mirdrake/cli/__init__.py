@@ -15,6 +15,7 @@ from mirdrake.paths import installed_version
 
 VERBS = {
     "run": "run",
+    "drive": "drive",
     "list": "listing",
     "manoeuvre": "manoeuvre",
     "validate": "validate",
@@ -23,10 +24,14 @@ VERBS = {
     "draw": "draw",
     "replay": "replay",
     "export": "export",
+    "identify": "identify",
     "import": "importing",
     "inspect": "inspect",
     "new": "new",
+    "schema": "schema",
+    "study": "study",
     "world": "world",
+    "tune": "tune",
 }
 """Module of each verb in this package."""
 
@@ -36,6 +41,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake list                         what there is: vehicles, worlds, diagrams; list all for more
   mirdrake run bolt_test_track          a Chevrolet Bolt drives a lap; results go to runs/
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
+  mirdrake drive bolt                   drive by hand in a browser: keys, game pad, gains while driving; record
   mirdrake view bolt                    look at a vehicle, with a slider for every joint
   mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and what looks wrong
   mirdrake check my_diagram.yaml        every fault with file and line, without running

@@ -9,8 +9,9 @@ from mirdrake.yaml_io import shown
 
 HELP = "watch a run again in Meshcat, with what its cameras saw beside it"
 MORE = """\
-The page has play controls; pictures follow the recording. --out writes a page that opens offline, with smaller pictures
-and at most 2400 of them. A run that was killed can be watched as well.
+The page has play controls and the views follow, cockpit and map (keys 1, 2, 3); pictures follow the recording. --out
+writes a page that opens offline, with smaller pictures and at most 2400 of them. A run that was killed can be watched
+as well.
 
 examples:
   mirdrake replay runs/drive

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ HELP = "look at a vehicle, a world, a diagram or a run in Meshcat"
 MORE = """\
 For a vehicle there is a slider for every joint, and buttons show and hide frames (key F), collision shapes (C) and
 meshes (M); the options below say what is shown at first. Escape in the page, or Ctrl-C here, ends it.
+A diagram and a run have the views follow, cockpit and map (keys 1, 2, 3), as a drive has.
 
 examples:
   mirdrake view bolt
@@ -37,8 +39,9 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.logs import load_run
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
-    from mirdrake.viewer.recording import draw_run
-    from mirdrake.viewer.show import write_page
+    from mirdrake.viewer.recording import draw_run, views_of
+    from mirdrake.viewer.show import views_of_diagram, write_page
+    from mirdrake.viewer.views import ViewButtons
     from mirdrake.worlds import load_world
 
     kind = kind_of(options.name)
@@ -47,14 +50,17 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"{', '.join(layers)}: for a vehicle only; '{options.name}' is none")
     sliders: Any = None
     diagram: Any = None
+    views: tuple[Any, ...] = ()
     if kind == "runs":
         run = load_run(options.name)
         meshcat = make_meshcat(world=WorldEntry(**run.spec["world"]).load())
         draw_run(run, meshcat)
+        views = views_of(run)
     elif kind == "diagrams":
         spec = load_diagram(options.name)
         meshcat = make_meshcat(world=spec.world.load())
         diagram = show_diagram(spec, meshcat)
+        views = views_of_diagram(spec)
     elif kind == "worlds":
         world = load_world(options.name)
         meshcat = make_meshcat(world=world)
@@ -69,13 +75,18 @@ def run(options: argparse.Namespace) -> int:
             meshes=not options.no_meshes,
         )
     if options.out is not None:
-        write_page(meshcat, options.out)
+        write_page(meshcat, options.out, views=views)
         print(shown(options.out))
         return 0
     print(f"Meshcat: {meshcat.web_url()}  (Ctrl-C ends)", flush=True)
     with contextlib.suppress(KeyboardInterrupt):
         if sliders is not None:
             sliders.Run(diagram, stop_button_keycode="Escape")
+        elif views:
+            buttons = ViewButtons(meshcat, views)
+            while True:
+                buttons.follow()
+                time.sleep(0.05)
         else:
             signal.pause()
     return 0

@@ -40,11 +40,16 @@ def add_vehicle_systems(
     wiring.add(f"{name}.control", control)
     wiring.add(f"{name}.truth", truth)
     wiring.add(f"{name}.join", join)
-    wiring.link(plant.get_state_output_port(), control.plant_state)
     wiring.link(plant.get_state_output_port(), truth.plant_state)
     wiring.link(control.desired_state, plant.get_desired_state_input_port(part.instance))
-    wiring.link(control.actuation, plant.get_actuation_input_port(part.instance))
     wiring.link(join.get_output_port(), control.command)
+    between = (  # where blocks of the user's may stand: noise of the sensors, delay of the actuators
+        ("plant_state", plant.get_state_output_port(), "measured_state", control.plant_state),
+        ("torque_command", control.actuation, "torque_reference", plant.get_actuation_input_port(part.instance)),
+    )
+    for source, output, sink, port in between:
+        wiring.sources[f"{name}.{source}"], wiring.sinks[f"{name}.{sink}"] = (output, None), (port, None)
+        wiring.defaults.append((f"{name}.{source}", f"{name}.{sink}"))
     for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
         wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
     for port in (*(truth.get_output_port(index) for index in range(truth.num_output_ports())), control.status):

@@ -17,6 +17,9 @@ LONGEST = 0.6
 SMOOTHING = 0.05
 """Standard deviation of the Gaussian that both sides pass before they are compared [s]; it shifts nothing."""
 
+LEVELS = 4
+"""The comparison is made with that smoothing, twice, four times, …; the one that is surest counts."""
+
 BLOCKS = 10
 """Parts of a log, whose delays give the uncertainty and the drift."""
 
@@ -42,17 +45,37 @@ class Delay(NamedTuple):
 def delay_of(left: Array, right: Array, step: float) -> Delay | None:
     """How late the first signal is behind the second, whatever its scale and offset; None: too little moves.
 
-    The peak of the cross-correlation is the start of Gauss-Newton steps on ``left(t) = g right(t - τ) + c``. Noise on
-    the right side makes g small but leaves τ alone, since noise is not correlated with its own derivative.
+    It is where the cross-correlation has its peak; noise leaves it alone, if that of one side is not of the other.
 
     Args:
         left: samples on even steps (n).
         right: samples at the same times (n).
         step: [s].
     """
-    width = max(1.0, SMOOTHING / step)
-    margin = int(np.ceil(3 * width))
-    a, b = (gaussian_filter1d(side - side.mean(), width, mode="nearest") for side in (left, right))
+    if np.ptp(left) == 0.0 or np.ptp(right) == 0.0:
+        return None
+    best, width, passed, sides = None, SMOOTHING, 0.0, (left - left.mean(), right - right.mean())
+    for _ in range(LEVELS):
+        rows = np.sqrt(max(width**2 - passed**2, 0.0)) / step
+        if rows >= 1.0 or passed == 0.0:
+            rows = max(rows, 1.0)
+            sides = (
+                gaussian_filter1d(sides[0], rows, mode="nearest"),
+                gaussian_filter1d(sides[1], rows, mode="nearest"),
+            )
+            passed = np.hypot(passed, rows * step)
+            thin = max(1, int(passed / (2.0 * step)))  # what is smooth needs few samples
+            sides, step = (sides[0][::thin], sides[1][::thin]), step * thin
+            found = _delay_at(*sides, step, passed)
+            if found is not None and (best is None or found.sigma < 0.7 * best.sigma):
+                best = found
+        width *= 2.0
+    return best
+
+
+def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
+    """The delay between two smooth signals; `width` is that of their smoothing [s]."""
+    margin = int(np.ceil(3 * width / step))
     reach = min(int(LONGEST / step) + 1, len(a) // 4)
     if len(a) < 4 * margin + 40 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return None
@@ -67,32 +90,32 @@ def delay_of(left: Array, right: Array, step: float) -> Delay | None:
         return None
     rows = np.arange(len(a), dtype=float)
     inner = slice(margin + reach, len(a) - margin - reach)
-    curve = CubicSpline(rows, b)
+    curve, own = CubicSpline(rows, b), np.gradient(a)[inner]
+    # Newton's steps to the peak of the cross-correlation. Its curvature is that of one slope with the other, in which
+    # noise of either side has no part.
     for _ in range(20):
-        shifted = curve(rows[inner] - delay)
-        slope = curve(rows[inner] - delay, 1)
-        base = np.column_stack((shifted, slope, np.ones(len(shifted))))
-        gain, tilt, offset = np.linalg.lstsq(base, a[inner], rcond=None)[0]
-        change = float(np.clip(-tilt / gain, -1.0, 1.0)) if gain else 0.0
+        rest, slope, shifted = _compared(a[inner], curve, rows[inner] - delay)
+        curvature = float(own @ slope)
+        change = float(np.clip(-(rest @ slope) / curvature, -1.0, 1.0)) if curvature else 0.0
         delay += change
         if abs(change) < 1e-4:
             break
     if abs(delay) > reach:
         return None
-    shifted, slope = curve(rows[inner] - delay), curve(rows[inner] - delay, 1)
+    rest, slope, shifted = _compared(a[inner], curve, rows[inner] - delay)
     correlation = float(np.corrcoef(a[inner], shifted)[0, 1])
-    rest = a[inner] - gain * shifted - offset
-    # One more step in each part by itself.
+    # One more step in each part by itself. The offset may wander (grade, mounting): each part has its own.
     parts = np.array_split(np.arange(len(shifted)), BLOCKS)
-    # The offset may wander (grade, mounting): each part has its own.
-    values, weights, times = [], [], []
+    values, weights, times, sign = [], [], [], np.sign(own @ slope)
     for part in parts:
-        tangent = -gain * (slope[part] - slope[part].mean())
-        weight = float(np.sum(tangent**2))
+        tangent = slope[part] - slope[part].mean()
+        weight = float(sign * (own[part] @ tangent))
         if weight > 0.0:
-            values.append(float(np.sum(tangent * (rest[part] - rest[part].mean()))) / weight)
+            values.append(-float(sign * (tangent @ (rest[part] - rest[part].mean()))) / weight)
             weights.append(weight)
             times.append(float(part.mean()) * step)
+    if not weights:
+        return None
     value, share, time = np.array(values) * step, np.array(weights) / sum(weights), np.array(times)
     enough = 1.0 / float(np.sum(share**2))  # effective number of parts
     if enough < 1.5:
@@ -103,6 +126,14 @@ def delay_of(left: Array, right: Array, step: float) -> Delay | None:
     drift = float(np.sum(share * (time - mean) * value)) / across
     left_over = float(np.sum(share * (value - drift * (time - mean)) ** 2)) / max(enough - 2.0, 0.5)
     return Delay(delay * step, float(np.sqrt(spread)), drift, float(np.sqrt(left_over / across)), correlation)
+
+
+def _compared(left: Array, curve: CubicSpline, rows: Array) -> tuple[Array, Array, Array]:
+    """What the right side leaves of the left one, the slope of the right side, and itself, each without its mean."""
+    right, slope = curve(rows), curve(rows, 1)
+    right, slope, left = right - right.mean(), slope - slope.mean(), left - left.mean()
+    gain = np.sign(left @ right) * left.std() / max(right.std(), 1e-300)
+    return left - gain * right, slope, right
 
 
 def find_delays(log: Log) -> list[tuple[Relation, Delay]]:
@@ -122,6 +153,14 @@ def check_delays(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     grid = make_grid(log)
     step = grid.step
     for relation, delay in find_delays(log):
+        if not relation.timed:
+            text = (
+                f"{relation.measured} is {1e3 * delay.value:.3g} ± {2e3 * delay.sigma:.2g} ms late against what "
+                f"{', '.join(relation.others)} give; vy is not logged, and its change is a part of this: not shifted"
+            )
+            name = f"{relation.measured}, {_clock_of(relation)}"
+            found.append(Finding(log.name, "delay", name, "info", delay.value, "s", text))
+            continue
         arm = _lever_arm(grid, relation, delay)
         if arm is None:
             pairs.append((relation, delay))

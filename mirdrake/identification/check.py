@@ -11,13 +11,15 @@ from mirdrake.identification.findings import DataReport, Finding
 from mirdrake.identification.plausibility import (
     check_course,
     check_gravity,
+    check_place,
     check_relations,
+    check_rest,
     check_steering,
     check_step,
 )
 from mirdrake.identification.samples import check_glitches, check_values
 from mirdrake.identification.spec import REPAIRS
-from mirdrake.identification.timing import check_held, check_stamps
+from mirdrake.identification.timing import check_first_rows, check_held, check_stamps, split_at_gaps
 
 
 def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> DataReport:
@@ -38,19 +40,35 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
             raise ConfigError(f"repairs: unknown repair '{name}'; {did_you_mean(name, REPAIRS)}")
     findings, offers, logs = [], [], []
     for log in data.logs:
-        mended, found = _check_log(log, allowed, data.wheelbase)
+        parts, found = _first_checks(log, allowed)
         findings += found
-        offers += check_excitation(mended)
-        logs.append(mended)
+        for part in parts:
+            mended, found = _check_log(part, allowed, data.wheelbase)
+            findings += found
+            offers += check_excitation(mended)
+            logs.append(mended)
     return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
 
 
-def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> tuple[Log, list[Finding]]:
+def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[Finding]]:
+    """What is done to a whole log: its stamps, what comes before it really begins, and long gaps, which cut it."""
     found = [Finding(log.name, "file", "", "info", 0.0, "", note) for note in log.notes]
-    found += check_values(log)
+    log, seen = check_stamps(log, repair="stamps" in allowed)
+    found += seen
+    logs, seen = split_at_gaps(log, repair="gaps" in allowed)
+    found += seen
+    parts = []
+    for part in logs:
+        part, seen = check_first_rows(part, repair="stamps" in allowed)
+        found += seen
+        parts.append(part)
+    return parts, found
+
+
+def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> tuple[Log, list[Finding]]:
+    found = check_values(log)
     # The clock first: everything else counts samples. Then single values, then what is compared between channels.
     for name, check in (
-        ("stamps", check_stamps),
         ("held", check_held),
         ("glitches", check_glitches),
         ("step", check_step),
@@ -58,6 +76,6 @@ def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> t
     ):
         log, seen = check(log, repair=name in allowed)
         found += seen
-    found += check_relations(log) + check_steering(log, wheelbase) + check_course(log)
-    found += check_gravity(log) + check_response(log)
+    found += check_relations(log) + check_steering(log, wheelbase) + check_course(log) + check_place(log)
+    found += check_gravity(log) + check_rest(log) + check_response(log)
     return log, found

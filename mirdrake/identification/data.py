@@ -96,11 +96,23 @@ def load_data(file: Path | str) -> DataSet:
         ConfigError: a file cannot be read, or does not have what the data file says; one line per fault.
     """
     file = Path(file)
-    spec = load_yaml(file, DataSpec)
+    return make_data(load_yaml(file, DataSpec), file.parent)
+
+
+def make_data(spec: DataSpec, folder: Path) -> DataSet:
+    """The data set of a spec.
+
+    Args:
+        spec: which files, and what their columns mean.
+        folder: that the files are relative to.
+
+    Raises:
+        ConfigError: as :func:`load_data`.
+    """
     logs, faults = [], []
     for index, entry in enumerate(spec.logs):
         try:
-            logs.append(_load_log(file.parent, spec, entry, index))
+            logs.append(_load_log(folder, spec, entry, index))
         except ConfigError as error:
             faults.append(str(error))
     if faults:

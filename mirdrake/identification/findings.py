@@ -17,8 +17,8 @@ class Finding:
 
     Attributes:
         log: its name.
-        check: what kind: stamps, gaps, missing, held, glitches, quantisation, saturation, range, relation, step, units,
-            gravity, delay, drift, file.
+        check: what kind: stamps, first rows, gaps, missing, held, glitches, quantisation, saturation, range, codes,
+            relation, step, units, gravity, bias, place, delay, drift, response, file.
         channel: the channel, or two of a pair as ``a, b``; "" for the whole log.
         severity: "info" is worth knowing, "warning" touches a fit, "fault" spoils it unless it is repaired.
         value: the number of it.
@@ -82,6 +82,11 @@ class DataReport:
         return [
             f"{found.log}: {found.channel or 'all channels'}: {found.repair}" for found in self.findings if found.repair
         ]
+
+    @property
+    def left(self) -> list[Finding]:
+        """Faults that were not repaired: they would spoil a fit."""
+        return [found for found in self.findings if found.severity == "fault" and not found.repair]
 
     def to_pandas(self) -> pd.DataFrame:
         """The findings, a row each."""

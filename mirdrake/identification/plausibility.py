@@ -12,6 +12,9 @@ from mirdrake.identification.relations import Gain, Grid, explain, gain_of, make
 
 GRAVITY = 9.80665
 
+IMPOSSIBLE = 30.0
+"""No tyre on a road holds such a lateral acceleration [m/s²]."""
+
 STANDSTILL = 0.05
 """Slower than this a vehicle stands [m/s]."""
 
@@ -61,18 +64,27 @@ def check_relations(log: Log) -> list[Finding]:
 
 
 def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
-    """Sign and scale of the steering against the yaw rate, where the car runs with little slip."""
+    """Sign, scale and bias of the steering against the yaw rate, where the car runs with little slip."""
     grid = make_grid(log)
     found: list[Finding] = []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels or "yaw_rate" not in grid.channels:
         return found
     speed, rate = smooth(grid, forward), smooth(grid, "yaw_rate")
+    most = float(np.percentile(np.abs(speed * rate), 99.0))
+    if most > IMPOSSIBLE:
+        text = f"speed times yaw rate reaches {most:.3g} m/s^2, which no tyre holds: deg as rad, km/h as m/s?"
+        found.append(Finding(log.name, "units", f"{forward}, yaw_rate", "fault", most, "m/s^2", text))
     for name in STEERING:
         if name not in grid.channels:
             continue
         angle = smooth(grid, name)
-        calm = (speed > 1.0) & (np.abs(speed * rate) < 3.0)
+        # Slow enough for its size: a tenth of the highest speed, and far below the limit of the tyres.
+        calm = (np.abs(speed) > min(1.0, 0.2 * float(np.max(np.abs(speed))))) & (np.abs(speed * rate) < 3.0)
+        # Fast, the tyres slip by more than the steering turns: without slow bends the scale is not told.
+        slow = calm & (speed**2 < 4.0 * GRAVITY * (wheelbase or 0.0))
+        is_slow = bool(slow.sum() > 0.2 * calm.sum() and slow.sum() >= 50)
+        calm = slow if is_slow else calm
         if calm.sum() < 50 or np.std(angle[calm]) == 0.0 or np.std(rate[calm]) == 0.0:
             continue
         curvature = rate[calm] / speed[calm]
@@ -80,20 +92,77 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
         if abs(correlation) < 0.5:
             continue
         base = np.column_stack((speed[calm] * angle[calm], speed[calm]))
-        gain = float(np.linalg.lstsq(base, rate[calm], rcond=None)[0][0])
+        solved = np.linalg.lstsq(base, rate[calm], rcond=None)[0]
+        gain, bias = float(solved[0]), -float(solved[1] / solved[0])
         if correlation < 0.0:
             text = f"{name} to the left turns the vehicle to the right (correlation {correlation:.2f}): wrong sign"
             found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
+        unit = channel(name).unit
+        if abs(bias) > max(0.03 * float(np.ptp(np.percentile(angle, (1, 99)))), 1e-9):
+            text = f"{name} is {bias:+.3g} {unit} where the vehicle runs straight: estimate an offset"
+            found.append(Finding(log.name, "bias", name, "warning", bias, unit, text))
         if wheelbase is not None:
             scale = gain * wheelbase
             text = f"the yaw rate is {scale:.3g} times speed · {name} / wheelbase"
-            odd = name == "road_wheel_angle" and not 0.5 < abs(scale) < 1.25
+            odd = name == "road_wheel_angle" and not (0.5 if is_slow else 0.1) < abs(scale) < 1.25
             if odd:
                 text += ": deg as rad?" if abs(scale) < 0.05 else ": a scaled signal, or of the hand wheel?"
-            found.append(
-                Finding(log.name, "relation", f"yaw_rate, {name}", "warning" if odd else "info", scale, "1", text)
-            )
+        else:
+            scale, odd = 1.0 / gain, False
+            text = f"the yaw rate is speed · {name} / {scale:.3g} m: wheelbase times ratio, and what the tyres slip"
+        unit = "1" if wheelbase is not None else "m"
+        found.append(
+            Finding(log.name, "relation", f"yaw_rate, {name}", "warning" if odd else "info", scale, unit, text)
+        )
     return found
+
+
+def check_rest(log: Log) -> list[Finding]:
+    """Rates that are not zero while the vehicle stands: the bias of a gyro."""
+    grid, found = make_grid(log), []
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if forward not in grid.channels:
+        return []
+    rest = np.abs(smooth(grid, forward)) < STANDSTILL
+    if rest.sum() > max(20, 0.5 / grid.step):
+        for name in ("yaw_rate", "roll_rate", "pitch_rate"):
+            if name in grid.channels:
+                value = float(np.median(grid.channels[name][rest]))
+                if abs(value) > 0.003:
+                    text = f"reads {value:+.3g} rad/s at standstill: the bias of a gyro, estimate an offset"
+                    found.append(Finding(log.name, "bias", name, "warning", value, "rad/s", text))
+    return found
+
+
+def check_place(log: Log) -> list[Finding]:
+    """How far ahead of the rear axle the place is whose lateral velocity is logged, from slow bends.
+
+    There ``vy = r (d - c vx²)``, with the slip of the rear tyres in c.
+    """
+    grid = make_grid(log)
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if not {"vy", "yaw_rate", forward} <= set(grid.channels):
+        return []
+    speed, rate, side = smooth(grid, forward), smooth(grid, "yaw_rate"), smooth(grid, "vy")
+    calm = (np.abs(speed) > 0.2) & (np.abs(speed * rate) < 3.0)
+    width = max(4, round(0.5 / grid.step))
+    rows = np.flatnonzero(calm)[::width]
+    if len(rows) < 15:
+        return []
+    base = np.column_stack((rate[rows], -rate[rows] * speed[rows] ** 2))
+    size = np.linalg.norm(base, axis=0)
+    if np.any(size == 0.0) or np.linalg.cond(base / size) > 20.0:
+        return []
+    solved = np.linalg.lstsq(base, side[rows], rcond=None)[0]
+    variance = float(np.sum((side[rows] - base @ solved) ** 2)) / (len(rows) - 2)
+    sigma = float(np.sqrt(variance * np.linalg.inv(base.T @ base)[0, 0]))
+    if sigma > 0.3 or solved[1] < 0.0:
+        return []
+    where = "ahead of" if solved[0] > 0.0 else "behind"
+    text = (
+        f"vy is that of a place {abs(solved[0]):.3g} ± {2 * sigma:.2g} m {where} the rear axle, if tyres slip linearly"
+    )
+    return [Finding(log.name, "place", "vy", "info", float(solved[0]), "m", text)]
 
 
 def check_course(log: Log) -> list[Finding]:

@@ -1,9 +1,10 @@
 """The formats of recorded drives: one registry, from the suffix of a file to its reader.
 
-A format to come, as ROS bags and MCAP, is one more function and one more line in :data:`FORMATS`.
+A further format is one more function and one more line in :data:`FORMATS`.
 """
 
 from collections.abc import Callable, Collection
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pyarrow.parquet as pq
 from scipy.io import loadmat
 
 from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.identification.bags import read_bag
 from mirdrake.identification.csv_files import read_csv
 from mirdrake.identification.spec import CsvLayout
 from mirdrake.identification.tables import Table, read_bytes
@@ -35,7 +37,7 @@ def read_table(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
         ConfigError: it cannot be read, or its format is not known.
     """
     if path.is_dir():
-        return read_run(path, wanted, layout)
+        return (read_bag if (path / "metadata.yaml").is_file() else read_run)(path, wanted, layout)
     if not path.exists():
         raise ConfigError(f"{shown(path)}: no such file")
     reader = FORMATS.get(path.suffix.lower())
@@ -67,30 +69,56 @@ def read_parquet(path: Path, wanted: Collection[str], layout: CsvLayout) -> Tabl
 
 
 def read_mat(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  # noqa: ARG001
-    """A MAT file up to version 7: its vectors by name, fields of structs as ``struct.field``."""
+    """A MAT file: its vectors by name, fields of structs as ``struct.field``, of what was saved as timeseries too.
+
+    Version 7.3 is HDF5 and needs h5py.
+    """
     raw = read_bytes(path)
-    if raw[:10] == b"MATLAB 7.3":
-        raise ConfigError(f"{shown(path)}: is MAT version 7.3, which is not read; save it with -v7")
-    try:
-        content = loadmat(BytesIO(raw), simplify_cells=True)
-    except Exception:  # scipy raises what its parser meets on a broken file
-        raise ConfigError(f"{shown(path)}: is not a MAT file, or is broken") from None
     columns: dict[str, Any] = {}
 
     def collect(prefix: str, value: Any) -> None:
         if isinstance(value, dict):
             for key, item in value.items():
                 collect(f"{prefix}.{key}" if prefix else key, item)
-        elif isinstance(value, np.ndarray) and value.size > 1 and value.size == max(value.shape):
-            columns[prefix] = value.ravel()
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1:
+            if value.size == max(value.shape):
+                columns[prefix] = value.ravel()
+            elif value.ndim == 2:  # the columns of a matrix, counted from 1 as there
+                tall = value if value.shape[0] >= value.shape[1] else value.T
+                columns.update({f"{prefix}.{at + 1}": tall[:, at] for at in range(tall.shape[1])})
 
-    collect("", {key: value for key, value in content.items() if not key.startswith("__")})
+    if raw[:10] == b"MATLAB 7.3":
+        content = _read_hdf5(path, raw)
+    else:
+        try:
+            content = loadmat(BytesIO(raw), simplify_cells=True)
+        except Exception:  # scipy raises what its parser meets on a broken file
+            raise ConfigError(f"{shown(path)}: is not a MAT file, or is broken") from None
+    collect("", {key: value for key, value in content.items() if not key.startswith(("__", "#"))})
+    if not columns:
+        raise ConfigError(f"{shown(path)}: has no vectors of numbers")
     return Table(shown(path), list(columns), columns)
 
 
-def read_bag(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  # noqa: ARG001
-    """ROS bags and MCAP: not read yet."""
-    raise MissingDependencyError(f"{shown(path)}: bags and MCAP are not read yet; convert the topics to CSV or Parquet")
+def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
+    """The numbers of a MAT file of version 7.3, groups as mappings."""
+    try:
+        h5py = import_module("h5py")
+    except ImportError:
+        raise MissingDependencyError(
+            f"{shown(path)}: is MAT version 7.3, which needs h5py: pip install 'mirdrake[bags]'; or save it with -v7"
+        ) from None
+
+    def plain(item: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {key: plain(inner) for key, inner in item.items()}
+        return np.asarray(item) if item.dtype.kind in "biuf" else None
+
+    try:
+        with h5py.File(BytesIO(raw), "r") as file:
+            return {key: plain(item) for key, item in file.items()}
+    except Exception:  # h5py raises what HDF5 meets on a broken file
+        raise ConfigError(f"{shown(path)}: says that it is MAT version 7.3, and is broken") from None
 
 
 FORMATS: dict[str, Reader] = {

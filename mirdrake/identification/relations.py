@@ -18,9 +18,15 @@ import numpy as np
 
 from mirdrake.identification.channels import WHEELS, quantity
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.timing import usual_step
+from mirdrake.identification.timing import resolution, usual_step
 
 Channels = Mapping[str, Array]
+
+LONGEST_BRIDGE = 50.0
+"""Usual steps that a gap is long at most on a grid."""
+
+SINGLE = 0.25
+"""So far from 1 a step must be when only one relation says so: gravity in a pitching car makes 10 % of acceleration."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +50,18 @@ def make_grid(log: Log) -> Grid:
     """A log on even steps of its usual length."""
     step = usual_step(log.time)
     steady = np.diff(log.time)
+    clock = log.time
     if np.all(np.abs(steady - step) < 1e-3 * step):
-        time = log.time
+        time = clock
     else:
-        time = np.arange(log.time[0], log.time[-1] + 0.5 * step, step)
+        # A long gap is no drive: little of it is bridged.
+        clock = np.append(0.0, np.cumsum(np.clip(steady, 0.0, LONGEST_BRIDGE * step)))
+        time = np.arange(0.0, clock[-1] + 0.5 * step, step)
     channels = {}
     for name, values in log.channels.items():
         good = np.isfinite(values)
         if good.sum() > 2:
-            channels[name] = (
-                values if good.all() and time is log.time else np.interp(time, log.time[good], values[good])
-            )
+            channels[name] = values if good.all() and time is clock else np.interp(time, clock[good], values[good])
     return Grid(step, channels)
 
 
@@ -67,6 +74,7 @@ class Relation(NamedTuple):
         orders: exponents with which the factors of those channels enter the right side; one each.
         derivative: whether the right side has one derivative of time, so that it grows as the step is too short.
         right: the right side (n).
+        timed: whether both sides have the same timing; without vy, ay leads vx r by the change of vy.
     """
 
     measured: str
@@ -74,6 +82,7 @@ class Relation(NamedTuple):
     orders: tuple[int, ...]
     derivative: bool
     right: Callable[[Grid], Array]
+    timed: bool = True
 
     def __str__(self) -> str:
         return f"{self.measured}, {', '.join(self.others)}"
@@ -108,6 +117,7 @@ def relations_of(channels: Channels) -> list[Relation]:
                 (1, 1),
                 False,
                 lambda g: get(g, forward) * get(g, "yaw_rate") + side(g),
+                "vy" in channels,
             )
         )
     if "yaw" in channels and "yaw_rate" in channels:
@@ -127,8 +137,10 @@ def relations_of(channels: Channels) -> list[Relation]:
 
 
 def _travel(grid: Grid, forward: str) -> Array:
-    """Speed along the positions, smoothed over half a second, with the sign of the speed."""
-    width = max(3, int(0.5 / grid.step) | 1)
+    """Speed along the positions, smoothed over half a second, or as they are coarse, with the sign of the speed."""
+    quantum = max((resolution(grid.channels[a]) or 0.0) for a in ("x", "y"))
+    usual = max(float(np.median(np.abs(grid.channels[forward]))), 1e-3)
+    width = max(3, int(min(max(0.5, 10.0 * quantum / usual), 4.0) / grid.step) | 1)
     box = np.ones(width) / width
     parts = [grid.rate(np.convolve(np.pad(grid.channels[a], width // 2, "edge"), box, "valid")) for a in ("x", "y")]
     return np.hypot(*parts) * np.sign(grid.channels[forward])
@@ -257,4 +269,5 @@ def step_factor(gains: list[Gain]) -> float | None:
     mean = float(np.exp(np.average(np.log(factors), weights=weights)))
     agree = np.all(np.abs(factors / mean - 1.0) < 0.06)
     sigma = mean / float(np.sqrt(weights.sum()))
-    return mean if agree and abs(mean - 1.0) > max(0.05, 4.0 * sigma) else None
+    least = 0.05 if len(timed) > 1 else SINGLE * max(mean, 1.0) / (1.0 + SINGLE)
+    return mean if agree and abs(mean - 1.0) > max(least, 4.0 * sigma) else None

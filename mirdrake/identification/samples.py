@@ -64,7 +64,7 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     # Rough stretches, as a shock, have many large distances: there only what is far beyond them counts.
     rough = maximum_filter1d(median_filter(away, 25, mode="nearest"), 25, mode="nearest")
     floor = np.maximum(floor, 12.0 * rough)
-    odd = (away > floor) | (np.abs(series) > limit)
+    odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples: another unit, another kind of signal
         return bad
     # Held rows carry the glitch on.
@@ -72,6 +72,22 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)
+
+
+def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
+    """Stretches of any length that lie many ranges of the rest away, entered and left by a jump."""
+    low, high = np.percentile(series, (2.0, 98.0))
+    reach = 20.0 * (high - low)
+    out = (series < low - reach) | (series > high + reach)
+    if reach == 0.0 or not out.any() or out.mean() > 0.02:
+        return np.zeros(len(series), dtype=bool)
+    starts = np.flatnonzero(out & ~np.append(False, out[:-1]))
+    ends = np.flatnonzero(out & ~np.append(out[1:], False)) + 1
+    for start, end in zip(starts, ends, strict=True):
+        came = start == 0 or steps[start] > 0.5 * reach
+        went = end == len(series) or steps[end] > 0.5 * reach
+        out[start:end] = came and went
+    return np.asarray(out)
 
 
 def check_values(log: Log) -> list[Finding]:
@@ -87,12 +103,21 @@ def check_values(log: Log) -> list[Finding]:
         if max(-low, high) > known.limit:
             text = f"reaches {max(-low, high):.4g} {known.unit}; no vehicle goes beyond {known.limit:g}: another unit?"
             found.append(Finding(log.name, "range", name, "fault", max(-low, high), known.unit, text))
+        if name == "gear" and (codes := np.unique(good)).size < 40 and (codes.min() < 0 or codes.max() > 10):
+            text = (
+                "has the codes " + ", ".join(f"{code:g}" for code in codes) + ": those outside of 0 to 10 are not known"
+            )
+            found.append(Finding(log.name, "codes", name, "info", float(codes.size), "codes", text))
         if not known.moves:
             continue
         quantum, levels = resolution(good), len(np.unique(good))
-        if quantum is not None and levels < 200:
+        moved = float(np.median(np.abs(np.diff(good)))) if quantum is not None else 0.0
+        coarse = quantum is not None and name.partition("@")[0] in {"x", "y"} and quantum > 0.05 and quantum > moved
+        if quantum is not None and (levels < 200 or coarse):
             text = f"has steps of {quantum:.3g} {known.unit}: {levels} different values from {low:.4g} to {high:.4g}"
-            severity: Severity = "warning" if levels < 30 else "info"
+            if coarse and np.log2(quantum) == np.round(np.log2(quantum)):
+                text += ", as single precision has for numbers of this size"
+            severity: Severity = "warning" if levels < 30 or coarse else "info"
             found.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
         for extreme in (low, high):
             count = clipped(good, extreme)

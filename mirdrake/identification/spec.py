@@ -22,8 +22,8 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from mirdrake.identification.channels import channel, unit_factor
 from mirdrake.yaml_io import Duration, Length, Schema
 
-Repair = Literal["stamps", "held", "glitches", "step", "delays"]
-REPAIRS: tuple[Repair, ...] = ("stamps", "held", "glitches", "step", "delays")
+Repair = Literal["stamps", "gaps", "held", "glitches", "step", "delays"]
+REPAIRS: tuple[Repair, ...] = ("stamps", "gaps", "held", "glitches", "step", "delays")
 
 
 class Column(Schema):

@@ -12,6 +12,9 @@ from mirdrake.identification.findings import Finding, Severity
 GAP = 1.7
 """A step longer than so many usual ones is a gap."""
 
+LEAST_PART = 20
+"""A stretch of fewer samples is no drive."""
+
 LONGEST_HOLD = 60
 """Rows over which a value may be held and still be a rate."""
 
@@ -67,6 +70,62 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     return log, found
 
 
+def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Rows at the start that hold one value each before everything jumps to where it really is."""
+    most = min(max(5, len(log.time) // 100), 500)
+    dummy, text = 0, ""
+    for name, values in log.channels.items():
+        if not channel(name).moves or not np.isfinite(values).all():
+            continue
+        steps, rest = np.abs(np.diff(values)), values[most:]
+        if len(rest) < LEAST_PART:
+            continue
+        low, high = np.percentile(rest, (1, 99))
+        jumps = np.flatnonzero(steps[:most] > max(20.0 * float(np.percentile(steps[most:], 98)), 0.5 * (high - low)))
+        ends = [int(row) + 1 for row in jumps if np.ptp(values[: row + 1]) == 0.0 and not low <= values[row] <= high]
+        if ends and ends[0] > dummy:
+            dummy = ends[0]
+            text = f"{name} is {values[0]:.4g} there, then {values[dummy]:.4g} {channel(name).unit}"
+    if not dummy:
+        return log, []
+    done = f"{dummy} rows left out" if repair else ""
+    text = f"the first {dummy} rows are no measurements: {text}"
+    found = Finding(log.name, "first rows", "", "warning", float(dummy), "rows", text, done)
+    if repair:
+        log = replace(log, time=log.time[dummy:], channels={key: v[dummy:] for key, v in log.channels.items()})
+    return log, [found]
+
+
+def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
+    """A log cut where it has long gaps; parts of a few samples are left out."""
+    step = usual_step(log.time)
+    longest = max(1.0, 50.0 * step)
+    cuts = np.flatnonzero(np.diff(log.time) > longest) + 1
+    if not len(cuts):
+        return [log], []
+    bounds = list(zip(np.append(0, cuts), np.append(cuts, len(log.time)), strict=True))
+    least = min(max(LEAST_PART, len(log.time) // 50), max(end - start for start, end in bounds))
+    parts = [(start, end) for start, end in bounds if end - start >= least]
+    lost = len(log.time) - sum(end - start for start, end in parts)
+    text = f"{len(cuts)} gaps are longer than {longest:.3g} s: the log is {len(bounds)} stretches"
+    done = (f"cut into {len(parts)} parts" if len(parts) > 1 else "one stretch kept") if repair else ""
+    done += f", {lost} rows of short stretches left out" if done and lost else ""
+    found = [Finding(log.name, "gaps", "", "fault", float(len(bounds)), "stretches", text, done)]
+    if not repair:
+        return [log], found
+    logs = [
+        replace(
+            log,
+            name=f"{log.name}, part {number}" if len(parts) > 1 else log.name,
+            time=log.time[start:end],
+            channels={name: values[start:end] for name, values in log.channels.items()},
+            notes=(),
+        )
+        for number, (start, end) in enumerate(parts, start=1)
+    ]
+    return logs, found
+
+
 def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Channels that change only every so many rows while they move.
 
@@ -76,22 +135,24 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     factors = {name: hold_of(values) for name, values in log.channels.items() if channel(name).moves}
     seen = {name: factor for name, factor in factors.items() if factor is not None}
     step = usual_step(log.time)
-    locked = {factor for factor, _ in seen.values()}
-    same = len(seen) > 1 and len(locked) == 1 and (whole := locked.pop()) > 1 and whole == int(whole)
     fresh = {name: fresh_rows(log.channels[name]) for name in seen}
-    if same:
-        phases = {int(np.bincount(np.flatnonzero(rows)[1:] % int(whole)).argmax()) for rows in fresh.values()}
-        same = len(phases) == 1
-    if same:
-        count = int(whole)
+    keep = _copied_rows(fresh, seen)
+    if keep is not None:
+        holds = np.diff(keep)
+        holds = holds[holds <= LONGEST_HOLD]
+        count = float(np.median(holds)) if np.ptp(holds) == 0 else float(holds.mean())
+        over = (
+            f"{count:.0f} rows"
+            if np.ptp(holds) == 0
+            else f"{holds.min()} to {holds.max()} rows, {count:.4g} in the mean"
+        )
         text = (
-            f"every value is held over {count} rows: a copy at {count} times the rate; the true step is "
+            f"every value is held over {over}: a copy at {count:.4g} times the rate; the true step is "
             f"{count * step:.6g} s in the log's own time"
         )
-        done = f"every {count}th row kept" if repair else ""
-        found = [Finding(log.name, "held", "", "fault", float(count), "rows", text, done)]
+        done = f"of {len(log.time)} rows the {len(keep)} with new values kept" if repair else ""
+        found = [Finding(log.name, "held", "", "fault", count, "rows", text, done)]
         if repair:
-            keep = slice(phases.pop(), None, count)
             channels = {name: values[keep] for name, values in log.channels.items()}
             log = replace(log, time=log.time[keep], channels=channels)
         return log, found
@@ -120,10 +181,35 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     return replace(log, channels={**log.channels, **mended}), found
 
 
+def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[float, float]]) -> NDArray[np.int64] | None:
+    """The rows to keep of a log in which all that moves changes on the same rows only; None: it is no such log."""
+    if len(seen) < 2 or min(factor for factor, _ in seen.values()) < 1.3:
+        return None
+    counts = {name: int(rows.sum()) for name, rows in fresh.items()}
+    lead = fresh[max(counts, key=lambda name: counts[name])]
+    near = lead
+    alike = [name for name, rows in fresh.items() if np.mean(near[rows]) > 0.95]
+    if len(alike) < len(fresh):
+        return None
+    whole = {factor for factor, _ in seen.values()}
+    if len(whole) == 1 and (factor := whole.pop()) == int(factor):
+        phase = int(np.bincount(np.flatnonzero(lead)[1:] % int(factor)).argmax())
+        return np.arange(phase, len(lead), int(factor))
+    # Held over changing numbers of rows. Where nothing changes, the vehicle stands: rows there at the usual distance.
+    rows = np.flatnonzero(np.logical_or.reduce(list(fresh.values())))
+    if len(rows) > 0.75 * len(lead):
+        return None
+    usual = max(round(float(np.median(np.diff(rows)))), 1)
+    ends = np.append(rows[1:], len(lead))
+    return np.concatenate(
+        [np.arange(a, b, usual) if b - a > 2 * usual else [a] for a, b in zip(rows, ends, strict=True)]
+    ).astype(np.int64)
+
+
 def resolution(values: Array) -> float | None:
-    """The step that all values are multiples of, if there are at most 2000 of them."""
+    """The step that all values are multiples of, if there are much fewer levels than values."""
     levels = np.unique(values[np.isfinite(values)])
-    if not 2 <= len(levels) <= 2000:
+    if not 2 <= len(levels) <= max(2000, len(values) // 4):
         return None
     steps = np.diff(levels)
     steps = steps[steps > 1e-6 * (levels[-1] - levels[0])]
@@ -147,11 +233,14 @@ def hold_of(values: Array) -> tuple[float, float] | None:
     changes = np.flatnonzero(fresh)[1:]
     if len(changes) < 20:
         return None
-    # Quantised values repeat by themselves when they are slow: look only where a row would change by several quanta.
+    # Quantised values repeat by themselves when they are slow: look only where a change is one of several quanta.
     quantum = resolution(values) or 0.0
     window = 2 * LONGEST_HOLD
-    level = np.convolve(np.abs(np.diff(np.nan_to_num(values))), np.ones(window) / window, "same")[: len(values) - 1]
-    moving = np.append(False, level > max(4.0 * quantum, 1e-3 * float(level.max())))
+    steps = np.abs(np.diff(np.nan_to_num(values)))
+    level = np.convolve(steps, np.ones(window) / window, "same")[: len(steps)]
+    often = np.convolve(fresh[1:], np.ones(window) / window, "same")[: len(steps)]
+    large = level > 4.0 * quantum * np.maximum(often, 1.0 / window)
+    moving = np.append(False, large & (level > 1e-3 * float(np.percentile(level, 99.0))))
     here = changes[moving[changes]]
     if len(here) < 20 or moving.sum() < 60:
         return None

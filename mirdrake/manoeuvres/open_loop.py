@@ -93,7 +93,7 @@ class StepSteerSpec(ManoeuvreSpec):
 
 
 def _rise(time: np.ndarray, steer: np.ndarray) -> float:
-    final = float(np.mean(steer[-20:]))
+    final = float(np.mean(steer[time > time[-1] - 0.2]))
     return crossing(time, steer, 0.9 * final) - crossing(time, steer, 0.1 * final)
 
 
@@ -153,7 +153,7 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", record.stop)
         at_most = float(delta[int(np.argmax(ay))])
         outcome.add("hand_wheel", "Hand-wheel angle there", math.degrees(at_most) * facts.ratio, "deg")
-        points = Line("recorded", ay[::5], np.degrees(delta[::5]) * facts.ratio, "dots")
+        points = Line("recorded", ay[::10], np.degrees(delta[::10]) * facts.ratio, "dots")
         ends = np.array([0.0, line.high * 1.3])
         fitted = Line("regression", ends, np.degrees(line.offset + line.slope * ends) * facts.ratio, "dashed", 1)
         outcome.charts.append(Chart("Lateral acceleration", "m/s²", "Hand-wheel angle", "deg", (points, fitted)))

@@ -19,6 +19,7 @@ from mirdrake.manoeuvres.metrics.straight import (
     time_to_distance,
     time_to_speed,
 )
+from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.yaml_io import Duration, Length, Speed
@@ -123,7 +124,7 @@ class AccelerationSpec(ManoeuvreSpec):
         moving = np.flatnonzero(record.vx > _MOVED)
         if not len(moving):
             raise NotPossible(f"it did not move off within {self.longest:g} s")
-        begin = float(record.time[moving[0]])
+        begin = crossing(record.time, record.vx, _MOVED)
         roll = time_to_distance(record.time, record.distance, self.rollout, start=begin)
         reached = float(np.max(record.vx))
         speeds = [("30mph", 30.0 * MPH, "30 mph"), ("60mph", 60.0 * MPH, "60 mph"), ("75mph", 75.0 * MPH, "75 mph")]

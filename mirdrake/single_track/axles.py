@@ -14,10 +14,13 @@ angle φ, the moments' sum M and its wheelbase L, in a turn to the left of accel
 with N_i the static load of a wheel, K the roll stiffness of an axle (springs, anti-roll bar and tyres one behind the
 other), t the track, k the stiffness of the steering of both wheels, and M_f the aligning moments of the front tyres.
 Without suspension the body does not roll, and the axles share the transfer as they share the load.
+
+Where the model rolls itself (:class:`mirdrake.single_track.dynamics.Variant`), the wheels' leaning is not in C, but in
+ε = (α_i0 - α_i) / φ, with α_i0 the slip that would make the same force with upright wheels.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from scipy.optimize import brentq
@@ -41,11 +44,25 @@ class Axle(NamedTuple):
         stiffness: effective cornering stiffness [N/rad].
         friction: largest lateral force over load, at the static load [1].
         relaxation: relaxation length of lateral slip [m].
+        roll_slip: slip that leaning wheels are worth over the roll angle [1]; 0 where it is in the stiffness.
     """
 
     stiffness: float
     friction: float
     relaxation: float
+    roll_slip: float = 0.0
+
+
+class Leaning(NamedTuple):
+    """How the body rolls on its springs, bars and tyres.
+
+    Attributes:
+        stiffness: of each axle [N m/rad].
+        damping: of both together [N m s/rad].
+    """
+
+    stiffness: tuple[float, float]
+    damping: float
 
 
 class Body(NamedTuple):
@@ -67,7 +84,7 @@ class Body(NamedTuple):
 
 
 def find_axles(
-    vehicle: Vehicle, body: Body, *, friction: float | None = None, lateral: float = LATERAL
+    vehicle: Vehicle, body: Body, *, friction: float | None = None, lateral: float = LATERAL, roll: bool = False
 ) -> tuple[Axle, Axle] | None:
     """Front and rear axle of a vehicle; None if it has no tyre model.
 
@@ -76,6 +93,7 @@ def find_axles(
         body: its mass and lengths.
         friction: of the road [1]; dry asphalt if left out.
         lateral: lateral acceleration of the turn [m/s²].
+        roll: whether the model rolls itself.
 
     Raises:
         ConfigError: a .tir file is missing or wrong.
@@ -86,25 +104,34 @@ def find_axles(
     ground = 1.0 if friction is None else friction / REFERENCE_FRICTION
     length = body.front + body.rear
     shares = (body.rear / length, body.front / length)
-    roll, transfers = _roll(vehicle, body, shares, lateral)
+    angle, transfers = _roll(vehicle, body, shares, lateral)
     loads = [0.5 * body.mass * GRAVITY * share for share in shares]
     forces = [body.mass * lateral * share for share in shares]
-    slips, moments = [0.0, 0.0], [0.0, 0.0]
+    slips, upright, moments = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
     for _ in range(4):  # moments are a small part of the forces
         turning = sum(moments) / length
         for i, (law, extra) in enumerate(zip(laws, (-turning, turning), strict=True)):
             wanted = forces[i] + extra
-            wheels = [_wheel(law, loads[i] + sign * transfers[i], roll, ground) for sign in (1.0, -1.0)]
-            slips[i] = float(brentq(lambda slip: sum(one(slip)[0] for one in wheels) - wanted, -_LARGEST, _LARGEST))  # noqa: B023
-            moments[i] = sum(one(slips[i])[1] for one in wheels)
+            leaning, straight = (
+                [_wheel(law, loads[i] + sign * transfers[i], lean, ground) for sign in (1.0, -1.0)]
+                for lean in (angle, 0.0)
+            )
+            slips[i], upright[i] = _slip(leaning, wanted), _slip(straight, wanted)
+            moments[i] = sum(one(slips[i])[1] for one in leaning)
     servo = vehicle.control.steering
     yielding = moments[0] / (2.0 * servo.stiffness) if servo.kind == "servo" and servo.stiffness > 0.0 else 0.0
     found = []
     for i, law in enumerate(laws):
         contact = law(loads[i], 0.0, ground).contact
-        slip = slips[i] + (yielding if i == 0 else 0.0)
-        found.append(Axle(-forces[i] / slip, contact.friction_y / loads[i], contact.length_y))
+        slip = (upright[i] if roll else slips[i]) + (yielding if i == 0 else 0.0)
+        roll_slip = (upright[i] - slips[i]) / angle if roll and angle > 0.0 else 0.0
+        found.append(Axle(-forces[i] / slip, contact.friction_y / loads[i], contact.length_y, roll_slip))
     return found[0], found[1]
+
+
+def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], wanted: float) -> float:
+    """Slip angle [rad] at which wheels together have a lateral force [N]."""
+    return float(brentq(lambda slip: sum(one(slip)[0] for one in wheels) - wanted, -_LARGEST, _LARGEST))
 
 
 def _wheel(law: TyreLaw, load: float, inclination: float, ground: float) -> Callable[[float], tuple[float, float]]:
@@ -128,10 +155,24 @@ def _roll(
     if springs is None:
         front, rear = (moment * share / track for share, track in zip(shares, tracks, strict=True))
         return 0.0, (front, rear)
-    stiffness = []
-    for spring, track, tyre in zip((springs.front, springs.rear), tracks, body.tyre_stiffness, strict=True):
-        wheel = spring.stiffness + 2.0 * spring.anti_roll  # both wheels move, one up and one down
-        stiffness.append(0.5 * track**2 / (1.0 / wheel + 1.0 / tyre))
+    stiffness = find_leaning(vehicle, body).stiffness
     roll = moment / (sum(stiffness) - body.mass * GRAVITY * body.height)
     front, rear = (one * roll / track for one, track in zip(stiffness, tracks, strict=True))
     return roll, (front, rear)
+
+
+def find_leaning(vehicle: Vehicle, body: Body) -> Leaning:
+    """Roll stiffness and damping of a vehicle's springs, bars and dampers with its tyres behind them.
+
+    A damper behind a tyre moves by the spring's part of the way, and its force works on that part: its square counts.
+    """
+    tracks, springs = (vehicle.geometry.front_track, vehicle.geometry.rear_track), vehicle.spec.suspension
+    stiffness, damping = [], 0.0
+    for axle, (track, tyre) in enumerate(zip(tracks, body.tyre_stiffness, strict=True)):
+        softness = 1.0 / tyre
+        if springs is not None:
+            spring = (springs.front, springs.rear)[axle]
+            softness += 1.0 / (spring.stiffness + 2.0 * spring.anti_roll)  # both wheels move, one up and one down
+            damping += 0.5 * track**2 * spring.damping * (1.0 - 1.0 / (tyre * softness)) ** 2
+        stiffness.append(0.5 * track**2 / softness)
+    return Leaning((stiffness[0], stiffness[1]), damping)

@@ -226,6 +226,7 @@ def make_single_track_vehicle(
     *,
     tyres: Tyres = "linear",
     relaxation: bool = False,
+    roll: bool = False,
     parameters: SingleTrackParameters | None = None,
     delay: float = 0.0,
 ) -> Diagram:
@@ -239,15 +240,17 @@ def make_single_track_vehicle(
         vehicle: a loaded vehicle.
         tyres: "kinematic", "linear" or "brush".
         relaxation: whether slip builds up over the relaxation length.
+        roll: whether the body rolls.
         parameters: in place of those of :func:`estimate_parameters`.
         delay: of the actuators [s], a multiple of the period of control.yaml.
 
     Raises:
         ConfigError: an argument makes no sense.
     """
-    parameters = parameters or estimate_parameters(vehicle)
+    parameters = parameters or estimate_parameters(vehicle, roll=roll)
     builder = DiagramBuilder()
-    model = builder.AddNamedSystem("single_track", SingleTrack(parameters, Variant(tyres, relaxation, actuators=True)))
+    variant = Variant(tyres, relaxation, actuators=True, roll=roll)
+    model = builder.AddNamedSystem("single_track", SingleTrack(parameters, variant))
     mass, rotating = parameters.mass, parameters.rotating_mass
     control = builder.AddNamedSystem("control", SingleTrackControl(vehicle, mass=mass, rotating=rotating, delay=delay))
     outputs = {"state": model.state, "motion": model.motion, "status": control.status}

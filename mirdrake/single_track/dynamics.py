@@ -19,6 +19,18 @@ and J. C. Gerdes, J. Dyn. Sys. Meas. Control 136, 2014: drive and brake forces t
 N is the static load and the transfer of the tyres' longitudinal forces over the height of the centre of mass. With
 relaxation length σ the slip that counts follows: d(tan α')/dt = max(|u|, v1) (tan α - tan α') / σ.
 
+With roll the body leans by φ, to the right in a turn to the left, about an axis along the car; ms is what leans, h its
+height over the axis, J its inertia about it, K and D what springs, bars, dampers and tyres do against it. vx and vy are
+then those of the point below the centre of mass in the plane of the road, and the mass leans out of the turn (Rajamani,
+section 15.2; W. F. and D. L. Milliken, Race Car Vehicle Dynamics, section 11)::
+
+    m (v̇y + r vx - gy) - ms h φ̈ = Fxf sin δ + Fyf cos δ + Fyr
+    J φ̈ = ms h (v̇y + r vx - gy) - (K + ms gz h) φ - D φ̇
+
+(gz is negative.) The axles' slip α gets ε φ more: wheels that lean, and their share in the transfer of load, see
+:mod:`mirdrake.single_track.axles`. Where the roll axis is, is in h alone; it is level, and yawing and rolling do not
+turn each other's inertia.
+
 Low speed. Slip has no meaning at standstill, and tyres become stiff springs there. Below the speed v1 the car moves as
 a kinematic single track, from v2 on as above, between them both derivatives are mixed with a smooth weight of v²::
 
@@ -59,6 +71,8 @@ LARGEST_SHARE = 0.98
 LEAST_LOAD = 0.01
 """Part of the weight that an axle carries at least."""
 
+_ROLL = 6  # where the roll angle is in a state without slips
+
 _FLOAT_MATHS = SimpleNamespace(
     sin=math.sin, cos=math.cos, tan=math.tan, atan=math.atan, tanh=math.tanh, sqrt=math.sqrt, abs=abs, min=min, max=max
 )
@@ -71,11 +85,13 @@ class Variant(NamedTuple):
         tyres: "kinematic", "linear" or "brush".
         relaxation: whether the slip of each axle is a state; not for the kinematic model.
         actuators: whether the steering angle is a state and a servo holds the speed.
+        roll: whether roll angle and roll rate are states; not for the kinematic model.
     """
 
     tyres: Tyres = "linear"
     relaxation: bool = False
     actuators: bool = False
+    roll: bool = False
 
 
 class Rates(NamedTuple):
@@ -124,17 +140,17 @@ def evaluate(
         variant: which of them.
         parameters: in the order of :class:`mirdrake.single_track.parameters.SingleTrackParameters`.
         state: x, y [m], yaw [rad] of the vehicle frame (rear axle centre), vx [m/s]; unless kinematic vy [m/s] of the
-            centre of mass and r [rad/s]; with relaxation the slips tan α' of front and rear; with actuators the
-            steering angle [rad].
+            centre of mass and r [rad/s]; with relaxation the slips tan α' of front and rear; with roll its angle
+            [rad] and rate [rad/s]; with actuators the steering angle [rad].
         inputs: steering angle [rad], drive force [N], brake force [N]; with actuators also the rate of the steering
             set-point [rad/s] and the speed set-point [m/s].
         maths: from :func:`maths_of`.
     """
     kinematic = variant.tyres == "kinematic"
-    (mass, inertia, a, b, height, rotating, c_front, c_rear, mu_front, mu_rear, relax_front, relax_rear, rolling) = (
+    (mass, inertia, a, b, height, rotating, c_front, c_rear, mu_front, mu_rear, relax_front, relax_rear, crr) = (
         parameters[:13]
     )
-    (drag, drive_share, brake_share, max_force, servo, lag, gx, gy, gz, v1, v2) = parameters[13:]
+    (drag, drive_share, brake_share, max_force, servo, lag, gx, gy, gz, v1, v2) = parameters[13:24]
     yaw, vx = state[2], state[3]
     base, tail = a + b, []
 
@@ -154,7 +170,7 @@ def evaluate(
     weight = -mass * gz
     opposing = maths.tanh(vx / STANDSTILL_SPEED)
     brake = inputs[2] * opposing
-    resistance = rolling * weight * opposing
+    resistance = crr * weight * opposing
     front = drive_share * drive - brake_share * brake - resistance * b / base
     rear = (1.0 - drive_share) * drive - (1.0 - brake_share) * brake - resistance * a / base
     air = drag * maths.abs(vx) * vx
@@ -197,6 +213,10 @@ def evaluate(
             (slip_rear - now_rear) * speed_rear / relax_rear,
         ]
         slip_front, slip_rear = now_front, now_rear
+    lean, leaning = 0.0, 0.0
+    if variant.roll:
+        lean, leaning = state[_ROLL + len(slips)], state[_ROLL + len(slips) + 1]
+        slip_front, slip_rear = slip_front + parameters[29] * lean, slip_rear + parameters[30] * lean
     alpha_front, alpha_rear = maths.atan(slip_front), maths.atan(slip_rear)
     if variant.tyres == "linear":
         side_front, side_rear = -c_front * alpha_front, -c_rear * alpha_rear
@@ -207,7 +227,14 @@ def evaluate(
     # Newton and Euler, mixed with the kinematic relations at low speed.
     lateral = front * sine + side_front * cosine
     fast_vx = (front * cosine - side_front * sine + rear - air + along + mass * spin * vy) / (mass + rotating)
-    fast_vy = (lateral + side_rear + across) / mass - spin * vx
+    swing = 0.0
+    if variant.roll:
+        leaner, high, inertia_roll, stiffness, damping = parameters[24:29]
+        arm = leaner * high
+        around = inertia_roll + leaner * high * high
+        righting = (stiffness + arm * gz) * lean + damping * leaning
+        swing = arm * (arm * (lateral + side_rear) / mass - righting) / (around - arm * arm / mass)
+    fast_vy = (lateral + side_rear + across + swing) / mass - spin * vx
     fast_spin = (a * lateral - b * side_rear) / inertia
     slow_spin, slow_vy = (vx * turn - spin) / BLEND_TIME, (b * vx * turn - vy) / BLEND_TIME
     part = (vx * vx + vy * vy - v1 * v1) / (v2 * v2 - v1 * v1)
@@ -216,10 +243,11 @@ def evaluate(
     dvx = slow_vx + weigh * (fast_vx - slow_vx)
     dvy = slow_vy + weigh * (fast_vy - slow_vy)
     dspin = slow_spin + weigh * (fast_spin - slow_spin)
+    rolling = [leaning, (arm * (dvy + spin * vx - across / mass) - righting) / around] if variant.roll else []
     place = [vx * cos_yaw - behind * sin_yaw, vx * sin_yaw + behind * cos_yaw, spin]
     sideslip = maths.atan(vy / maths.max(maths.abs(vx), v1))
     motion = [sideslip, dvx - spin * vy, dvy + spin * vx, alpha_front, alpha_rear, side_front, side_rear]
-    return Rates([*place, dvx, dvy, dspin, *slips, *tail], motion)
+    return Rates([*place, dvx, dvy, dspin, *slips, *rolling, *tail], motion)
 
 
 def _within(force: Value, grip: Value, maths: Any) -> tuple[Value, Value]:

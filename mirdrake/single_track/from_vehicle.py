@@ -10,10 +10,12 @@ from collections.abc import Sequence
 
 from pydrake.geometry import Role
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Context
 
 from mirdrake.errors import ConfigError
-from mirdrake.single_track.axles import Axle, Body, find_axles
+from mirdrake.single_track.axles import Axle, Body, find_axles, find_leaning
 from mirdrake.single_track.dynamics import Tyres, Variant
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
@@ -44,6 +46,7 @@ def make_single_track(
     tyres: Tyres = "linear",
     relaxation: bool = False,
     actuators: bool = False,
+    roll: bool = False,
     parameters: SingleTrackParameters | None = None,
     front_stiffness: float | None = None,
     rear_stiffness: float | None = None,
@@ -56,6 +59,7 @@ def make_single_track(
         relaxation: whether slip builds up over the relaxation length.
         actuators: whether steering servo and wheel servos are part of it; :func:`make_single_track_vehicle` adds the
             vehicle's control unit.
+        roll: whether the body rolls, on its suspension; parameters must then be those of the rolling model, too.
         parameters: in place of those of :func:`estimate_parameters`.
         front_stiffness: see there; not together with `parameters`.
         rear_stiffness: the same at the rear.
@@ -64,10 +68,12 @@ def make_single_track(
         ConfigError: an argument makes no sense.
     """
     if parameters is None:
-        parameters = estimate_parameters(vehicle, front_stiffness=front_stiffness, rear_stiffness=rear_stiffness)
+        parameters = estimate_parameters(
+            vehicle, front_stiffness=front_stiffness, rear_stiffness=rear_stiffness, roll=roll
+        )
     elif front_stiffness is not None or rear_stiffness is not None:
         raise ConfigError("make_single_track: give either parameters or stiffnesses; the parameters hold stiffnesses")
-    return SingleTrack(parameters, Variant(tyres, relaxation, actuators))
+    return SingleTrack(parameters, Variant(tyres, relaxation, actuators, roll))
 
 
 def estimate_parameters(
@@ -78,6 +84,7 @@ def estimate_parameters(
     friction: float | None = None,
     gravity: Sequence[float] = (0.0, 0.0, -GRAVITY),
     drag: bool = True,
+    roll: bool = False,
 ) -> SingleTrackParameters:
     """The parameters of a vehicle, from its files and measured on its model.
 
@@ -89,9 +96,12 @@ def estimate_parameters(
         friction: of the road [1]; if left out, dry asphalt for a tyre model, and the tyres' own without one.
         gravity: in the world [m/s²]; that of a world is ``world.ground.gravity``.
         drag: whether there is air.
+        roll: whether the parameters are for a model that rolls itself; what rolling does to the slip of the axles is
+            then told apart from their stiffness.
 
     Raises:
-        ConfigError: an argument makes no sense.
+        ConfigError: an argument makes no sense; the centre of mass is not above the road; a model that shall roll has
+            no suspension.
     """
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     context, spec, geometry = plant.CreateDefaultContext(), vehicle.spec, vehicle.geometry
@@ -105,6 +115,11 @@ def estimate_parameters(
     # Mass, inertia, and how the axles share the load.
     mass = float(plant.CalcTotalMass(context))
     ahead, _, height = plant.CalcCenterOfMassPositionInWorld(context).tolist()
+    if height <= 0.0:
+        raise ConfigError(
+            f"single track of '{vehicle.name}': the centre of mass is {-height:.3g} m below the road; "
+            "check the masses and origins of its links"
+        )
     bodies = [BodyIndex(number) for number in range(1, plant.num_bodies())]
     spatial = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
     yaw_inertia = float(spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[2, 2])
@@ -137,7 +152,7 @@ def estimate_parameters(
         if vehicle.control.wheel_speed.kind == "servo":
             gain += vehicle.control.wheel_speed.gain / radius**2
     body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]))
-    axles = find_axles(vehicle, body, friction=friction)
+    axles = find_axles(vehicle, body, friction=friction, roll=roll)
     if axles is None:
         grip = min(frictions, default=1.0) if friction is None else friction
         lengths = [RELAXATION_OVER_RADIUS * r for r in (geometry.front_wheel_radius, geometry.rear_wheel_radius)]
@@ -172,4 +187,42 @@ def estimate_parameters(
         gravity_z=float(gravity[2]),
         blend_start=v1,
         blend_end=3.0 * v1,
+        **(_roll_parameters(vehicle, body, plant, context) if roll else {}),
+        front_roll_slip=axles[0].roll_slip,
+        rear_roll_slip=axles[1].roll_slip,
     )
+
+
+def _roll_parameters(vehicle: Vehicle, body: Body, plant: MultibodyPlant, context: Context) -> dict[str, float]:
+    """What leans in a turn: all of the car about a line on the road, as its wheels move up and down in the body only.
+
+    Raises:
+        ConfigError: there is no suspension.
+    """
+    names = vehicle.spec.joints.suspension
+    if names is None:
+        raise ConfigError(
+            f"single track of '{vehicle.name}' with roll: it has no suspension; leave out roll, or take a variant that "
+            "has one"
+        )
+    hanging = {
+        index
+        for name in names.names()
+        for index in plant.GetBodiesKinematicallyAffectedBy([plant.GetJointByName(name).index()])
+    }
+    around = 0.0  # the axis
+    for number in range(1, plant.num_bodies()):
+        index = BodyIndex(number)
+        spatial = plant.CalcSpatialInertia(context, plant.world_frame(), [index])
+        _, y, z = spatial.get_com().tolist()
+        own = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[0, 0]
+        # A wheel leans and sways with the body, but does not go up and down with its side.
+        around += float(own + spatial.get_mass() * (z * z + (0.0 if index in hanging else y * y)))
+    leaning = find_leaning(vehicle, body)
+    return {
+        "roll_mass": body.mass,
+        "roll_height": body.height,
+        "roll_inertia": around - body.mass * body.height**2,
+        "roll_stiffness": sum(leaning.stiffness),
+        "roll_damping": leaning.damping,
+    }

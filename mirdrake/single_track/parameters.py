@@ -38,6 +38,13 @@ class SingleTrackParameters:
         gravity_z: the same along z, negative [m/s²].
         blend_start: speed v1 up to which the car is kinematic [m/s].
         blend_end: speed v2 from which on it is fully dynamic [m/s].
+        roll_mass: of what leans in turns [kg]; this and the following only with roll.
+        roll_height: of its centre over the roll axis [m].
+        roll_inertia: about an axis along the car through that centre [kg m²].
+        roll_stiffness: of springs, bars and tyres together [N m/rad]; more than roll_mass g roll_height.
+        roll_damping: of the dampers [N m s/rad].
+        front_roll_slip: slip that the front axle's force answers over the roll angle [1]: camber, roll steer.
+        rear_roll_slip: the same at the rear [1].
 
     Raises:
         ConfigError: not a finite number, or out of range.
@@ -67,6 +74,13 @@ class SingleTrackParameters:
     gravity_z: float = -GRAVITY
     blend_start: float = 1.0
     blend_end: float = 3.0
+    roll_mass: float = 0.0
+    roll_height: float = 0.0
+    roll_inertia: float = 500.0
+    roll_stiffness: float = 1e5
+    roll_damping: float = 0.0
+    front_roll_slip: float = 0.0
+    rear_roll_slip: float = 0.0
 
     def __post_init__(self) -> None:
         owner = "SingleTrackParameters"
@@ -84,6 +98,12 @@ class SingleTrackParameters:
             )
         if self.gravity_z >= 0.0:
             raise ConfigError(f"{owner}: gravity_z must be negative, got {self.gravity_z:g} m/s²; z is up")
+        tipping = -self.roll_mass * self.gravity_z * self.roll_height
+        if self.roll_stiffness <= tipping:
+            raise ConfigError(
+                f"{owner}: roll_stiffness must be above roll_mass g roll_height, {tipping:g} N m/rad, or the car falls "
+                f"over; got {self.roll_stiffness:g} N m/rad"
+            )
 
     @property
     def wheelbase(self) -> float:
@@ -101,6 +121,9 @@ PARAMETERS = tuple(field.name for field in fields(SingleTrackParameters))
 _POSITIVE = {
     "mass", "yaw_inertia", "front_length", "rear_length", "front_stiffness", "rear_stiffness", "front_friction",
     "rear_friction", "front_relaxation", "rear_relaxation", "max_force", "steering_lag", "blend_start", "blend_end",
+    "roll_inertia", "roll_stiffness",
 }  # fmt: skip
 _SHARES = {"front_drive", "front_brake"}
-_NOT_NEGATIVE = {"com_height", "rotating_mass", "rolling_resistance", "drag", "servo_gain"}
+_NOT_NEGATIVE = {
+    "com_height", "rotating_mass", "rolling_resistance", "drag", "servo_gain", "roll_mass", "roll_damping",
+}  # fmt: skip

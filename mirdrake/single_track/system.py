@@ -42,6 +42,7 @@ def state_names(variant: Variant) -> tuple[str, ...]:
     if variant.tyres != "kinematic":
         names += ("vy", "yaw_rate")
         names += ("front_slip", "rear_slip") if variant.relaxation else ()
+        names += ("roll", "roll_rate") if variant.roll else ()
     return names + (("steering",) if variant.actuators else ())
 
 
@@ -71,7 +72,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             variant: which equations.
 
         Raises:
-            ConfigError: no such tyres, or relaxation without tyres.
+            ConfigError: no such tyres, or relaxation or roll without tyres.
         """
 
         def _construct(
@@ -85,8 +86,11 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
                 raise ConfigError(
                     "SingleTrack: kinematic tyres have no slip; leave out relaxation, or use linear tyres"
                 )
+            if variant.roll and variant.tyres == "kinematic":
+                raise ConfigError("SingleTrack: the kinematic model has no forces; leave out roll, or use linear tyres")
             self.parameters, self.variant = parameters, variant
             self.state_names = state_names(variant)
+            self._lean = self.state_names.index("roll") if variant.roll else 0
             self.set_name("single_track")
             servo = int(variant.actuators)
             self.steering = declare_vector_input(self, "steering", STEERING[: 1 + servo])
@@ -135,7 +139,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             else:
                 vy, spin = x[4] - p[3] * x[5], x[5]
             yaw = remainder(x[2], 2.0 * pi) if plain else x[2]  # in [-pi, pi], as the full vehicle's
-            output.SetFromVector([x[0], x[1], zero, zero, zero, yaw, x[3], vy, zero, zero, zero, spin])
+            lean, leaning = (x[self._lean], x[self._lean + 1]) if self.variant.roll else (zero, zero)
+            output.SetFromVector([x[0], x[1], zero, lean, zero, yaw, x[3], vy, zero, leaning, zero, spin])
 
         def _calc_steering(self, context: Context, output: Any) -> None:
             output.SetFromVector([context.get_continuous_state_vector().CopyToVector()[-1]])

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import pandas as pd
-
-from mirdrake.diagram_parts.places import load_by_name
+from mirdrake.diagram import Assembly, assemble
 from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.logs import spec_hash
@@ -18,11 +16,13 @@ from mirdrake.studies.job import Job, function_of, load_metric
 from mirdrake.studies.knobs import Knob, find_knobs
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
-from mirdrake.summary import _vehicle_figures
 from mirdrake.yaml_io import Source, validate, where
 
 _RESERVED = {"run", "status", "reason", "simulated"}
 _FIGURES = ("simulated_s",)
+_VEHICLE_FIGURES = (
+    "laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s", "distance_m", "max_speed_mps",
+)  # fmt: skip
 _CHECKED = 200  # values of one parameter that are tried before the start
 
 
@@ -96,10 +96,11 @@ def make_plan(spec: StudySpec) -> Plan:
         ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
     """
     diagram = _read_diagram(spec)
+    assembly = _checked(diagram)
     data = diagram.model_dump(mode="json")
     data.pop("provenance", None)
-    vehicles = {name: load_by_name(diagram, name) for name in diagram.vehicles}
-    world = diagram.world.load(where=where(spec, "diagram"))
+    vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
+    world = assembly.parts.world
     known = find_knobs(vehicles, world)
     knobs = {name: known[name] for name in spec.parameters if _is_knob(spec, name, known)}
     for name, entry in spec.parameters.items():
@@ -146,6 +147,8 @@ def _read_diagram(spec: StudySpec) -> DiagramSpec:
     else:
         source = spec._source or Source("study", {})
         diagram = validate(dict(spec.diagram), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
+    if not spec.overrides:
+        return diagram
     data = diagram.model_dump(mode="json")
     for path, value in spec.overrides.items():
         try:
@@ -155,6 +158,21 @@ def _read_diagram(spec: StudySpec) -> DiagramSpec:
             first = str(error).splitlines()[0].removeprefix("diagram: ")
             raise ConfigError(f"{where(spec, 'overrides', path)}: {first}") from None
     return make_spec(data)
+
+
+def _checked(diagram: DiagramSpec) -> Assembly:
+    """The diagram, built; one that cannot be, or whose inputs are open, is refused."""
+    assembly = assemble(diagram)
+    context = assembly.make_context()
+    ports = [assembly.diagram.get_input_port(index) for index in range(assembly.diagram.num_input_ports())]
+    names = [port.get_name() for port in ports if not port.HasValue(context)]
+    if names:
+        place, name = where(diagram, "control"), names[0].split(".")[0]
+        raise ConfigError(
+            f"{place}: nobody drives '{name}' (open inputs: {', '.join(names)}); "
+            f"add control.{name}, or connect blocks of yours to them"
+        )
+    return assembly
 
 
 def _is_knob(spec: StudySpec, name: str, known: Mapping[str, Knob]) -> bool:
@@ -183,7 +201,7 @@ def _check_knob(place: str, knob: Knob, values: list[Any]) -> None:
 def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
     figures = [*_FIGURES]
     for vehicle in vehicles:
-        figures += [f"{vehicle}.{name}" for name in _vehicle_figures(pd.DataFrame(), vehicle)]
+        figures += [f"{vehicle}.{name}" for name in _VEHICLE_FIGURES]
     seen: set[str] = _RESERVED | set(spec.parameters)
     for at, name in enumerate(spec.metrics):
         place = where(spec, "metrics", at)

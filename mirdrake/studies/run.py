@@ -1,9 +1,8 @@
 """A study: all runs through an executor, written down as they come, so that a study that was killed can go on."""
 
-import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,18 +12,15 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.studies.job import Outcome, one_line, run_job
+from mirdrake.errors import ConfigError
+from mirdrake.studies.calls import Lost, call_all, open_executor
+from mirdrake.studies.job import Outcome, run_job
 from mirdrake.studies.plan import Plan, make_plan
 from mirdrake.studies.spec import StudySpec, make_study
 from mirdrake.studies.store import Row, Store, make_schema, read_manifest, read_rows
-from mirdrake.studies.workers import InProcess, WorkerLostError, Workers
 
 GRACE = 30.0
 """Wall time above a run's limit after which its process is ended [s]; building the diagram is in it."""
-
-AHEAD = 256
-"""Runs that are handed to a foreign executor before their forerunners have come back."""
 
 StudyProgress = Callable[[int, int, Row], None]
 """Called with the number of runs done, of all runs, and the latest row."""
@@ -93,21 +89,18 @@ def run_study(
         RunError: the folder cannot be written, or worker processes cannot start.
     """
     spec = make_study(study)
-    if workers is not None and workers < 0:
-        raise ConfigError(f"workers: {workers} is not allowed; it must be 0 or more")
     folder = Path(out) if out is not None else None
-    count = os.cpu_count() or 1 if workers is None else workers
     plan = make_plan(spec)
+    store = Store(folder, make_schema(plan.units, spec.metrics), len(plan.rows))
+    store.open(plan.manifest(), resume=resume)
+    missing = [index for index in range(store.runs) if index not in store.rows]
     with ExitStack() as stack:
-        store = Store(folder, make_schema(plan.units, spec.metrics), len(plan.rows))
-        store.open(plan.manifest(), resume=resume)
-        if executor is None and count and len(store.rows) < store.runs:
-            executor = own = Workers(min(count, store.runs - len(store.rows)), limit=GRACE + plan.limit)
-            stack.callback(own.shutdown, cancel_futures=True)
-        told = stack.enter_context(_bar(len(plan.rows), len(store.rows))) if progress is True else progress or None
-        ahead = 1 if executor is None else 2 * count if isinstance(executor, Workers) else AHEAD
+        runner, ahead = stack.enter_context(
+            open_executor(executor, workers, calls=len(missing), limit=GRACE + plan.limit)
+        )
+        told = stack.enter_context(_bar(store.runs, len(store.rows))) if progress is True else progress or None
         try:
-            _run_all(plan, store, executor or InProcess(), ahead, told)
+            _run_all(plan, store, missing, runner, ahead, told)
         except KeyboardInterrupt:
             pass  # what is done is kept
         finally:
@@ -132,40 +125,17 @@ def load_results(folder: Path | str) -> StudyResult:
     return StudyResult(store.table(), runs, folder)
 
 
-def _run_all(plan: Plan, store: Store, executor: Executor, ahead: int, progress: StudyProgress | None) -> None:
+def _run_all(
+    plan: Plan, store: Store, missing: Sequence[int], executor: Executor, ahead: int, progress: StudyProgress | None
+) -> None:
     """Run what has no row yet."""
-    missing = iter([index for index in range(len(plan.rows)) if index not in store.rows])
-    waiting: dict[Future[Outcome], int] = {}
-    try:
-        while True:
-            while len(waiting) < ahead and (index := next(missing, None)) is not None:
-                waiting[executor.submit(run_job, plan.job(index))] = index
-            if not waiting:
-                return
-            done, _ = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in done:
-                row = _row(plan, _outcome(future, waiting.pop(future)))
-                store.add(row)
-                if progress is not None:
-                    progress(len(store.rows), store.runs, row)
-            store.flush_if_due()
-    finally:
-        for future in waiting:
-            future.cancel()
-
-
-def _outcome(future: "Future[Outcome]", index: int) -> Outcome:
-    """What came of a run, also if its process did not survive it."""
-    try:
-        return future.result()
-    except (BrokenExecutor, CancelledError) as error:
-        raise RunError(f"the executor gave up ({one_line(error)}); resume the study with another one") from None
-    except RunError:  # its processes cannot start
-        raise
-    except WorkerLostError as error:
-        return Outcome(index, "failed", str(error))
-    except Exception as error:
-        return Outcome(index, "failed", one_line(error))
+    jobs = ((plan.job(index),) for index in missing)
+    for at, given in call_all(executor, run_job, jobs, ahead=ahead, idle=store.flush_if_due):
+        outcome = Outcome(missing[at], "failed", given.reason) if isinstance(given, Lost) else given
+        row = _row(plan, outcome)
+        store.add(row)
+        if progress is not None:
+            progress(len(store.rows), store.runs, row)
 
 
 def _row(plan: Plan, outcome: Outcome) -> Row:

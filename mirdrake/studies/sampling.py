@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from mirdrake.errors import ConfigError
 from mirdrake.studies.spec import DrawnSampling, GridSampling, ParameterSpec, StudySpec
@@ -25,14 +24,14 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
     """
     sampling, parameters = spec.sampling, spec.parameters
     if isinstance(sampling, DrawnSampling):
-        unit = _draw(sampling.kind, sampling.runs, len(parameters), spec.seed)
-        columns = [_spread(entry, unit[:, at]) for at, entry in enumerate(parameters.values())]
+        unit = draw(sampling.kind, sampling.runs, len(parameters), spec.seed)
+        columns = [spread(entry, unit[:, at]) for at, entry in enumerate(parameters.values())]
         return list(zip(*columns, strict=True))
     for name, entry in parameters.items():
         if entry.values is None and entry.count is None:
             more = " a count, or" if isinstance(sampling, GridSampling) else ""
             raise ConfigError(f"{where(spec, 'parameters', name)}: a {sampling.kind} needs{more} values")
-    lists = [_divided(entry) for entry in parameters.values()]
+    lists = [divide(entry) for entry in parameters.values()]
     if isinstance(sampling, GridSampling):
         if math.prod(map(len, lists)) > MOST:
             raise ConfigError(f"{where(spec, 'parameters')}: the grid has more than {MOST} runs; take fewer values")
@@ -47,11 +46,20 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
     return list(zip(*lists, strict=True))
 
 
-def _draw(kind: str, runs: int, size: int, seed: int) -> NDArray[np.float64]:
-    """Points of the unit cube (runs x size)."""
+def draw(kind: str, runs: int, size: int, seed: int) -> NDArray[np.float64]:
+    """Points of the unit cube, shape (runs, size).
+
+    Args:
+        kind: random, latin_hypercube, or sobol (scrambled); the last two by ``scipy.stats.qmc``.
+        runs: number of points.
+        size: number of coordinates.
+        seed: equal seeds give equal points.
+    """
     generator = np.random.default_rng(seed)
     if kind == "random":
         return generator.random((runs, size))
+    from scipy.stats import qmc  # takes half a second, which no worker shall spend
+
     if kind == "latin_hypercube":
         return np.asarray(qmc.LatinHypercube(size, seed=generator).random(runs))
     with warnings.catch_warnings():  # of a number of runs that is no power of two, which a user may want
@@ -59,25 +67,25 @@ def _draw(kind: str, runs: int, size: int, seed: int) -> NDArray[np.float64]:
         return np.asarray(qmc.Sobol(size, seed=generator).random(runs))
 
 
-def _spread(entry: ParameterSpec, unit: NDArray[np.float64]) -> list[Any]:
-    """Numbers between 0 and 1 as values of a parameter."""
+def spread(entry: ParameterSpec, unit: NDArray[np.float64]) -> list[Any]:
+    """Numbers between 0 and 1, shape (n,), as values of a parameter."""
     if entry.values is not None:
         count = len(entry.values)
         return [entry.values[min(int(u * count), count - 1)] for u in unit]
     assert entry.low is not None
     assert entry.high is not None
     if entry.scale == "log":
-        spread = np.exp(np.log(entry.low) + unit * (np.log(entry.high) - np.log(entry.low)))
-        return [float(value) for value in np.clip(spread, entry.low, entry.high)]
+        values = np.exp(np.log(entry.low) + unit * (np.log(entry.high) - np.log(entry.low)))
+        return [float(value) for value in np.clip(values, entry.low, entry.high)]
     return [float(value) for value in entry.low + unit * (entry.high - entry.low)]
 
 
-def _divided(entry: ParameterSpec) -> list[Any]:
-    """The values of a list, or of a range divided evenly."""
+def divide(entry: ParameterSpec) -> list[Any]:
+    """The values of a list, or of a range divided evenly into its count."""
     if entry.values is not None:
         return list(entry.values)
     assert entry.low is not None
     assert entry.high is not None
     assert entry.count is not None
-    divide = np.geomspace if entry.scale == "log" else np.linspace
-    return [float(value) for value in divide(entry.low, entry.high, entry.count)]
+    even = np.geomspace if entry.scale == "log" else np.linspace
+    return [float(value) for value in even(entry.low, entry.high, entry.count)]

@@ -1,12 +1,8 @@
 """Worker processes behind the interface of ``concurrent.futures``, which a call may hang or take down with it."""
 
-import faulthandler
-import os
 import queue
-import signal
 import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import suppress
@@ -17,8 +13,7 @@ from typing import Any
 
 from mirdrake.errors import RunError
 from mirdrake.studies.job import builds
-from mirdrake.suites.pool import STARTING, _died, _hung, _kill, _one_thread, _without_interrupts, _without_main, _Worker
-from mirdrake.suites.worker import _end_with_parent
+from mirdrake.studies.processes import STARTING, WorkerProcess, settle_in, worker_start
 
 METHOD = "forkserver" if sys.platform != "win32" else "spawn"
 """How a process starts: from a server that has imported everything, which takes half the time of a fresh one."""
@@ -63,7 +58,7 @@ class Workers(Executor):
         self._logs = TemporaryDirectory(prefix="mirdrake-study-")
         self._started = 0
         self._closing = False
-        self._workers: dict[int, _Worker] = {}
+        self._workers: dict[int, WorkerProcess] = {}
         self._threads = [threading.Thread(target=self._serve, args=(slot,), daemon=True) for slot in range(count)]
         for thread in self._threads:
             thread.start()
@@ -112,7 +107,7 @@ class Workers(Executor):
             else:
                 future.set_exception(fault)
         if slot in self._workers:
-            _kill(self._workers.pop(slot))
+            self._workers.pop(slot).kill()
 
     def _ready(self, slot: int) -> Exception | None:
         """See to it that a slot has a process that lives; what prevents it."""
@@ -120,7 +115,7 @@ class Workers(Executor):
         if worker is not None and worker.process.is_alive():
             return None
         if worker is not None:  # it died while it had nothing to do
-            _kill(self._workers.pop(slot))
+            self._workers.pop(slot).kill()
         try:
             self._workers[slot] = self._start()
         except Exception as error:
@@ -130,33 +125,27 @@ class Workers(Executor):
     def _call(self, slot: int, work: Any) -> tuple[Exception | None, Any]:
         """What a call gives, or why it gives nothing."""
         worker = self._workers[slot]
-        worker.since = time.monotonic()
-        worker.deadline = worker.since + self.limit
-        worker.offset = worker.log.stat().st_size if worker.log.exists() else 0
+        worker.begin(self.limit)
         fault: Exception | None
         spent, result = True, None
         try:
             worker.pipe.send(work)
             connection.wait([worker.pipe, worker.process.sentinel], timeout=self.limit)
-            fault, result, spent = worker.pipe.recv() if worker.pipe.poll() else (self._lost(worker), None, True)
+            fault, result, spent = (
+                worker.pipe.recv() if worker.pipe.poll() else (WorkerLostError(worker.why_lost()), None, True)
+            )
         except (EOFError, OSError):
-            fault = self._lost(worker)
+            fault = WorkerLostError(worker.why_lost())
         except Exception as error:  # it cannot be pickled, or its result cannot be read
             fault = error
         if spent:
-            _kill(self._workers.pop(slot))
+            self._workers.pop(slot).kill()
         return fault, result
 
-    def _lost(self, worker: _Worker) -> WorkerLostError:
-        late = time.monotonic() >= worker.deadline
-        if not late:
-            worker.process.join(timeout=5.0)
-        return WorkerLostError(_hung(worker) if late and worker.process.is_alive() else _died(worker))
-
-    def _start(self) -> _Worker:
+    def _start(self) -> WorkerProcess:
         context: Any = get_context(METHOD)
         mine, theirs = context.Pipe()
-        with _starting, _without_main(), _one_thread(), _without_interrupts():
+        with _starting, worker_start():
             if METHOD == "forkserver":
                 context.set_forkserver_preload(["mirdrake.studies.job"])
             self._started += 1
@@ -165,17 +154,17 @@ class Workers(Executor):
             process = context.Process(target=serve, args=(theirs, str(log)), daemon=True, name=name)
             process.start()
         theirs.close()
-        worker = _Worker(process, mine, log)
+        worker = WorkerProcess(process, mine, log)
         connection.wait([mine, process.sentinel], timeout=STARTING)
         try:
             if mine.poll():
                 mine.recv()
                 return worker
-            reason = f"no answer after {STARTING:g} s" if process.is_alive() else _died(worker)
+            reason = f"no answer after {STARTING:g} s" if process.is_alive() else worker.why_ended()
         except (EOFError, OSError):
             process.join(timeout=5.0)
-            reason = _died(worker)
-        _kill(worker)
+            reason = worker.why_ended()
+        worker.kill()
         raise RunError(reason)
 
 
@@ -186,15 +175,7 @@ def serve(pipe: connection.Connection, log: str) -> None:
         pipe: calls in; exception, result and whether this process has done enough out.
         log: file that takes everything that is printed, so that the last words of a crash can be read.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the study, which ends its workers
-    stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    for number in (1, 2):
-        os.dup2(stream, number)
-    os.close(stream)
-    faulthandler.enable(all_threads=False)
-    if hasattr(signal, "SIGUSR1"):
-        faulthandler.register(signal.SIGUSR1, all_threads=False)  # asked for when it hangs
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    settle_in(log)
     pipe.send("ready")
     while True:
         try:

@@ -22,6 +22,8 @@ the facets of the wheel, and what is cancelled follows N·ω without lag. At sta
 the measured moment itself is cancelled: it is the restoring moment of a faceted wheel, which would otherwise roll the
 car onto a facet.
 
+The shape of a tyre with a law of its own does not turn and has none of this (:func:`mirdrake.plant.add_vehicle`).
+
 The tyre's own moment is -Crr N Re tanh(ω/ω_0), with Re the effective rolling radius, so that the road pushes
 back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
 """
@@ -61,6 +63,7 @@ class RollingWheel(NamedTuple):
         geometry: its collision geometry.
         place: where it is on its vehicle and in the plant's state.
         coefficient: rolling-resistance coefficient Crr of the tyre.
+        turning: whether its geometry turns with it; if not, the solver makes no moment that is to be cancelled.
     """
 
     vehicle: str
@@ -68,6 +71,7 @@ class RollingWheel(NamedTuple):
     geometry: GeometryId
     place: WheelPlace
     coefficient: float
+    turning: bool = True
 
 
 def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
@@ -79,6 +83,7 @@ def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
             geometry=geometry,
             place=place,
             coefficient=part.vehicle.spec.tyres.rolling_resistance,
+            turning=not part.tyre_model,
         )
         for name, geometry, place in zip(WHEELS, part.tyres, wheel_places(part), strict=True)
     ]
@@ -163,7 +168,7 @@ class RollingResistance(LeafSystem):
             ax, ay, _ = pose.axle
             torque = -wheel.coefficient * load * pose.rolling * tanh(spin / SMOOTH_SPEED)
             base = place.base[1]
-            if self._cancel:
+            if self._cancel and wheel.turning:
                 row = 3 * i
                 filters[row] += self._blend * (contact.moment - filters[row])
                 filters[row + 1] += self._blend * (load * spin - filters[row + 1])
@@ -216,7 +221,7 @@ class RollingResistance(LeafSystem):
             contact.load += fz
             contact.fx += fx
             contact.fy += fy
-            if self._cancel:
+            if self._cancel and self._wheels[row].turning:
                 cx, cy, _ = surface.centroid().tolist()
                 rx, ry = cx - pose.x, cy - pose.y
                 contact.yaw += rx * fy - ry * fx + tz

@@ -19,13 +19,14 @@ whatever T is.
 
 The load is measured more rarely than the plant steps, and a moment ago; a friction force that follows it so late would
 drive the pitching of a braking car. What the tyre's depth says at the end of the step follows at once, and is kept in
-proportion with what is measured. The law is worked out for a load when one is measured that differs by a thousandth;
-until then forces and stiffnesses go with the load.
+proportion with what is measured. The law is worked out for a load when one is measured that differs by a part in ten
+thousand; until then forces and stiffnesses go with the load.
 
 A brake is Coulomb friction: it has the torque with which the wheel would stand still at the end of the step, within
 what it can give. A wheel that stands is held by what is needed, exactly, and one that turns gets all of it.
 
-Left out: overturning moment, turn slip (the moment against steering at standstill is that of the kingpin offset alone).
+Left out: overturning moment beyond that of the contact (:mod:`mirdrake.wheel_shape`); turn slip (the moment against
+steering at standstill is that of the kingpin offset alone).
 """
 
 from collections.abc import Sequence
@@ -71,7 +72,7 @@ FORCES = (
 _SMALL = 1e-9
 
 _LIFTED = 0.1  # of the static load, below which loads are not compared
-_SAME = 1e-3  # relative change of the load, or of the inclination [rad], for which no new curve is made
+_SAME = 1e-4  # relative change of the load, or of the inclination [rad], for which no new curve is made
 _BLEND = 0.2  # part of a new comparison that is believed
 _TRUST = 3.0  # largest ratio of measured to sprung load that is believed
 
@@ -316,7 +317,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
     ) -> tuple[float, float, float]:
         """Load of a wheel now, ratio of measured to sprung load, and sprung load; see the head of the module."""
         depth = wheel.radius - motion.radius + self._period * motion.sink
-        sprung = wheel.spring.load(depth, way=self._period * motion.spin * wheel.radius)
+        sprung = wheel.spring.load(depth)
         ratio = before.ratio
         if 0.0 <= before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
             ratio += _BLEND * (max(1.0 / _TRUST, min(_TRUST, measured / before.sprung)) - ratio)

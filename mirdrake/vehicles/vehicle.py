@@ -74,7 +74,7 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
     control = load_part(folder, "control", ControlSpec, change)
     sensors = load_part(folder, "sensors", SensorsSpec, change)
     find_tyre_files(spec, folder)
-    _check_pedals(spec, control)
+    check_pedals(spec, control)
     given = {name: str(value) for name, value in (arguments or {}).items()}
     values = change.arguments | given
     if "drive" in values:
@@ -184,8 +184,12 @@ def make_vehicle(
     )
 
 
-def _check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
-    """Refuse pedals with tyres that take no torque."""
+def check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
+    """Refuse pedals with tyres that take no torque.
+
+    Raises:
+        ConfigError: the wheels are driven by pedals, and the tyres are of kind coulomb.
+    """
     if control.wheel_speed.kind == "pedals" and spec.tyres.kind == "coulomb":
         raise ConfigError(
             f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind brush or magic_formula, and those of "

@@ -20,6 +20,7 @@ from mirdrake.logs import Run, write_file
 from mirdrake.plant import PlantSpec, make_plant
 from mirdrake.vehicles import WHEELS, load_vehicle
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_meshcat, place_camera
+from mirdrake.viewer.views import View, make_views, with_views
 
 Array = NDArray[np.float64]
 
@@ -45,8 +46,14 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
     meshcat = make_meshcat(port=0, world=WorldEntry(**run.spec["world"]).load())
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     path = run.folder / "recording.html"
-    write_file(path, meshcat.StaticHtml())
+    write_file(path, with_views(meshcat.StaticHtml(), views_of(run)))
     return path
+
+
+def views_of(run: Run) -> tuple[View, ...]:
+    """The views of the vehicle of a run that the camera follows."""
+    entry = next(iter(make_spec(run.spec).vehicles.values()))
+    return make_views(load_vehicle(entry.model, arguments=entry.arguments))
 
 
 def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> None:

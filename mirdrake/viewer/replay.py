@@ -21,7 +21,8 @@ from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.recording.pictures import Picture
 from mirdrake.viewer.meshcat import make_meshcat
-from mirdrake.viewer.recording import draw_run
+from mirdrake.viewer.recording import draw_run, views_of
+from mirdrake.viewer.views import with_views
 
 WIDTH = 400
 """Of pictures in a page that opens offline [pixel]."""
@@ -218,7 +219,7 @@ def _page(
         for name, one in pictures.items()
         if one
     ]
-    page: str = meshcat.StaticHtml()
+    page = with_views(meshcat.StaticHtml(), views_of(run))
     if not cameras:
         return page
     data = json.dumps(cameras).replace("</", "<\\/")

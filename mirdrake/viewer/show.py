@@ -1,5 +1,6 @@
 """Look at a vehicle or a world in Meshcat."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
@@ -8,11 +9,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from mirdrake.diagram import DiagramSpec, assemble
 from mirdrake.logs import write_file
 from mirdrake.plant import make_plant
-from mirdrake.viewer.meshcat import overlook, place_camera
+from mirdrake.vehicles import load_vehicle
+from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, overlook, place_camera
 from mirdrake.viewer.vehicle_view import show_vehicle
+from mirdrake.viewer.views import View, make_views, with_views
 from mirdrake.worlds import World
 
-__all__ = ["show_diagram", "show_vehicle", "show_world", "write_page"]
+__all__ = ["show_diagram", "show_vehicle", "show_world", "views_of_diagram", "write_page"]
 
 
 def show_world(world: World, meshcat: Meshcat) -> Diagram:
@@ -27,14 +30,30 @@ def show_world(world: World, meshcat: Meshcat) -> Diagram:
 
 
 def show_diagram(spec: DiagramSpec, meshcat: Meshcat) -> Diagram:
-    """A diagram's vehicles in its world, at their starts."""
+    """A diagram's vehicles in its world, at their starts; the world is moved until the first heads along x."""
     assembly = assemble(spec, meshcat=meshcat)
     start = next(iter(assembly.starts.values()))
-    place_camera(meshcat, x=start.x, y=start.y, yaw=start.yaw)
+    place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
     assembly.diagram.ForcedPublish(assembly.make_context())
+    X_CW, X_CL = chase(x=start.x, y=start.y, yaw=start.yaw)
+    meshcat.SetTransform(WORLD_PATH, X_CW)
+    meshcat.SetTransform(LIGHTS_PATH, X_CL)
     return assembly.diagram
 
 
-def write_page(meshcat: Meshcat, path: Path) -> None:
-    """What a Meshcat shows, as one HTML file that opens offline."""
-    write_file(path, meshcat.StaticHtml())
+def views_of_diagram(spec: DiagramSpec) -> tuple[View, ...]:
+    """The views of the first vehicle of a diagram, for :func:`show_diagram`."""
+    entry = next(iter(spec.vehicles.values()))
+    return make_views(load_vehicle(entry.model, arguments=entry.arguments))
+
+
+def write_page(meshcat: Meshcat, path: Path, *, views: Iterable[View] = ()) -> None:
+    """What a Meshcat shows, as one HTML file that opens offline.
+
+    Args:
+        meshcat: what it shows.
+        path: of the file.
+        views: that the page has buttons for.
+    """
+    chosen, page = tuple(views), meshcat.StaticHtml()
+    write_file(path, with_views(page, chosen) if chosen else page)

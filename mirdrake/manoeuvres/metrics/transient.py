@@ -8,6 +8,10 @@ from scipy.signal import csd, welch
 
 from mirdrake.manoeuvres.base import Array
 
+ROUND_PEAK = 0.2
+"""Part of its time on both sides of a largest value, in which the peak is looked for: it is flat, and wheels that are
+steered by a control unit move in steps, so that the largest sample comes earlier or later by chance."""
+
 
 @dataclass(frozen=True)
 class StepResponse:
@@ -17,7 +21,8 @@ class StepResponse:
         start: time at which the steering passes half of its final value [s].
         steady: final value of the answer, in its unit.
         response_time: from start until the answer has 90 % of its final value [s].
-        peak_time: from start until its largest value [s]; NaN without overshoot.
+        peak_time: from start until the top of a parabola through what is around the largest value, within
+            :data:`ROUND_PEAK` of that time [s]; NaN without overshoot.
         overshoot: largest value over the final one, less 1 [1].
         gain: final value of the answer over that of the steering, unit per rad.
     """
@@ -62,10 +67,21 @@ def step_response(time: Array, steering: Array, answer: Array, *, last: float) -
         start=start,
         steady=steady,
         response_time=crossing(time, relative, 0.9, after=start) - start,
-        peak_time=float(time[peak]) - start if overshoot > max(0.005, noise) else math.nan,
+        peak_time=_top(time - start, relative, peak) if overshoot > max(0.005, noise) else math.nan,
         overshoot=max(overshoot, 0.0),
         gain=steady / final,
     )
+
+
+def _top(time: Array, values: Array, index: int) -> float:
+    """Time of the top of the parabola through the samples around a largest one; time from the start on."""
+    at = float(time[index])
+    width = ROUND_PEAK * at
+    near = np.abs(time - at) <= width
+    if np.count_nonzero(near) < 3:
+        return at
+    curve, slope, _ = np.polyfit(time[near] - at, values[near], 2)
+    return at + float(np.clip(-0.5 * slope / curve, -width, width)) if curve < 0.0 else at
 
 
 @dataclass(frozen=True)

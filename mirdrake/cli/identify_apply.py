@@ -1,0 +1,49 @@
+"""``mirdrake identify apply``: parameters of a fit into vehicle.yaml."""
+
+import argparse
+from pathlib import Path
+
+HELP = "write the parameters of a fit into vehicle.yaml"
+MORE = """\
+FIT is the folder of a fit. A parameter that vehicle.yaml has an entry for is written there, and its entry of sources
+says where it is from; comments, order and layout stay. What was fixed, is not identifiable, stands at a bound or has no
+entry is left out, and the reason is told. The difference is shown. Running it again changes nothing. Exit codes: 0
+done, 2 bad input.
+
+examples:
+  mirdrake identify apply runs/my_fit bolt --dry-run         show what would change
+  mirdrake identify apply runs/my_fit models/my_car
+  mirdrake identify apply runs/my_fit --vehicle mkz@handling   also into the variant's own file"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("fit", type=Path, metavar="FIT", help="folder of a fit")
+    parser.add_argument("name", nargs="?", metavar="VEHICLE", help="name or folder of the vehicle")
+    parser.add_argument("--vehicle", metavar="FOLDER", help="the same")
+    parser.add_argument("--dry-run", action="store_true", help="show the difference, write nothing")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Apply it."""
+    from mirdrake.errors import ConfigError
+    from mirdrake.identification.apply import describe, plan_apply, read_fit
+    from mirdrake.yaml_io import shown
+
+    fit = read_fit(options.fit)
+    vehicle = options.vehicle or options.name
+    if vehicle is None:
+        raise ConfigError(f"say which vehicle: mirdrake identify apply {shown(options.fit)} --vehicle bolt")
+    change = plan_apply(fit, vehicle)
+    for line in describe(change):
+        print(line)
+    if not change.changes:
+        print("nothing to write")
+        return 0
+    for file in change.files:
+        print(file.diff(), end="")
+    for file in change.files:
+        if not options.dry_run:
+            file.write()
+        print(f"{shown(file.path)}: {'not written (--dry-run)' if options.dry_run else 'written'}")
+    return 0

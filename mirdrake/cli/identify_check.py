@@ -1,0 +1,76 @@
+"""``mirdrake identify check``: what is odd in a log, before any fit."""
+
+import argparse
+from pathlib import Path
+
+from mirdrake.errors import ConfigError
+from mirdrake.yaml_io import load_yaml, read_tree, shown
+
+HELP = "check recorded drives: clock, held samples, glitches, delays, units, signs, excitation"
+MORE = """\
+WHAT is a data file (mirdrake: data/1), an identification study, or a log itself: CSV, Parquet, MAT, a bag, MCAP, a run
+folder. Columns of a log itself are found by their names (vx, yaw_rate, ...) and given with --map.
+Exit codes: 0 nothing is left that would spoil a fit, 1 something is, 2 bad input.
+
+examples:
+  mirdrake identify check drives.yaml --report check.html
+  mirdrake identify check lap.csv --time t_s:s --map vx=v_kmh:km/h --map yaw_rate=gyro_z:deg/s
+  mirdrake identify check lap.csv --step 0.01 --map vx=v:m/s --repairs stamps,glitches"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("what", metavar="WHAT", help="data file, study, or log")
+    parser.add_argument(
+        "--map", action="append", default=[], metavar="CHANNEL=COLUMN[:UNIT]", help="a column of a log; may be again"
+    )
+    parser.add_argument("--time", metavar="COLUMN[:UNIT]", help="the clock of a log (default: time)")
+    parser.add_argument("--step", metavar="STEP", help="step of a log that has no clock, as '10 ms'")
+    parser.add_argument("--wheelbase", type=float, metavar="METRES", help="front to rear axle, to check the steering")
+    parser.add_argument("--repairs", metavar="NAMES", help="repairs that are made, with commas; none for no repair")
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with a picture of each channel")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check."""
+    from mirdrake.identification.check import check_data
+    from mirdrake.identification.data import DataSet, load_data, make_data
+    from mirdrake.identification.mapping import map_log
+    from mirdrake.identification.study import StudySpec, inline_data
+
+    path = Path(options.what)
+    is_yaml = path.suffix in {".yaml", ".yml"} and not path.is_dir()
+    asked = [name for name in ("map", "time", "step", "wheelbase") if getattr(options, name)]
+    if is_yaml and asked:
+        raise ConfigError(f"--{asked[0]}: {shown(path)} has a mapping of its own; write it there")
+    if is_yaml:
+        tree, _ = read_tree(path)
+        is_study = isinstance(tree, dict) and str(tree.get("mirdrake", "")).startswith("identification/")
+        data: DataSet
+        if is_study:
+            study = load_yaml(path, StudySpec)
+            data = (
+                load_data(path.parent / study.data)
+                if isinstance(study.data, str)
+                else make_data(inline_data(study), path.parent)
+            )
+        else:
+            data = load_data(path)
+    else:
+        data = make_data(map_log(path, options.map, options.time, options.step, options.wheelbase), path.parent)
+    repairs = None
+    if options.repairs is not None:
+        repairs = [name.strip() for name in options.repairs.split(",") if name.strip() not in {"", "none"}]
+    report = check_data(data, repairs=repairs)
+    if options.report is not None:
+        from mirdrake.report.identification import write_data_check  # Matplotlib takes half a second
+
+        write_data_check(options.report, path.name, data, report)
+    if not options.quiet:
+        print(report.table())
+        left = report.left
+        print(f"{len(report.repairs)} repairs; " + (f"{len(left)} faults are left" if left else "no fault is left"))
+        if options.report is not None:
+            print(f"  {shown(options.report)}")
+    return 1 if report.left else 0

@@ -1,0 +1,45 @@
+"""``mirdrake schema``: JSON Schemas of the YAML files, for editors."""
+
+import argparse
+import json
+from pathlib import Path
+
+from mirdrake.yaml_io import shown
+
+HELP = "JSON Schema of a kind of YAML file, so that an editor completes and checks it"
+MORE = """\
+Without a kind it lists them. Editors with the YAML language server (VS Code, Neovim, Emacs) use a schema when
+the first line of a file names it, relative to the file:
+  # yaml-language-server: $schema=../schemas/diagram.json
+
+examples:
+  mirdrake schema diagram > diagram.json
+  mirdrake schema --out schemas              all of them, one file a kind"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("kind", nargs="?", help="vehicle, control, sensors, world, diagram and others")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write files <kind>.json instead of printing")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print or write."""
+    from mirdrake.logs import write_file
+    from mirdrake.schemas import KINDS, make_schema
+
+    if options.out is None and options.kind is None:
+        for name, kind in KINDS.items():
+            print(f"{name:16}{kind.files:26}{kind.text}")
+        return 0
+    kinds = [options.kind] if options.kind is not None else list(KINDS)
+    texts = {name: json.dumps(make_schema(name), indent=2, ensure_ascii=False) + "\n" for name in kinds}
+    if options.out is None:
+        print(texts[options.kind], end="")
+        return 0
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        path = options.out / f"{name}.json"
+        write_file(path, text)
+        print(f"{shown(path)}    # yaml-language-server: $schema={path.resolve().as_uri()}")
+    return 0

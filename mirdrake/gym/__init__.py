@@ -1,0 +1,34 @@
+"""A Gymnasium environment on a diagram file, for reinforcement learning (extra `gym`).
+
+::
+
+    import gymnasium
+    import mirdrake.gym
+
+    env = gymnasium.make("mirdrake/Drive-v0", diagram="bolt_test_track", rate=10.0)
+    observation, info = env.reset(seed=0)
+    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+
+:class:`~mirdrake.gym.env.DriveEnv` says what can be observed and acted on; :mod:`mirdrake.gym.judging` has the built-in
+rewards, ends and starts, and what a function of your own gets.
+"""
+
+from importlib.util import find_spec
+
+from mirdrake.errors import MissingDependencyError
+
+if find_spec("gymnasium") is None:
+    raise MissingDependencyError("mirdrake.gym needs Gymnasium: pip install 'mirdrake[gym]'")
+
+import gymnasium
+
+from mirdrake.gym.env import DriveEnv
+from mirdrake.gym.judging import ENDS, REWARDS, STARTS, Moment
+
+__all__ = ["ENDS", "ID", "REWARDS", "STARTS", "DriveEnv", "Moment"]
+
+ID = "mirdrake/Drive-v0"
+"""What the environment is registered as."""
+
+if ID not in gymnasium.registry:
+    gymnasium.register(id=ID, entry_point="mirdrake.gym.env:DriveEnv")

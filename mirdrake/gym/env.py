@@ -1,0 +1,318 @@
+"""The environment: a diagram that takes an action, runs for one period, and shows what is observed."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.primitives import ConstantVectorSource
+
+from mirdrake.diagram import DiagramSpec, assemble, load_diagram, make_spec
+from mirdrake.diagram_spec import SystemEntry
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Starts, find_function, finite
+from mirdrake.gym.readings import Readings, check_bounds, steering_limit, top_speed
+from mirdrake.plant import set_start
+from mirdrake.powertrain import PEDALS
+from mirdrake.tyres import RoadFriction
+from mirdrake.wiring import JOIN
+
+Array = NDArray[np.float32]
+
+_SPEED, _STEERING, _STAMP = JOIN
+_PEDALS = "pedals_reference"
+_ELEMENTS = {_PEDALS: [signal.name for signal in PEDALS]}
+_AT_REST = {f"{_PEDALS}.gear": 1.0}
+
+
+class DriveEnv(gymnasium.Env[Array, Array]):
+    """Drive a vehicle of a diagram file.
+
+    An action is a vector of numbers from -1 to 1, spread over the range of each signal; :attr:`action_bounds` has these
+    in SI units. An observation is a vector of signals in SI units, cut to the observation space.
+
+    Nothing of Python runs from step to step of the plant, only at the rates of the vehicle's control unit, driver and
+    sensors; where the friction of the ground changes, tyres are looked at as in any run.
+
+    Args:
+        diagram: name, file, spec or data of a diagram.
+        overrides: ``"dotted.path=value"`` texts over the file, for example ``"plant.contact=point"``.
+        vehicle: the one that acts; the first of the file if left out.
+        observe: signals by the names they have in a run; also ports and sensors with several, and
+            ``ego.curvature_ahead.20``. Speed, yaw rate, steering, and where there is a track lateral and heading error
+            and the curvature here, 10 and 20 m ahead, if left out.
+        act: inputs of the diagram: ``ego.speed_reference``, ``ego.steering_reference``,
+            ``ego.pedals_reference.throttle`` and so on, or inputs of blocks of yours; speed and steering of the vehicle
+            if left out. What drove such an input in the file no longer does.
+        bounds: other ranges by name, (low, high); needed for inputs of your own blocks.
+        rate: steps per second [Hz].
+        reward: ``progress``, ``centred_progress``, ``module:name``, or a function of a :class:`Moment`.
+        ends: what ends an episode: ``off_road``, ``collision``, ``rollover``, ``module:name`` or functions.
+        start: where vehicles start: ``anywhere_on_track``, ``module:name`` or a function; as the file says if left out.
+        duration: time after which an episode is truncated [s]; the file's if left out.
+        render_mode: None; look at a run with ``mirdrake run``.
+
+    Attributes:
+        observation_names: of the elements of an observation.
+        observation_units: their units.
+        action_names: of the elements of an action.
+        action_bounds: their ranges, (n, 2).
+        assembly: the built diagram.
+
+    Raises:
+        ConfigError: an unknown name, a range or rate that makes no sense.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self,
+        diagram: DiagramSpec | Mapping[str, Any] | str = "bolt_test_track",
+        *,
+        overrides: Sequence[str] = (),
+        vehicle: str | None = None,
+        observe: Sequence[str] | None = None,
+        act: Sequence[str] | None = None,
+        bounds: Mapping[str, Sequence[float]] | None = None,
+        rate: float = 10.0,
+        reward: str | Reward = "progress",
+        ends: Sequence[str | End] = ("off_road", "collision", "rollover"),
+        start: str | Starts | None = None,
+        duration: float | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        spec = load_diagram(diagram, overrides=overrides) if isinstance(diagram, str) else diagram
+        spec = spec.model_copy(deep=True) if isinstance(spec, DiagramSpec) else make_spec(spec)
+        self.vehicle = next(iter(spec.vehicles)) if vehicle is None else vehicle
+        if self.vehicle not in spec.vehicles:
+            raise ConfigError(f"no vehicle '{vehicle}' in the diagram; {did_you_mean(vehicle, spec.vehicles)}")
+        if not (isfinite(rate) and rate > 0.0):
+            raise ConfigError(f"rate {rate} Hz is not allowed; it must be above 0")
+        self.render_mode, self.period = render_mode, 1.0 / rate
+        self.duration = spec.duration if duration is None else duration
+        inputs = list(act) if act is not None else [f"{self.vehicle}.{_SPEED}", f"{self.vehicle}.{_STEERING}"]
+        self._inputs = _insert_actions(spec, inputs, set(bounds or {}))
+        self.assembly = assemble(spec)
+        folder = Path(spec.folder) if spec.folder is not None else None
+        self.reward: Reward = find_function(reward, REWARDS, what="reward", folder=folder)
+        self.ends: list[tuple[str, End]] = [
+            (end if isinstance(end, str) else getattr(end, "__name__", "end"), function)
+            for end in ends
+            for function in [find_function(end, ENDS, what="end", folder=folder)]
+        ]
+        self.start: Starts | None = start and find_function(start, STARTS, what="start", folder=folder)  # type: ignore[assignment]
+
+        self.readings = Readings(self.assembly)
+        names = list(observe) if observe is not None else self._default_observations()
+        self._observed = [reading for name in names for reading in self.readings.find(name, bounds=bounds)]
+        if not self._observed:
+            raise ConfigError("observe: nothing; name a signal at least")
+        self.observation_names = [reading.name for reading in self._observed]
+        self.observation_units = [reading.unit for reading in self._observed]
+        low = np.array([reading.low for reading in self._observed], dtype=np.float32)
+        high = np.array([reading.high for reading in self._observed], dtype=np.float32)
+        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
+
+        self.action_names = [name for source in self._inputs for name in source.acting]
+        self.action_bounds = np.array([self._action_range(name, bounds or {}) for name in self.action_names])
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_names),), dtype=np.float32)
+        self._check_dead_man()
+
+        self._simulator = Simulator(self.assembly.diagram)
+        self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
+        if self._friction.varies:
+            self._simulator.set_monitor(self._watch)
+        systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
+        self._sources: list[tuple[_Input, ConstantVectorSource]] = [(one, systems[one.block]) for one in self._inputs]
+        self._context: Context | None = None
+        self._steps = 0
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """A new episode of the same diagram; nothing is built again.
+
+        Args:
+            seed: of random starts; noise of sensors is that of the diagram's own seed in each episode.
+            options: ``{"start": {"ego": (x, y, yaw, speed)}}`` in m, rad, m/s puts vehicles somewhere.
+
+        Returns:
+            the first observation, and ``{"time": 0.0}``.
+        """
+        super().reset(seed=seed)
+        assembly = self.assembly
+        context = assembly.make_context()
+        plant_context = assembly.parts.plant.GetMyMutableContextFromRoot(context)
+        places: dict[str, Sequence[float]] = {}
+        if self.start is not None:
+            starts = self.start(assembly, self.np_random)
+            places = {name: (start.x, start.y, start.yaw, start.speed) for name, start in starts.items()}
+        places |= (options or {}).get("start", {})
+        for name, (x, y, yaw, speed) in places.items():
+            if name not in assembly.parts.vehicles:
+                raise ConfigError(f"start: no vehicle '{name}'; {did_you_mean(name, assembly.parts.vehicles)}")
+            part = assembly.parts.vehicles[name]
+            set_start(assembly.parts.plant, plant_context, part, x=x, y=y, yaw=yaw, speed=speed)
+        if self._friction.varies:
+            self._friction.start()
+        self._context, self._steps = context, 0
+        self._command(self._at_rest())
+        self._simulator.reset_context(context)
+        self._simulator.Initialize()
+        return self._observation(), {"time": 0.0}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """One period with one action.
+
+        Returns:
+            observation, reward, terminated, truncated, and an info with ``time`` [s]; ``ended_by`` names what ended the
+            episode. A state that is no number ends it as ``diverged`` with reward 0, a reward that is none counts as 0
+            and is told as ``bad_reward``.
+        """
+        if self._context is None:
+            raise ConfigError("step: call reset first")
+        values = self._command(np.asarray(action, dtype=float))
+        self._steps += 1
+        info: dict[str, Any] = {}
+        truncated = self._steps * self.period >= self.duration - 1e-9
+        try:
+            self._simulator.AdvanceTo(self._steps * self.period)
+            state = self.assembly.parts.plant.GetPositionsAndVelocities(
+                self.assembly.parts.plant.GetMyContextFromRoot(self._context)
+            )
+            diverged = not np.isfinite(state).all()
+        except RuntimeError as error:  # Drake gives up
+            diverged, info["error"] = True, str(error).strip().splitlines()[0]
+        info["time"] = self._context.get_time()
+        if diverged:
+            info["ended_by"] = "diverged"
+            return self._observation(diverged=True), 0.0, True, truncated, info
+        moment = Moment(info["time"], self.period, values, self.vehicle, self.readings, self._context)
+        reward = finite(self.reward(moment))
+        if reward is None:
+            info["bad_reward"] = True
+        for name, end in self.ends:
+            if end(moment):
+                info["ended_by"] = name
+                break
+        return self._observation(), reward or 0.0, "ended_by" in info, truncated, info
+
+    def _command(self, action: NDArray[np.float64]) -> dict[str, float]:
+        """Put an action on the inputs; returns it by name in SI units."""
+        assert self._context is not None
+        low, high = self.action_bounds[:, 0], self.action_bounds[:, 1]
+        share = np.clip(np.nan_to_num(action), -1.0, 1.0)
+        values = dict(zip(self.action_names, (0.5 * (low + high + share * (high - low))).tolist(), strict=True))
+        for one, source in self._sources:
+            vector = [values.get(name, rest) for name, rest in zip(one.elements, one.rest, strict=True)]
+            if one.stamp:
+                vector = [self._context.get_time()]
+            inner = source.GetMyMutableContextFromRoot(self._context)
+            source.get_mutable_source_value(inner).SetFromVector(vector)
+        return values
+
+    def _at_rest(self) -> NDArray[np.float64]:
+        """The action that holds before the first one: the speed of the start, everything else at zero."""
+        low, high = self.action_bounds.T
+        speeds = {f"{name}.{_SPEED}": start.speed for name, start in self.assembly.starts.items()}
+        values = np.array([speeds.get(name, 0.0) for name in self.action_names])
+        share: NDArray[np.float64] = 2.0 * (values - low) / (high - low) - 1.0
+        return share
+
+    def _observation(self, *, diverged: bool = False) -> Array:
+        space = self.observation_space
+        assert isinstance(space, gymnasium.spaces.Box)
+        if diverged:
+            return np.clip(np.zeros(space.shape, dtype=np.float32), space.low, space.high)
+        values = np.array([reading.read(self._context) for reading in self._observed], dtype=np.float32)
+        clipped: Array = np.clip(np.nan_to_num(values), space.low, space.high)
+        return clipped
+
+    def _default_observations(self) -> list[str]:
+        name = self.vehicle
+        names = [f"{name}.vx", f"{name}.wz", f"{name}.steering_setpoint"]
+        if self.assembly.tracks[name] is not None:
+            names += [f"{name}.lateral_error", f"{name}.heading_error", f"{name}.curvature"]
+            names += [f"{name}.curvature_ahead.10", f"{name}.curvature_ahead.20"]
+        return names
+
+    def _action_range(self, name: str, bounds: Mapping[str, Sequence[float]]) -> tuple[float, float]:
+        vehicle, _, port = name.partition(".")
+        if name in bounds:
+            return check_bounds(bounds[name], name)
+        part = self.assembly.parts.vehicles.get(vehicle)
+        if part is not None and port == _SPEED:
+            return 0.0, top_speed(part)
+        if part is not None and port == _STEERING:
+            return -steering_limit(part), steering_limit(part)
+        if part is not None and port in {f"{_PEDALS}.throttle", f"{_PEDALS}.brake"}:
+            return 0.0, 1.0
+        raise ConfigError(f"act: the range of '{name}' is not known; give bounds={{'{name}': (low, high)}}")
+
+    def _check_dead_man(self) -> None:
+        """A command that comes more seldom than the dead-man waits would stop the vehicle between two steps."""
+        for one in self._inputs:
+            if one.stamp:
+                control = self.assembly.parts.vehicles[one.port.split(".")[0]].vehicle.control
+                if self.period > control.dead_man:
+                    raise ConfigError(
+                        f"rate {1.0 / self.period:g} Hz is too low: the dead-man of {one.port.split('.')[0]} stops it "
+                        f"after {control.dead_man:g} s without a command; take {1.0 / control.dead_man:g} Hz or more"
+                    )
+
+    def _watch(self, context: Context) -> EventStatus:
+        self._friction.watch(context)
+        return EventStatus.DidNothing()
+
+
+class _Input:
+    """One input port that an action reaches, through a block that holds it."""
+
+    def __init__(self, port: str, block: str, elements: list[str], acting: list[str]) -> None:
+        self.port, self.block, self.elements, self.acting = port, block, elements, acting
+        self.stamp = port.endswith(f".{_STAMP}")
+        short = [name.partition(".")[2] for name in elements]
+        self.rest = [_AT_REST.get(name, 0.0) for name in short]
+
+
+def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) -> list[_Input]:
+    """Put a block that holds a vector before each input that is acted on; the spec is changed."""
+    if not names:
+        raise ConfigError("act: nothing; name an input at least")
+    repeated = sorted({name for name in names if list(names).count(name) > 1})
+    if repeated:
+        raise ConfigError(f"act: '{repeated[0]}' is named twice; once is enough")
+    ports: dict[str, list[str]] = {}
+    for name in names:
+        owner = max((own for own in [*spec.systems, *spec.vehicles] if name.startswith(f"{own}.")), key=len, default="")
+        if not owner:
+            known = [f"{vehicle}.{port}" for vehicle in spec.vehicles for port in (_SPEED, _STEERING, _PEDALS)]
+            raise ConfigError(f"act: '{name}' is no input of the diagram; {did_you_mean(name, known)}")
+        port = name.removeprefix(f"{owner}.").partition(".")[0]
+        ports.setdefault(f"{owner}.{port}", []).append(name)
+    for vehicle in spec.vehicles:
+        joins = {f"{vehicle}.{_SPEED}", f"{vehicle}.{_STEERING}"}
+        if joins <= set(ports):
+            spec.control.pop(vehicle, None)  # nobody else drives
+        if vehicle not in spec.control and joins & set(ports):
+            ports[f"{vehicle}.{_STAMP}"] = []
+        if f"{vehicle}.{_PEDALS}" in ports and vehicle not in spec.control:
+            for join in (_SPEED, _STEERING, _STAMP):
+                ports.setdefault(f"{vehicle}.{join}", [])
+    inputs = []
+    for number, (port, acting) in enumerate(ports.items()):
+        elements = [f"{port}.{element}" for element in _ELEMENTS.get(port.rpartition(".")[2], [])] or [port]
+        if acting == [port] and len(elements) > 1:
+            acting = [name for name in elements if name.partition(".")[2] not in _AT_REST or name in bounded]
+        for name in acting:
+            if name not in elements:
+                raise ConfigError(f"act: '{name}' is no input of the diagram; {did_you_mean(name, elements)}")
+        block = f"action_{number}"
+        spec.systems[block] = SystemEntry(kind="constant", value=[0.0] * len(elements))
+        spec.connect = [pair for pair in spec.connect if pair[1] != port] + [(f"{block}.y", port)]
+        inputs.append(_Input(port, block, elements, acting))
+    spec.record = spec.record.model_copy(update={"signals": False, "cameras": False, "arrays": False})
+    return inputs

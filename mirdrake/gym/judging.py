@@ -1,0 +1,160 @@
+"""Rewards, ends of an episode and starts: built-in ones by name, and functions of your own as ``module:name``.
+
+::
+
+    def fast_and_centred(moment: Moment) -> float:
+        return moment["ego.vx"] * moment.period - 0.1 * abs(moment["ego.lateral_error"])
+
+    def too_far_out(moment: Moment) -> bool:
+        return abs(moment["ego.lateral_error"]) > 1.0
+
+    def anywhere(assembly: Assembly, rng: numpy.random.Generator) -> dict[str, Start]:
+        return {"ego": Start(rng.uniform(-5.0, 5.0), 0.0, 0.0)}
+"""
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import cos, isfinite, pi
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from mirdrake.diagram import Assembly
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.gym.readings import Readings
+from mirdrake.worlds import Start
+
+TIPPED = pi / 4
+"""Roll or pitch from which a vehicle counts as rolled over [rad]."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a reward or an end is judged by: the end of one step.
+
+    Attributes:
+        time: simulated [s].
+        period: of a step [s].
+        action: what was commanded in this step, by name, in SI units.
+        vehicle: name of the vehicle that acts.
+        readings: where signals are looked up.
+        context: of the whole diagram, not to be changed.
+    """
+
+    time: float
+    period: float
+    action: Mapping[str, float]
+    vehicle: str
+    readings: Readings
+    context: Context
+
+    def __getitem__(self, name: str) -> float:
+        """A signal by name, observed or not."""
+        reading = self.readings.known.get(name) or self.readings.find(name)[0]
+        return reading.read(self.context)
+
+    def of_vehicle(self, name: str) -> float:
+        """A signal of the vehicle that acts."""
+        return self[f"{self.vehicle}.{name}"]
+
+
+Reward = Callable[[Moment], float]
+End = Callable[[Moment], bool]
+Starts = Callable[[Assembly, np.random.Generator], dict[str, Start]]
+
+
+def progress(moment: Moment) -> float:
+    """Way along the track in this step [m]; without a track, way ahead."""
+    speed = moment.of_vehicle("vx")
+    if f"{moment.vehicle}.heading_error" in moment.readings.known:
+        speed *= cos(moment.of_vehicle("heading_error"))
+    return speed * moment.period
+
+
+def centred_progress(moment: Moment) -> float:
+    """The same, less with the distance from the centre line: nothing at 2 m and beyond [m]."""
+    return progress(moment) * max(0.0, 1.0 - abs(moment.of_vehicle("lateral_error")) / 2.0)
+
+
+def off_road(moment: Moment) -> bool:
+    """Two wheels or more are beside the road."""
+    return moment.of_vehicle("wheels_on_road") < 3.0
+
+
+def collision(moment: Moment) -> bool:
+    """A vehicle touches something, other than the road with its tyres."""
+    return moment["other_contacts"] > 0.0
+
+
+def rollover(moment: Moment) -> bool:
+    """The vehicle leans by more than 45 degrees."""
+    return max(abs(moment.of_vehicle("roll")), abs(moment.of_vehicle("pitch"))) > TIPPED
+
+
+def anywhere_on_track(assembly: Assembly, rng: np.random.Generator) -> dict[str, Start]:
+    """Each vehicle somewhere on its track, along it, with the speed of its own start."""
+    starts = {}
+    for name, start in assembly.starts.items():
+        track_name = assembly.tracks[name]
+        if track_name is None:
+            raise ConfigError(f"start 'anywhere_on_track': {name} has no track in world '{assembly.parts.world.name}'")
+        track = assembly.parts.world.tracks[track_name]
+        x, y, yaw = track.pose_at(float(rng.uniform(0.0, track.length)))
+        starts[name] = Start(float(x), float(y), float(yaw), start.speed)
+    return starts
+
+
+REWARDS: dict[str, Reward] = {"progress": progress, "centred_progress": centred_progress}
+ENDS: dict[str, End] = {"off_road": off_road, "collision": collision, "rollover": rollover}
+STARTS: dict[str, Starts] = {"anywhere_on_track": anywhere_on_track}
+
+FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
+
+
+def find_function(
+    given: str | FunctionT, offered: Mapping[str, FunctionT], *, what: str, folder: Path | None
+) -> FunctionT:
+    """A function from itself, from its built-in name, or from ``module:name``.
+
+    Args:
+        given: what the user wrote.
+        offered: the built-in ones.
+        what: what it is for, in errors.
+        folder: where the module may lie, besides the import path and the working directory.
+
+    Raises:
+        ConfigError: there is no such function.
+    """
+    if not isinstance(given, str):
+        if not callable(given):
+            raise ConfigError(f"{what}: {given!r} is no function; give one, its name, or module:name")
+        return given
+    if ":" not in given:
+        if given not in offered:
+            raise ConfigError(f"unknown {what} '{given}'; {did_you_mean(given, offered)}, or module:name of your own")
+        return offered[given]
+    module_name, _, name = given.partition(":")
+    extra = [str(path) for path in (folder, Path.cwd()) if path is not None and str(path) not in sys.path]
+    sys.path[:0] = extra
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:
+        raise ConfigError(f"{what} '{given}': module '{module_name}' cannot be imported: {error}") from None
+    finally:
+        for path in extra:
+            sys.path.remove(path)
+    function: FunctionT | None = getattr(module, name, None)
+    if not callable(function):
+        names = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
+        raise ConfigError(f"{what} '{given}': no function '{name}' in {module_name}; {did_you_mean(name, names)}")
+    return function
+
+
+def finite(value: Any) -> float | None:
+    """A reward as a number, or None if it is no finite one."""
+    number = float(value)
+    return number if isfinite(number) else None

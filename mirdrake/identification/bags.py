@@ -1,0 +1,265 @@
+"""ROS 1 and ROS 2 bags and MCAP files as tables, without ROS.
+
+A column is a topic and a field of its messages: ``/imu/data:angular_velocity.z``; ``.`` or ``/`` do instead of the
+colon, ``ranges.3`` is an item of an array, and ``orientation.yaw`` (``roll``, ``pitch``) an angle of a quaternion.
+MCAP files of ``mirdrake export`` are read back the same way: ``/ego/signals:vx``.
+
+Each topic has a clock of its own. The rows are those of the topic that is wanted and comes most often; the others are
+brought to its times: numbers by straight lines, integers and switches held. The column ``time`` is the stamp in the
+header where messages have one, else the time of reception; ``received`` is always the latter.
+"""
+
+import json
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack
+from importlib import import_module
+from math import asin, atan2
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.identification.spec import CsvLayout
+from mirdrake.identification.tables import Table
+from mirdrake.yaml_io import shown
+
+CLOCKS = ("time", "received")
+
+LONGEST_BRIDGE = 5.0
+"""Usual steps of a topic over which its values are joined; over more there is no value."""
+
+Messages = Callable[[Collection[str]], Iterator[tuple[str, int, Any]]]
+
+
+class Bag(NamedTuple):
+    """An opened file.
+
+    Attributes:
+        topics: kind of the messages by topic.
+        messages: (topic, time of reception [ns], message as mapping or object) of some topics, in order.
+    """
+
+    topics: Mapping[str, str]
+    messages: Messages
+
+
+def read_bag(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  # noqa: ARG001
+    """A bag, or a folder that is one, as a table of the columns that are wanted.
+
+    Raises:
+        ConfigError: it cannot be read, or has no such topic or field.
+        MissingDependencyError: the packages for bags are not installed.
+    """
+    columns = [name for name in wanted if name not in CLOCKS]
+    with ExitStack() as stack:
+        bag = _open(path, stack)
+        places = {name: _split(path, name, bag.topics) for name in columns}
+        rows = _collect(path, bag, places)
+    received = "received" in wanted
+    clocks = {topic: _clock(times, stamps, received=received) for topic, (times, stamps, _) in rows.items()}
+    base = max(clocks, key=lambda topic: (len(clocks[topic]), topic))
+    time, notes = clocks[base], []
+    values: dict[str, Any] = {}
+    for name, (topic, _) in places.items():
+        values[name] = _brought(time, clocks[topic], rows[topic][2][name], same=topic == base)
+    for topic, clock in clocks.items():
+        rate = 1e9 * (len(clock) - 1) / float(clock[-1] - clock[0]) if len(clock) > 1 and clock[-1] > clock[0] else 0.0
+        stamped = "received" if received or not np.any(rows[topic][1]) else "stamped in their headers"
+        how = "their times are the rows" if topic == base else "brought to the times of the rows"
+        notes.append(f"{topic} ({bag.topics[topic]}): {len(clock)} messages, {rate:.4g} Hz, as {stamped}; {how}")
+    start = time[0]
+    table = {"received" if received else "time": (time - start) * 1e-9, **values}
+    return Table(shown(path), list(table), table, dict.fromkeys(CLOCKS, "s"), None, notes)
+
+
+def _open(path: Path, stack: ExitStack) -> Bag:
+    if path.suffix == ".mcap" and (bag := _open_mcap(path, stack)) is not None:
+        return bag
+    try:
+        highlevel, typesys = import_module("rosbags.highlevel"), import_module("rosbags.typesys")
+    except ImportError:
+        raise MissingDependencyError(f"{shown(path)}: bags need a package: pip install 'mirdrake[bags]'") from None
+    try:
+        own = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=own))
+    except Exception as error:  # what its readers meet on broken files is of many kinds
+        raise ConfigError(f"{shown(path)}: is not a bag, or is broken: {_one_line(error)}") from None
+
+    def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        chosen = [link for link in reader.connections if link.topic in topics]
+        for link, time, raw in reader.messages(connections=chosen):
+            yield link.topic, time, reader.deserialize(raw, link.msgtype)
+
+    return Bag({link.topic: link.msgtype for link in reader.connections}, messages)
+
+
+def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
+    """An MCAP file with messages in JSON or Protobuf; None when they are those of ROS, or the package is missing."""
+    try:
+        reading = import_module("mcap.reader")
+    except ImportError:
+        return None
+    try:
+        reader = reading.make_reader(stack.enter_context(path.open("rb")))
+        summary = reader.get_summary()
+        channels = list(summary.channels.values()) if summary else []
+    except Exception as error:
+        raise ConfigError(f"{shown(path)}: is not an MCAP file, or is broken: {_one_line(error)}") from None
+    if not channels or any(channel.message_encoding not in {"json", "protobuf"} for channel in channels):
+        return None
+    schemas = {link.topic: summary.schemas.get(link.schema_id) for link in channels}
+    kinds = {topic: schema.name if schema else "JSON" for topic, schema in schemas.items()}
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+
+    def decoder(schema: Any, channel: Any) -> Callable[[bytes], Any]:
+        if channel.message_encoding == "json":
+            return json.loads
+        try:
+            factory = import_module("mcap_protobuf.decoder").DecoderFactory()
+        except ImportError:
+            raise MissingDependencyError(
+                f"{shown(path)}: needs packages for Protobuf: pip install 'mirdrake[bags]'"
+            ) from None
+        found: Callable[[bytes], Any] = factory.decoder_for("protobuf", schema)
+        return found
+
+    def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        for schema, channel, message in reader.iter_messages(topics=list(topics)):
+            if channel.id not in decoders:
+                decoders[channel.id] = decoder(schema, channel)
+            yield channel.topic, message.log_time, decoders[channel.id](message.data)
+
+    return Bag(kinds, messages)
+
+
+def _split(path: Path, column: str, topics: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
+    """Topic and keys of a column."""
+    name = column if column.startswith("/") else f"/{column}"
+    fitting = [topic for topic in topics if name.startswith(topic) and name[len(topic) : len(topic) + 1] in set(":./")]
+    if not fitting:
+        near = name.split(":")[0]
+        raise ConfigError(f"{shown(path)}: no topic of '{column}'; {did_you_mean(near, sorted(topics))}")
+    topic = max(fitting, key=len)
+    return topic, tuple(name[len(topic) + 1 :].replace("/", ".").replace("[", ".").replace("]", "").split("."))
+
+
+_Rows = tuple[NDArray[np.int64], NDArray[np.int64], dict[str, NDArray[Any]]]
+
+
+def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ...]]]) -> dict[str, _Rows]:
+    """Times of reception and stamps [ns] and values by column, for each topic."""
+    topics = {topic for topic, _ in places.values()}
+    times: dict[str, list[int]] = {topic: [] for topic in topics}
+    stamps: dict[str, list[int]] = {topic: [] for topic in topics}
+    values: dict[str, list[Any]] = {name: [] for name in places}
+    of = {topic: [(name, keys) for name, (own, keys) in places.items() if own == topic] for topic in topics}
+    try:
+        for topic, time, message in bag.messages(topics):
+            times[topic].append(time)
+            stamps[topic].append(_stamp(message))
+            for name, keys in of[topic]:
+                values[name].append(_value(path, name, message, keys))
+    except (ConfigError, MissingDependencyError):
+        raise
+    except Exception as error:
+        raise ConfigError(f"{shown(path)}: cannot be read: {_one_line(error)}") from None
+    for topic in topics:
+        if len(times[topic]) < 2:
+            raise ConfigError(f"{shown(path)}: {topic} has {len(times[topic])} messages; no drive")
+    return {
+        topic: (
+            np.array(times[topic]),
+            np.array(stamps[topic]) if all(stamps[topic]) else np.zeros(0, dtype=np.int64),
+            {name: np.array(values[name]) for name, _ in of[topic]},
+        )
+        for topic in topics
+    }
+
+
+def _stamp(message: Any) -> int:
+    """The stamp in the header of a message [ns]; 0: it has none."""
+    stamp = _get(_get(message, "header"), "stamp") or _get(message, "stamp")
+    seconds, rest = _get(stamp, "sec"), _get(stamp, "nanosec")
+    return 0 if seconds is None or rest is None else int(seconds) * 10**9 + int(rest)
+
+
+def _get(item: Any, key: str) -> Any:
+    if isinstance(item, Mapping):
+        return item.get(key)
+    if isinstance(item, list | tuple | np.ndarray):
+        return item[int(key)] if key.isdigit() and int(key) < len(item) else None
+    return getattr(item, key, None)
+
+
+def _value(path: Path, name: str, message: Any, keys: tuple[str, ...]) -> Any:
+    item = message
+    for at, key in enumerate(keys):
+        inner = _get(item, key)
+        if inner is None and key in {"roll", "pitch", "yaw"} and (angle := _angle(item, key)) is not None:
+            return angle
+        if inner is None:
+            if isinstance(item, Mapping) and key in item:  # JSON's null
+                return np.nan
+            place = ".".join(keys[:at]) or "the message"
+            raise ConfigError(f"{shown(path)}: '{name}': {place} has no field '{key}'; {_fields(item, key)}")
+        item = inner
+    if isinstance(item, bool | int | float | np.number | np.bool_):
+        return item
+    raise ConfigError(f"{shown(path)}: '{name}' is not a number; {_fields(item, '')}")
+
+
+def _fields(item: Any, key: str) -> str:
+    if isinstance(item, Mapping):
+        names = list(item)
+    elif isinstance(item, list | tuple | np.ndarray):
+        return f"it has the items 0 to {len(item) - 1}"
+    elif hasattr(item, "DESCRIPTOR"):
+        names = list(item.DESCRIPTOR.fields_by_name)
+    else:
+        names = [name for name in getattr(item, "__dataclass_fields__", {}) if not name.startswith("_")]
+    if isinstance(item, Mapping) or names:
+        return did_you_mean(key, names) if key else "fields: " + ", ".join(names)
+    return "name a field that is"
+
+
+def _angle(item: Any, key: str) -> float | None:
+    """Roll, pitch or yaw [rad] of a quaternion; None: it is none."""
+    parts = [_get(item, axis) for axis in ("w", "x", "y", "z")]
+    if any(part is None for part in parts):
+        return None
+    w, x, y, z = (float(part) for part in parts)
+    if key == "roll":
+        return atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    if key == "pitch":
+        return asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _clock(times: NDArray[np.int64], stamps: NDArray[np.int64], *, received: bool) -> NDArray[np.int64]:
+    return times if received or not len(stamps) else stamps
+
+
+def _brought(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[Any], *, same: bool) -> NDArray[Any]:
+    """Values of one topic at the times of another."""
+    numbers = values.astype(float)
+    if same:
+        return numbers
+    order = np.argsort(own, kind="stable")
+    own, numbers = own[order], numbers[order]
+    if values.dtype.kind in "bui":
+        at = np.searchsorted(own, time, side="right") - 1
+        return np.where(at >= 0, numbers[np.maximum(at, 0)], np.nan)
+    start = own[0]
+    clock, target = (own - start).astype(float), (time - start).astype(float)
+    result = np.interp(target, clock, numbers, left=np.nan, right=np.nan)
+    steps = np.diff(clock)
+    longest = LONGEST_BRIDGE * float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    before = np.clip(np.searchsorted(clock, target, side="right") - 1, 0, len(clock) - 2)
+    result[(steps[before] > longest) & (target != clock[before])] = np.nan
+    return np.asarray(result)
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:160] or type(error).__name__

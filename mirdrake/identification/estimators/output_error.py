@@ -1,0 +1,202 @@
+"""The fit of a model to a data set: choices, least squares, intervals, verdicts, held-out fits."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+
+import numpy as np
+import pandas as pd
+
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.identification.channels import channel
+from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.estimators.drives import make_drives
+from mirdrake.identification.estimators.options import EstimatorOptions
+from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.profile import profiles_of
+from mirdrake.identification.estimators.solve import Solution, solve
+from mirdrake.identification.fit import ChannelFit, Fit
+from mirdrake.identification.identifiability import combinations, judge
+from mirdrake.identification.models.base import Array, Drive, Model, ModelSpec
+from mirdrake.identification.models.registry import make_model
+from mirdrake.identification.parameters import Choice, Unknown, choose
+from mirdrake.identification.validation import input_correlation, nrmse, whiteness
+
+
+def fit(
+    data: DataSet,
+    model: ModelSpec,
+    *,
+    parameters: Mapping[str, Choice] | None = None,
+    options: EstimatorOptions | None = None,
+    name: str = "fit",
+) -> Fit:
+    """Fit a model to the training logs of a data set and try it on all of its logs.
+
+    Args:
+        data: checked drives.
+        model: which model.
+        parameters: choices by name; those left out are as the model has them.
+        options: how to fit.
+        name: of the study.
+
+    Raises:
+        ConfigError: the data or the choices cannot give a fit; one line per fault.
+        RunError: the model runs away from its guess.
+    """
+    begun, options, parameters = time.perf_counter(), options or EstimatorOptions(), parameters or {}
+    check_logs(data)
+    known = {key: value for key, choice in parameters.items() if (value := known_value(choice)) is not None}
+    made = make_model(model, data, known)
+    unknowns = choose(made.parameters, parameters)
+    if all(one.kind == "fixed" for one in unknowns):
+        raise ConfigError(f"parameters: all of model {made.kind} are fixed; there is nothing to fit, free one")
+    drives, notes = make_drives(made, data.train, options.shooting)
+    problem = Problem(made, drives, unknowns, first_noise(made, drives), options.offsets, options.continuity)
+    if problem.samples <= 3 * problem.size:
+        raise ConfigError(
+            f"data: {problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
+        )
+    solution = solve(problem, options)
+    result = describe(data, solution, unknowns, name=name, options=options, notes=notes)
+    return replace(result, seconds=time.perf_counter() - begun)
+
+
+def known_value(choice: Choice) -> float | None:
+    """The number that a choice says before a fit."""
+    numbers = (choice.fixed, choice.guess, choice.given, choice.prior[0] if choice.prior else None)
+    return next((number for number in numbers if number is not None), None)
+
+
+def check_logs(data: DataSet) -> None:
+    """Refuse what no model can be fitted to.
+
+    Raises:
+        ConfigError: no training log, or one without samples.
+    """
+    if not data.logs:
+        raise ConfigError("data: has no log; name at least one")
+    if not data.train:
+        raise ConfigError("data: no log is for training; set 'use: train' at one")
+    for log in data.logs:
+        if len(log.time) == 0 or not log.channels:
+            raise ConfigError(f"log {log.name}: is empty; leave it out")
+
+
+def first_noise(model: Model, drives: Sequence[Drive]) -> dict[str, float]:
+    """A tenth of what each output moves: noise before the first fit."""
+    found = {}
+    for name in model.outputs:
+        values = np.concatenate([drive.outputs[name] for drive in drives])
+        found[name] = max(0.1 * float(np.nanstd(values)), 1e-9)
+    return found
+
+
+def describe(
+    data: DataSet,
+    solution: Solution,
+    unknowns: Sequence[Unknown],
+    *,
+    name: str,
+    options: EstimatorOptions,
+    notes: Sequence[str] = (),
+) -> Fit:
+    """From a solution to a fit: intervals, verdicts, traces, held-out fits."""
+    problem, model = solution.problem, solution.problem.model
+    values = problem.values(solution.z)
+    sigmas = np.sqrt(np.diag(solution.covariance))
+    if solution.draws is not None:
+        sigmas = np.maximum(sigmas, 0.5 * np.ptp(np.percentile(solution.draws, (2.5, 97.5), axis=0), axis=0) / 1.96)
+    scale = np.where(sigmas > 0.0, sigmas, 1.0)
+    own = np.sqrt(np.maximum(np.diag(solution.white), 1e-300))
+    correlation = solution.white / own[:, None] / own[None, :]
+    wide = solution.covariance * np.outer(scale, scale) / np.outer(*(2 * [np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))]))
+    values_ = np.linalg.eigvalsh(correlation)
+    condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
+    channels, traces = try_model(data, solution)
+    error = any(one.part == "train" and one.whiteness_p is not None and one.whiteness_p < 1e-3 for one in channels)
+    judged = judge(model, unknowns, values, sigmas, correlation, solution.bound, model_error=error)
+    told = [*notes]
+    if error:
+        most = float(np.max(solution.inflation))
+        told.append(
+            f"the residuals are not white: intervals are those of correlated residuals, up to {max(most, 1.0) ** 0.5:.2g} "
+            "times those of white ones"
+        )
+    assumed = [one.info.name for one in unknowns if one.kind == "fixed" and one.source.startswith(("assumed", "half of"))]
+    if {"front_length", "rear_length", "mass"} & set(assumed):
+        told.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
+    told += [one.info.source for one in unknowns if one.info.source.startswith("not given")]
+    advice = dict.fromkeys(
+        model.remedy(frozenset({one.name})) for one in judged if one.verdict in {"not identifiable", "weakly identified"}
+    )
+    profiles = profiles_of(solution, options) if options.profile else {}
+    how = f"output error, {options.loss} loss"
+    if options.shooting is not None:
+        how += f", pieces of {options.shooting:g} s" + (" joined" if options.continuity is not None else "")
+    return Fit(
+        name, model.title, how, judged, correlation, condition, channels, traces, profiles,
+        combinations(model, unknowns, values, wide, judged), tuple(advice), tuple(told), data.digest,
+        versions={package: version(package) for package in ("numpy", "scipy")},
+    )  # fmt: skip
+
+
+def try_model(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...], dict[str, pd.DataFrame]]:
+    """Fits of all logs with the parameters found: of the held-out ones only offsets and first states are estimated."""
+    model, problem = solution.problem.model, solution.problem
+    channels: list[ChannelFit] = []
+    traces: dict[str, pd.DataFrame] = {}
+    values = problem.values(solution.z)
+    fixed = [
+        replace(one, kind="fixed", prior=None, info=replace(one.info, guess=values[one.info.name]))
+        for one in problem.unknowns
+    ]
+    for log in data.logs:
+        if log.use == "train":
+            runs = problem.traces(solution.z)
+            pairs = [(drive, run) for drive, run in zip(problem.drives, runs, strict=True) if drive.log == log.name]
+        else:
+            pairs = held_out(model, log, fixed, problem)
+        if pairs:
+            channels += _fits(model, log, pairs)
+            traces[log.name] = _trace(model, pairs)
+    return tuple(channels), traces
+
+
+def held_out(
+    model: Model, log: Log, unknowns: Sequence[Unknown], problem: Problem
+) -> list[tuple[Drive, Array]]:
+    """Drives of a log and what the model shows, from fitted first states and offsets."""
+    drives, _ = make_drives(model, (log,))
+    again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)
+    try:
+        z = solve(again, EstimatorOptions(iterations=20), passes=1).z
+        return list(zip(drives, again.traces(z), strict=True))
+    except (RunError, FloatingPointError):
+        return [(drive, np.full((len(model.outputs), drive.size), np.nan)) for drive in drives]
+
+
+def _fits(model: Model, log: Log, pairs: Sequence[tuple[Drive, Array]]) -> list[ChannelFit]:
+    found = []
+    for i, name in enumerate(model.outputs):
+        seen = np.concatenate([drive.outputs[name] for drive, _ in pairs])
+        shown = np.concatenate([run[i] for _, run in pairs])
+        off = seen - shown
+        inputs = [np.concatenate([drive.inputs[key] for drive, _ in pairs]) for key in model.inputs]
+        found.append(
+            ChannelFit(
+                log.name, log.use, name, channel(name).unit, nrmse(seen, shown),  # type: ignore[arg-type]
+                float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan"),
+                whiteness(off), input_correlation(off, inputs),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _trace(model: Model, pairs: Sequence[tuple[Drive, Array]]) -> pd.DataFrame:
+    columns: dict[str, Array] = {"t": np.concatenate([drive.time for drive, _ in pairs])}
+    for i, name in enumerate(model.outputs):
+        columns[name] = np.concatenate([drive.outputs[name] for drive, _ in pairs])
+        columns[f"{name}_model"] = np.concatenate([run[i] for _, run in pairs])
+    return pd.DataFrame(columns)

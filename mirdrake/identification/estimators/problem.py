@@ -1,0 +1,244 @@
+"""Residuals and their derivatives: what least squares is asked to make small."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mirdrake.identification.estimators.shooting import Sensitivity, Shots, cut, simulate
+from mirdrake.identification.models.base import Array, Drive, Model
+from mirdrake.identification.parameters import Unknown
+
+NUDGE = 1e-5
+_START = 3.0
+"""How far the first state may be from its guess, over its scale: a weak prior."""
+
+
+@dataclass
+class Problem:
+    """Free parameters θ, sensor offsets of each log, first states of each drive.
+
+    Unknowns z: scaled free parameters; then offsets over their usual size, by log and output; then first states of
+    each drive, as the difference from their guess over the scale of the state.
+
+    Residuals: outputs of each drive over their noise (outputs x n each), sample after sample zero where nothing was
+    measured; then the gaps between pieces of one log if they are joined; then priors of parameters, offsets, states.
+
+    Attributes:
+        model: the model.
+        drives: what it is fitted to.
+        unknowns: all parameters of the model.
+        sigmas: noise by output [unit].
+        offsets: whether sensors have offsets.
+        joined: standard deviation of the gap between pieces of a log, over the scales of the states; None: free.
+    """
+
+    model: Model
+    drives: Sequence[Drive]
+    unknowns: Sequence[Unknown]
+    sigmas: Mapping[str, float]
+    offsets: bool = True
+    joined: float | None = None
+    _shots: list[Shots] = field(init=False, repr=False)
+    _last: tuple[bytes, list[Sensitivity]] | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.free = [one for one in self.unknowns if one.kind != "fixed"]
+        guess = {one.info.name: one.info.guess for one in self.unknowns}
+        self._guess = guess
+        self._shots = [cut(self.model, drive, guess) for drive in self.drives]
+        self._starts = [shots.nodes[:, 0].copy() for shots in self._shots]
+        self.logs = list(dict.fromkeys(drive.log for drive in self.drives))
+        self.sensors = [
+            (log, i)
+            for log in self.logs
+            for i, name in enumerate(self.model.outputs)
+            if self.offsets and self.model.offset_scale(name) > 0.0
+        ]
+        self._masks, self._measured = [], []
+        for drive in self.drives:
+            values = np.array([drive.outputs[name] for name in self.model.outputs])
+            self._masks.append(np.isfinite(values))
+            self._measured.append(np.where(np.isfinite(values), values, 0.0))
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.free) + len(self.sensors) + len(self.drives) * len(self.model.states)
+
+    @property
+    def samples(self) -> int:
+        """Number of measured values."""
+        return int(sum(mask.sum() for mask in self._masks))
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Of the unknowns."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for i, one in enumerate(self.free):
+            low[i], high[i] = one.to_scaled(one.info.low), one.to_scaled(one.info.high)
+        return low, high
+
+    def values(self, z: Array) -> dict[str, float]:
+        """All parameters for unknowns."""
+        found = dict(self._guess)
+        for one, scaled in zip(self.free, z, strict=False):
+            found[one.info.name] = one.to_value(float(scaled))
+        return found
+
+    def scaled(self, values: Mapping[str, float]) -> Array:
+        """Unknowns for parameters, with no offsets and first states as guessed."""
+        z = np.zeros(self.size)
+        for i, one in enumerate(self.free):
+            z[i] = one.to_scaled(values[one.info.name])
+        return z
+
+    def _run(self, z: Array, *, derivatives: bool) -> list[Sensitivity] | None:
+        if self._last is not None and self._last[0] == z.tobytes():
+            return self._last[1]
+        base = self.values(z)
+        columns = [base]
+        if derivatives:
+            for one, scaled in zip(self.free, z, strict=False):
+                columns.append({**base, one.info.name: one.to_value(float(scaled) + NUDGE)})
+        found = []
+        scales, size = np.array(self.model.state_scales), len(self.model.states)
+        for k, (shots, start) in enumerate(zip(self._shots, self._starts, strict=True)):
+            at = len(self.free) + len(self.sensors) + k * size
+            first = start + scales * z[at : at + size]
+            run = simulate(self.model, shots, columns, first, changes=NUDGE, derivatives=derivatives)
+            if run is None:  # once more, from what was measured
+                shots.nodes = cut(self.model, shots.drive, base).nodes
+                run = simulate(self.model, shots, columns, first, changes=NUDGE, derivatives=derivatives)
+            if run is None:
+                return None
+            found.append(run)
+        if derivatives:
+            self._last = (z.tobytes(), found)
+        return found
+
+    def traces(self, z: Array) -> list[Array]:
+        """What the model with its offsets shows (outputs, n), by drive.
+
+        Raises:
+            FloatingPointError: the model runs away.
+        """
+        runs = self._run(z, derivatives=False)
+        if runs is None:
+            raise FloatingPointError("the model's states grow beyond all bounds")
+        return [run.y + self._offsets_of(z, drive)[:, None] for run, drive in zip(runs, self.drives, strict=True)]
+
+    def _offsets_of(self, z: Array, drive: Drive) -> Array:
+        found = np.zeros(len(self.model.outputs))
+        for k, (log, i) in enumerate(self.sensors):
+            if log == drive.log:
+                found[i] = z[len(self.free) + k] * self.model.offset_scale(self.model.outputs[i])
+        return found
+
+    def residuals(self, z: Array) -> Array:
+        """Residuals at unknowns; NaN if the model runs away."""
+        runs = self._run(z, derivatives=False)
+        if runs is None:
+            return np.full(self.rows, np.nan)
+        parts = []
+        noise = np.array([self.sigmas[name] for name in self.model.outputs])
+        for run, drive, mask, seen in zip(runs, self.drives, self._masks, self._measured, strict=True):
+            off = (run.y + self._offsets_of(z, drive)[:, None] - seen) / noise[:, None]
+            parts.append(np.where(mask, off, 0.0).T.ravel())
+        parts += self._gaps(z, runs)
+        return np.concatenate([*parts, self._priors(z)])
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return sum(mask.size for mask in self._masks) + len(self._joints()) * len(self.model.states) + self._prior_rows
+
+    def jacobian(self, z: Array) -> Array:
+        """Derivatives of the residuals (rows, unknowns)."""
+        runs = self._run(z, derivatives=True)
+        found = np.zeros((self.rows, self.size))
+        if runs is None:
+            return found * np.nan
+        free, size, at = len(self.free), len(self.model.states), 0
+        noise = np.array([self.sigmas[name] for name in self.model.outputs])
+        for k, (run, drive, mask) in enumerate(zip(runs, self.drives, self._masks, strict=True)):
+            shown = mask.T.ravel()[:, None]
+            block = found[at : at + mask.size]
+            block[:, :free] = np.moveaxis(run.by_parameters / noise[:, None, None], 0, 1).reshape(mask.size, free)
+            start = free + len(self.sensors) + k * size
+            by_start = run.by_start / noise[:, None, None] * np.array(self.model.state_scales)
+            block[:, start : start + size] = np.moveaxis(by_start, 0, 1).reshape(mask.size, size)
+            for j, (log, i) in enumerate(self.sensors):
+                if log == drive.log:
+                    block[i :: len(noise), free + j] = self.model.offset_scale(self.model.outputs[i]) / noise[i]
+            block *= shown
+            at += mask.size
+        for k in self._joints():
+            rows = slice(at, at + size)
+            assert self.joined is not None
+            by = runs[k].last_by / (np.array(self.model.state_scales)[:, None] * self.joined)
+            found[rows, :free] = by[:, :free]
+            start = free + len(self.sensors) + k * size
+            found[rows, start : start + size] = by[:, free:] * np.array(self.model.state_scales)
+            found[rows, start + size : start + 2 * size] = -np.eye(size) / self.joined
+            at += size
+        for i, one in enumerate(self.free):
+            if one.prior is not None:
+                found[at, i] = one.slope(one.to_value(float(z[i]))) / one.prior[1]
+                at += 1
+            elif one.info.usual > 0.0:
+                found[at, i] = 1.0 / one.info.usual
+                at += 1
+        rest = self.size - free
+        weights = np.ones(rest)
+        weights[len(self.sensors) :] = 1.0 / _START
+        found[at:, free:] = np.diag(weights)
+        return found
+
+    def _joints(self) -> list[int]:
+        """Drives that the next one goes on from."""
+        if self.joined is None:
+            return []
+        return [k for k in range(len(self.drives) - 1) if follows(self.drives[k], self.drives[k + 1])]
+
+    def _gaps(self, z: Array, runs: Sequence[Sensitivity]) -> list[Array]:
+        size, found = len(self.model.states), []
+        scales = np.array(self.model.state_scales)
+        for k in self._joints():
+            at = len(self.free) + len(self.sensors) + (k + 1) * size
+            after = self._starts[k + 1] + scales * z[at : at + size]
+            found.append((runs[k].last - after) / (scales * (self.joined or 1.0)))
+        return found
+
+    @property
+    def _prior_rows(self) -> int:
+        held = sum(one.prior is not None or one.info.usual > 0.0 for one in self.free)
+        return held + self.size - len(self.free)
+
+    def _priors(self, z: Array) -> Array:
+        found = []
+        for one, scaled in zip(self.free, z, strict=False):
+            if one.prior is not None:
+                found.append((one.to_value(float(scaled)) - one.prior[0]) / one.prior[1])
+            elif one.info.usual > 0.0:
+                found.append(float(scaled) / one.info.usual)
+        rest = z[len(self.free) :].copy()
+        rest[len(self.sensors) :] /= _START
+        return np.concatenate((np.array(found), rest))
+
+    def spread(self, z: Array) -> dict[str, float]:
+        """Root mean square of the residuals by output [unit], a few large ones left aside."""
+        traces, found = self.traces(z), {}
+        for i, name in enumerate(self.model.outputs):
+            off = np.concatenate([
+                (trace[i] - seen[i])[mask[i]]
+                for trace, seen, mask in zip(traces, self._measured, self._masks, strict=True)
+            ])  # fmt: skip
+            most = np.percentile(np.abs(off), 99.0) if len(off) else 1.0
+            found[name] = float(np.sqrt(np.mean(np.minimum(np.abs(off), most) ** 2)))
+        return found
+
+
+def follows(one: Drive, other: Drive) -> bool:
+    """Whether a drive goes on where another ends."""
+    gap = other.start - one.start - one.step * one.size
+    return one.log == other.log and abs(gap) < 0.5 * one.step

@@ -1,0 +1,194 @@
+"""Regressions where the parameters enter linearly; intervals hold for correlated residuals.
+
+- coast_down: dv/dt over windows = -(A + B v + C v²) / m, from pedals that are not touched.
+- understeer: channel of the steering = ratio (L r / v + K ay) + bias, with slow turns, both terms free.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from mirdrake.errors import ConfigError
+from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.estimators.covariance import long_run
+from mirdrake.identification.fit import Fit, FittedParameter
+from mirdrake.identification.models.base import Array, channel_of
+from mirdrake.identification.models.single_track import SPEED
+from mirdrake.identification.models.steer import STEERING
+from mirdrake.identification.relations import make_grid
+
+_LEAST_ROWS = 20
+
+
+@dataclass(frozen=True)
+class Regression:
+    """y = X b + e.
+
+    Attributes:
+        values: b (p).
+        covariance: of them (p, p), autocorrelation of e taken into account.
+        residual: e (n).
+        condition: of the scaled XᵀX.
+    """
+
+    values: Array
+    covariance: Array
+    residual: Array
+    condition: float
+
+
+def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust: bool = True) -> Regression:
+    """Least squares, with Huber's weights if robust.
+
+    Args:
+        y: (n).
+        X: (n, p).
+        groups: rows that follow one another in time.
+
+    Raises:
+        ConfigError: fewer rows than it takes, or columns that are not independent.
+    """
+    n, p = X.shape
+    if n < max(3 * p, _LEAST_ROWS):
+        raise ConfigError(f"regression: {n} rows for {p} parameters; record longer")
+    size = np.linalg.norm(X, axis=0)
+    if np.any(size == 0.0) or np.linalg.matrix_rank(X / np.maximum(size, 1e-300), tol=1e-9) < p:
+        raise ConfigError("regression: the columns are not independent; vary speed and steering")
+    weights = np.ones(n)
+    values = np.zeros(p)
+    for _ in range(30 if robust else 1):
+        root = np.sqrt(weights)
+        new = np.linalg.lstsq(X * root[:, None] / size, y * root, rcond=None)[0] / size
+        rest = y - X @ new
+        sigma = 1.4826 * float(np.median(np.abs(rest))) or 1.0
+        weights = 1.0 / np.maximum(np.abs(rest) / (2.5 * sigma), 1.0)
+        done = np.allclose(new, values, rtol=1e-10, atol=0.0)
+        values = new
+        if done:
+            break
+    if not robust:
+        weights = np.ones(n)
+    rest = y - X @ values
+    inside = (X * weights[:, None]).T @ X
+    inverse = np.linalg.inv(inside / np.outer(size, size)) / np.outer(size, size)
+    influence = (X * (weights * rest)[:, None]) @ inverse
+    covariance = long_run(influence, list(groups) if groups else [slice(0, n)]) * n / (n - p)
+    own = np.sqrt(np.diag(inside))
+    values_ = np.linalg.eigvalsh(inside / np.outer(own, own))
+    return Regression(values, covariance, rest, float(values_[-1] / max(values_[0], 1e-300)))
+
+
+def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False, window: float = 1.0) -> Fit:
+    """Road load from coasting: F = A + B v + C v² over the mass, rolling resistance and drag from it.
+
+    Args:
+        data: training logs; pedals, where there are any, say where the vehicle coasts.
+        mass: with what turns reduced to the road [kg]; None: everything per kilogram.
+        linear: whether there is a term B v.
+        window: over which the speed's change is taken [s].
+
+    Raises:
+        ConfigError: not enough coasting.
+    """
+    rows, groups, at = [], [], 0
+    for log in data.train:
+        part = _coasting(log, window)
+        rows.append(part)
+        groups.append(slice(at, at + len(part)))
+        at += len(part)
+    table = np.concatenate(rows) if rows else np.zeros((0, 3))
+    if len(table) < _LEAST_ROWS:
+        raise ConfigError(
+            f"data: {len(table)} s of coasting; record a coast-down without pedals, {_LEAST_ROWS} s at least"
+        )
+    change, speed, square = table.T
+    factor = mass or 1.0
+    unit = "N" if mass else "N/kg"
+    columns = [np.ones(len(speed)), speed, square] if linear else [np.ones(len(speed)), square]
+    found = regress(-change * factor, np.column_stack(columns), groups)
+    names = [("A", unit), ("B", f"{unit} s/m"), ("C", f"{unit} s^2/m^2")] if linear else [("A", unit), ("C", f"{unit} s^2/m^2")]
+    text = f"over {window:g} s windows from {speed.min():.3g} to {speed.max():.3g} m/s"
+    return _fit(data, "coast-down, F = A + B v + C v²", f"regression {text}", names, found)
+
+
+def _coasting(log: Log, window: float) -> Array:
+    """Rows of change of speed [m/s²], mean speed and mean of its square."""
+    name = channel_of(set(log.channels), SPEED, "the speed", "coast_down")
+    grid = make_grid(log)
+    v = grid.channels[name]
+    free = np.abs(v) > 1.0
+    for pedal in ("throttle", "brake"):
+        if pedal in grid.channels:
+            free &= grid.channels[pedal] < 0.01
+    many = max(int(round(window / grid.step)), 4)
+    found = []
+    x = (np.arange(many) - 0.5 * (many - 1)) * grid.step
+    for first in range(0, len(v) - many + 1, many):
+        if free[first : first + many].all():
+            part = v[first : first + many]
+            found.append((float(x @ part) / float(x @ x), float(part.mean()), float(np.mean(part**2))))
+    return np.array(found).reshape(-1, 3)
+
+
+def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float = 4.0) -> Fit:
+    """Ratio and bias of the steering and the understeer gradient from quasi-steady turns.
+
+    Args:
+        data: training logs.
+        wheelbase: front to rear axle [m]; None: that of the data set, or 1 m, and the ratio is that over the wheelbase.
+        highest: lateral acceleration up to which it is taken [m/s²].
+
+    Raises:
+        ConfigError: a channel is missing, or too few turns.
+    """
+    length = wheelbase or data.wheelbase or 1.0
+    ys, xs, groups, at = [], [], [], 0
+    for log in data.train:
+        steer = channel_of(set(log.channels), STEERING, "the steering", "understeer")
+        forward = channel_of(set(log.channels), SPEED, "the speed", "understeer")
+        rate = channel_of(set(log.channels), ("yaw_rate",), "the yaw rate", "understeer")
+        grid = make_grid(log)
+        width = 0.3 / grid.step
+        v, r, angle = (gaussian_filter1d(grid.channels[name], width) for name in (forward, rate, steer))
+        slow = gaussian_filter1d(np.abs(np.gradient(angle, grid.step)), width)
+        good = (v > 3.0) & (np.abs(v * r) < highest) & (slow <= max(float(np.percentile(slow, 80.0)), 1e-9))
+        many = max(int(round(0.2 / grid.step)), 1)
+        rows = np.flatnonzero(good)[::many]
+        ys.append(angle[rows])
+        xs.append(np.column_stack((length * r[rows] / v[rows], v[rows] * r[rows], np.ones(len(rows)))))
+        groups.append(slice(at, at + len(rows)))
+        at += len(rows)
+    found = regress(np.concatenate(ys), np.concatenate(xs), groups)
+    ratio = found.values[0]
+    # K = b1 / b0 and the bias at the wheels = b2 / b0, by the delta method.
+    turn = np.array([[1.0, 0.0, 0.0], [-found.values[1] / ratio**2, 1.0 / ratio, 0.0], [-found.values[2] / ratio**2, 0.0, 1.0 / ratio]])
+    values = np.array([ratio, found.values[1] / ratio, found.values[2] / ratio])
+    found = Regression(values, turn @ found.covariance @ turn.T, found.residual, found.condition)
+    names = [("steering_ratio", "1"), ("understeer_gradient", "rad s^2/m"), ("steering_bias", "rad")]
+    return _fit(data, "steady turns, δ = ratio (L r / v + K ay + bias)", "regression of quasi-steady samples", names, found)
+
+
+def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], found: Regression) -> Fit:
+    sigmas = np.sqrt(np.diag(found.covariance))
+    correlation = found.covariance / np.outer(sigmas, sigmas)
+    parameters = []
+    for i, (name, unit) in enumerate(names):
+        value, sigma = float(found.values[i]), float(sigmas[i])
+        size = abs(value) if name not in {"steering_bias", "understeer_gradient"} else 0.01
+        span = sigma / max(size, 1e-300)
+        verdict = "identified" if span < 0.06 else "weakly identified" if span < 0.15 else "not identifiable"
+        parameters.append(
+            FittedParameter(name, unit, value, sigma, value - 1.96 * sigma, value + 1.96 * sigma,
+                            verdict=verdict, words=f"known to ± {1.96 * sigma:.2g} {unit}")  # type: ignore[arg-type]
+        )  # fmt: skip
+    return Fit(
+        "regression", model, how, tuple(parameters), correlation, found.condition, data_sha256=data.digest,
+        notes=(f"{len(found.residual)} rows, rms of the residual {float(np.sqrt(np.mean(found.residual**2))):.3g}",),
+    )  # fmt: skip
+
+
+def physical_road_load(fit: Fit, mass: float, *, gravity: float = 9.80665, density: float = 1.2) -> Mapping[str, float]:
+    """Rolling resistance [1] and drag area [m²] of a coast-down with the mass given."""
+    return {"rolling_resistance": fit["A"].value / (mass * gravity), "drag_area": 2.0 * fit["C"].value / density}

@@ -1,0 +1,155 @@
+"""Least squares over a problem, noise weights in turns with it, and the covariance of what comes out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from mirdrake.errors import RunError
+from mirdrake.identification.estimators.covariance import block_bootstrap, inflation, long_run
+from mirdrake.identification.estimators.options import EstimatorOptions
+from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.models.base import Array
+
+_ROBUST = {"huber": 2.5, "soft_l1": 2.5, "linear": 1.0}
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solved problem.
+
+    Attributes:
+        z: unknowns.
+        problem: with the noise found.
+        cost: half the sum of the losses.
+        covariance: of the scaled free parameters (p, p), autocorrelation of the residuals taken into account.
+        white: the same if residuals were white.
+        inflation: ratio of variances by parameter (p).
+        information: Fisher information of the free parameters, the other unknowns taken out (p, p).
+        bound: "low", "high" or None, by parameter.
+        draws: shifts of the scaled parameters by the block bootstrap (count, p), or None.
+        message: of the optimiser.
+    """
+
+    z: Array
+    problem: Problem
+    cost: float
+    covariance: Array
+    white: Array
+    inflation: Array
+    information: Array
+    bound: tuple[str | None, ...]
+    draws: Array | None
+    message: str
+
+
+def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *, passes: int = 3) -> Solution:
+    """Fit.
+
+    Raises:
+        RunError: the model cannot follow the drive from the first guess.
+    """
+    z = np.zeros(problem.size) if z is None else z.copy()
+    low, high = problem.bounds()
+    result = None
+    for turn in range(passes):
+        z = _inside(z, low, high)
+        first = problem.residuals(z)
+        if not np.isfinite(first).all():
+            raise RunError(
+                f"model {problem.model.kind}: runs away from the guess; give guesses or bounds that are nearer to the vehicle"
+            )
+        result = least_squares(
+            problem.residuals, z, jac=problem.jacobian, bounds=(low, high), method="trf", x_scale=1.0,
+            loss=options.loss if turn else "soft_l1", f_scale=_ROBUST[options.loss] if turn else 3.0,
+            max_nfev=options.iterations, xtol=1e-7, ftol=1e-8 if turn else 1e-5, gtol=1e-8,
+        )  # fmt: skip
+        z = result.x
+        before = problem.sigmas
+        problem = replace(problem, sigmas={name: max(s, 1e-9) for name, s in problem.spread(z).items()})
+        if turn and all(abs(problem.sigmas[name] / before[name] - 1.0) < 0.02 for name in before):
+            break
+    assert result is not None
+    return _finish(problem, options, z, float(result.cost), str(result.message))
+
+
+def _inside(z: Array, low: Array, high: Array) -> Array:
+    """Strictly within the bounds, as the optimiser wants it."""
+    room = np.where(np.isfinite(high - low), 1e-3 * (high - low), 1e-3)
+    room = np.minimum(room, 0.02)
+    return np.minimum(np.maximum(z, low + room), high - room)
+
+
+def _weights(residuals: Array, loss: str) -> Array:
+    """Of each residual in the robust loss, first derivative."""
+    if loss == "linear":
+        return np.ones(len(residuals))
+    ratio = np.abs(residuals) / _ROBUST[loss]
+    if loss == "huber":
+        return 1.0 / np.maximum(ratio, 1.0)
+    return np.asarray((1.0 + ratio**2) ** -0.5)
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of a positive matrix; directions that it does not have get a very large value."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    return np.asarray((vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(size, size))
+
+
+def _at_least(noise: Array, least: Array) -> Array:
+    """Long-run noise, in no direction below what white residuals give: correlation that helps is not believed."""
+    values, vectors = np.linalg.eigh(noise - least)
+    return least + (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, message: str) -> Solution:
+    p = len(problem.free)
+    residuals, jacobian = problem.residuals(z), problem.jacobian(z)
+    low, high = problem.bounds()
+    bound: list[str | None] = []
+    for i, one in enumerate(problem.free):
+        near = 1e-3 * max(min(one.to_scaled(one.info.high) - one.to_scaled(one.info.low), 2.0), 1e-6)
+        bound.append("low" if z[i] - low[i] < near else "high" if high[i] - z[i] < near else None)
+    data = sum(mask.size for mask in problem._masks)
+    weights = _weights(residuals, options.loss)
+    weights[data:] = 1.0
+    inner = jacobian * np.sqrt(weights)[:, None]
+    information = inner.T @ inner
+    prior = inner[data:].T @ inner[data:]
+    inverse = _inverse(information)
+    # What belongs to one sample is added up over the outputs, then followed in time.
+    scores, groups, at, begin = [], [], 0, 0
+    blocks, rights = [], []
+    for drive, mask in zip(problem.drives, problem._masks, strict=True):
+        part = slice(at, at + mask.size)
+        one = jacobian[part] * (weights[part] * residuals[part])[:, None]
+        each = one.reshape(drive.size, len(mask), -1).sum(axis=1)
+        scores.append(each)
+        groups.append(slice(begin, begin + drive.size))
+        length = max(int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step)), 10)
+        count = max(drive.size // length, 1)
+        for rows_ in np.array_split(np.arange(drive.size), count):
+            block = slice(at + int(rows_[0]) * len(mask), at + (int(rows_[-1]) + 1) * len(mask))
+            blocks.append(inner[block].T @ inner[block])
+            rights.append(each[rows_].sum(axis=0))
+        at, begin = at + mask.size, begin + drive.size
+    series = np.concatenate(scores)
+    # Information of the data as it would be if they were weighed by their long-run noise; then what is known besides.
+    measured = inner[:data].T @ inner[:data]
+    size = np.sqrt(np.maximum(np.diag(measured), 1e-300))
+    inside = measured / np.outer(size, size)
+    noise = long_run(series / size, groups)
+    noise *= problem.samples / max(problem.samples - problem.size, 1)
+    noise = _at_least(noise, 0.5 * inside)
+    effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
+    spread = _inverse(effective + prior)[:p, :p]
+    influence = series @ inverse[:, :p]
+    white = inverse[:p, :p]
+    draws = None
+    if options.bootstrap and len(blocks) > 4:
+        draws = block_bootstrap(blocks, rights, prior, options.bootstrap, options.seed)[:, :p]
+    return Solution(
+        z, problem, cost, spread, white, inflation(influence, groups), _inverse(white),
+        tuple(bound), draws, message,
+    )  # fmt: skip

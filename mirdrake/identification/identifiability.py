@@ -1,0 +1,164 @@
+"""Which parameters a log gives, in words, and which combinations instead of those that it does not."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.identification.fit import FittedParameter, Verdict
+from mirdrake.identification.models.base import Model
+from mirdrake.identification.parameters import Unknown
+
+Array = NDArray[np.float64]
+
+IDENTIFIED = 0.06
+"""Standard deviation, relative or over what is a large change, up to which a parameter is identified."""
+
+WEAK = 0.15
+"""The same up to which it is weakly identified."""
+
+TOGETHER = 0.95
+"""Correlation from which on two parameters are not told apart."""
+
+GIVEN = 0.05
+"""Difference from the given value that matters, relative or over what is a large change."""
+
+
+def judge(
+    model: Model,
+    unknowns: Sequence[Unknown],
+    values: Mapping[str, float],
+    sigmas: Array,
+    correlation: Array,
+    bounds: Sequence[str | None],
+    *,
+    model_error: bool = False,
+) -> tuple[FittedParameter, ...]:
+    """Parameters with their intervals and verdicts.
+
+    Args:
+        model: what was fitted.
+        unknowns: all parameters.
+        values: estimates.
+        sigmas: of the scaled free parameters (p).
+        correlation: of these (p, p).
+        bounds: where they stand (p).
+        model_error: the residuals are far from white, so that a doubtful value is no value.
+    """
+    free = [one for one in unknowns if one.kind != "fixed"]
+    names = [one.info.name for one in free]
+    found = []
+    for one in unknowns:
+        info = one.info
+        if one.kind == "fixed":
+            found.append(
+                FittedParameter(info.name, info.unit, values[info.name], kind="fixed", given=one.given,
+                                source=one.source, verdict="fixed", words=info.source)
+            )  # fmt: skip
+            continue
+        i = names.index(info.name)
+        found.append(_judge(model, one, values, float(sigmas[i]), correlation[i], names, bounds[i], model_error))
+    return tuple(found)
+
+
+def _judge(
+    model: Model,
+    one: Unknown,
+    values: Mapping[str, float],
+    sigma: float,
+    correlation: Array,
+    names: Sequence[str],
+    bound: str | None,
+    model_error: bool,
+) -> FittedParameter:
+    info, value = one.info, values[one.info.name]
+    scaled = one.to_scaled(value)
+    wide = not math.isfinite(sigma) or (one.logarithmic and sigma > 3.0)
+    span = sigma if one.logarithmic else sigma / max(1.0, abs(value) / info.scale)
+    low = None if wide else one.to_value(scaled - 1.96 * sigma)
+    high = None if wide else one.to_value(scaled + 1.96 * sigma)
+    if low is not None and high is not None:
+        low, high = max(low, min(info.low, value)), min(high, max(info.high, value))
+    kin = [(abs(rho), name) for rho, name in zip(correlation, names, strict=True) if name != info.name]
+    near = [name for rho, name in sorted(kin, reverse=True) if rho > TOGETHER][:2]
+    least, most = model.plausible(info.name, values)
+    odd = not least <= value <= most
+    if bound is not None:
+        verdict: Verdict = "not identifiable"
+        words = f"stands at its {'lower' if bound == 'low' else 'upper'} bound of {info.low if bound == 'low' else info.high:.4g} {info.unit}"
+    elif not span <= WEAK:
+        verdict, words = "not identifiable", f"known to {_percent(one, sigma)} only"
+    elif odd and (model_error or span > IDENTIFIED):
+        verdict = "not identifiable"
+        words = f"{value:.4g} {info.unit} has no physical meaning (usual: {least:.4g} to {most:.4g}); the model is bent to the log"
+    elif span > IDENTIFIED:
+        verdict, words = "weakly identified", f"known to {_percent(one, sigma)}"
+    else:
+        verdict, words = "identified", f"known to {_percent(one, sigma)}"
+        if odd:
+            words += f"; unusual (usual: {least:.4g} to {most:.4g})"
+    if verdict in {"weakly identified", "not identifiable"}:
+        if near:
+            words += f"; {info.name} and {' and '.join(near)} are not separable in this log"
+        words += f": {model.remedy(frozenset({info.name, *near}))}"
+    elif one.given is not None:
+        apart = abs(one.to_scaled(one.given) - scaled) if one.given > 0.0 or not one.logarithmic else math.inf
+        if apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0)):
+            verdict = "contradicts the given value"
+            words += f"; the given {one.given:.4g} {info.unit} lies outside of the interval; neither is proven wrong by this"
+    if one.kind == "prior" and one.prior is not None:
+        shrunk = sigma * one.slope(value) / one.prior[1]
+        words += f"; its prior holds it, the log adds {'little' if shrunk > 0.9 else 'to it'}" if shrunk > 0.5 else ""
+    return FittedParameter(
+        info.name, info.unit, value, abs(one.slope(value)) * sigma if math.isfinite(sigma) else None, low, high,
+        one.kind, bound, one.given, one.source, verdict, words,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _percent(one: Unknown, sigma: float) -> str:
+    if one.logarithmic:
+        return f"± {196.0 * sigma:.2g} %" if sigma < 3.0 else "no better than a factor of 300"
+    return f"± {1.96 * sigma * one.info.scale:.2g} {one.info.unit}"
+
+
+def combinations(
+    model: Model, unknowns: Sequence[Unknown], values: Mapping[str, float], covariance: Array, judged: Sequence[FittedParameter]
+) -> tuple[str, ...]:
+    """What is identified where single parameters are not: named combinations of the model, then eigenvectors."""
+    poor = {one.name for one in judged if one.verdict in {"not identifiable", "weakly identified"}}
+    if not poor:
+        return ()
+    free = [one for one in unknowns if one.kind != "fixed"]
+    texts = []
+    base = model.derived(values)
+    slopes = {name: np.zeros(len(free)) for name in base}
+    for i, one in enumerate(free):
+        scaled = one.to_scaled(values[one.info.name])
+        up, down = (
+            model.derived({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4)
+        )
+        for name in base:
+            slopes[name][i] = (up[name][0] - down[name][0]) / 2e-4
+    for name, (value, unit) in base.items():
+        sigma = float(np.sqrt(max(slopes[name] @ covariance @ slopes[name], 0.0)))
+        touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[name]) > 1e-12)}
+        if touched & poor and sigma < 0.15 * abs(value):
+            texts.append(f"{name}: {value:.4g} ± {1.96 * sigma:.2g} {unit}")
+    # Directions of the scaled parameters: those of a small variance that are made of poor ones.
+    index = [i for i, one in enumerate(free) if one.info.name in poor]
+    if len(index) > 1:
+        values_, vectors = np.linalg.eigh(covariance[np.ix_(index, index)])
+        for variance, vector in zip(values_, vectors.T, strict=True):
+            big = np.abs(vector) > 0.3
+            if variance**0.5 < IDENTIFIED and big.sum() > 1:
+                vector = vector / vector[np.argmax(np.abs(vector))]
+                parts = [_part(free[index[k]], vector[k]) for k in np.flatnonzero(np.abs(vector) > 0.3)]
+                texts.append(f"{' '.join(parts)} is known to ± {196.0 * variance**0.5:.2g} %")
+    return tuple(texts)
+
+
+def _part(one: Unknown, power: float) -> str:
+    if one.logarithmic:
+        return one.info.name if abs(power - 1.0) < 0.02 else f"{one.info.name}^{power:.2g}"
+    return f"exp({power:.2g} {one.info.name} / {one.info.scale:g} {one.info.unit})"

@@ -1,0 +1,283 @@
+"""A study from its file to its result: data, check, stages, the last fit; written into a folder."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.identification.check import check_data
+from mirdrake.identification.data import DataSet, load_data, make_data
+from mirdrake.identification.estimators import EstimatorOptions, fit
+from mirdrake.identification.findings import DataReport
+from mirdrake.identification.fit import Fit
+from mirdrake.identification.models import ModelSpec, make_model
+from mirdrake.identification.models.base import Model
+from mirdrake.identification.parameters import Choice, Parameter
+from mirdrake.identification.study import ParameterSpec, StudySpec, Value, in_study, inline_data
+from mirdrake.logs import write_file
+from mirdrake.single_track import estimate_parameters
+from mirdrake.vehicles import load_vehicle
+from mirdrake.yaml_io import to_si, where
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a study gave.
+
+    Attributes:
+        name: of the study.
+        about: what it is, for people.
+        check: what was found in the data, and done about it; its data set is what the model was fitted to.
+        fit: the last fit.
+        stages: the fits before it.
+        vehicle: name of the vehicle; "" when none was given.
+        given: values of the vehicle by name of the parameter.
+        seconds: that all of it took [s].
+    """
+
+    name: str
+    about: str
+    check: DataReport
+    fit: Fit
+    stages: tuple[Fit, ...] = ()
+    vehicle: str = ""
+    given: Mapping[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def save(self, folder: Path) -> None:
+        """Write fit.json, traces.parquet, profiles.parquet, data_check.csv, and a folder for each stage.
+
+        Raises:
+            RunError: it cannot be written.
+        """
+        self.fit.save(folder)
+        for number, stage in enumerate(self.stages, start=1):
+            stage.save(folder / f"stage_{number}")
+        write_file(folder / "data_check.csv", self.check.to_pandas().to_csv(index=False).encode())
+
+
+def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Identification:
+    """Do a study.
+
+    Args:
+        spec: the study.
+        folder: that its files are relative to.
+        tell: is told what is done.
+
+    Raises:
+        ConfigError: data, model or parameters have faults; one line per fault.
+    """
+    began = time.monotonic()
+    tell = tell or _silent
+    tell("reading")
+    data = make_data(inline_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
+    vehicle, given = ("", {}) if spec.vehicle is None else _given(spec, folder, spec.vehicle)
+    if data.wheelbase is None and given:
+        data = replace(data, wheelbase=given["front_length"] + given["rear_length"])
+    if not data.train:
+        raise ConfigError(f"{where(spec, 'data')}: no drive is for training; set 'use: train' of at least one")
+    tell("checking the data")
+    check = check_data(data)
+    _check_alive(check.data)
+    kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
+    model_spec, asked = ModelSpec(kind, options), {**given, **_fixed_numbers(spec)}
+    try:
+        model = make_model(model_spec, check.data, asked)
+        choices = make_choices(spec, model, given, vehicle)
+        stages = _run_stages(spec, model_spec, model, check.data, choices, tell)
+        tell("fitting")
+        final = fit(check.data, model_spec, parameters=choices, options=_options(spec), name=spec.name)
+    except ConfigError as error:
+        raise in_study(spec, error) from None
+    return Identification(spec.name, spec.about, check, final, tuple(stages), vehicle, given, time.monotonic() - began)
+
+
+def _silent(text: str) -> None:
+    del text
+
+
+def make_choices(spec: StudySpec, model: Model, given: Mapping[str, float], vehicle: str) -> dict[str, Choice]:
+    """What a study and a vehicle say of the parameters of a model.
+
+    Raises:
+        ConfigError: there is no such parameter, a unit does not fit, or bounds contradict; one line per fault.
+    """
+    known = {info.name: info for info in model.parameters}
+    faults = [
+        f"{where(spec, 'parameters', name)}: {model.title} has no such parameter; {did_you_mean(name, known)}"
+        for name in spec.parameters
+        if name not in known
+    ]
+    choices: dict[str, Choice] = {}
+    for name, info in known.items():
+        entry = spec.parameters.get(name)
+        value = given.get(name)
+        if entry is None:
+            if value is not None:
+                choices[name] = Choice(given=value, source=vehicle)
+            continue
+        try:
+            choices[name] = _choice(spec, entry, info, value, vehicle)
+        except ConfigError as error:
+            faults.append(str(error))
+    if faults:
+        raise ConfigError("\n".join(faults))
+    return choices
+
+
+def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float | None, vehicle: str) -> Choice:
+    def number(value: Value | None, *path: str) -> float | None:
+        place = where(spec, "parameters", info.name, *path)
+        return None if value is None else to_number(value, info.unit, place)
+
+    values = {key: number(getattr(entry, key), key) for key in ("fixed", "guess", "low", "high", "given")}
+    prior = None
+    if entry.prior is not None:
+        mean, sigma = number(entry.prior.mean, "prior", "mean"), number(entry.prior.sigma, "prior", "sigma")
+        assert mean is not None
+        assert sigma is not None
+        prior = (mean, sigma)
+    low, high, guess = values["low"], values["high"], values["guess"]
+    place = where(spec, "parameters", info.name)
+    if low is not None and high is not None and low >= high:
+        raise ConfigError(f"{place}: bounds conflict: low {low:g} is not below high {high:g} {info.unit}")
+    if guess is not None and not (-np.inf if low is None else low) <= guess <= (np.inf if high is None else high):
+        raise ConfigError(f"{place}: the guess {guess:g} {info.unit} lies outside of its bounds")
+    own = values.pop("given")
+    source = entry.source or (vehicle if own is None and given is not None else "")
+    return Choice(**values, prior=prior, free=entry.free, given=given if own is None else own, source=source)
+
+
+def to_number(value: Value, unit: str, place: str) -> float:
+    """A number that may carry the unit of its parameter.
+
+    Raises:
+        ConfigError: it is none, or has another unit.
+    """
+    if not isinstance(value, str):
+        return float(value)
+    bare, _, said = value.strip().partition(" ")
+    try:
+        if said.strip() in {unit, ""}:
+            return float(bare)
+        number = to_si(value, unit)
+        if isinstance(number, str):
+            raise ConfigError(f"{place}: '{value}' is not a number in {unit}")
+        return float(number)
+    except (KeyError, ValueError) as error:
+        text = str(error) if isinstance(error, ValueError) and "allowed" in str(error) else f"{unit} is expected"
+        raise ConfigError(f"{place}: '{value}': {text}") from None
+
+
+def _fixed_numbers(spec: StudySpec) -> dict[str, float]:
+    """Values of the study that a model may want before its parameters are known: plain numbers that are fixed."""
+    found: dict[str, float] = {}
+    for name, entry in spec.parameters.items():
+        value = entry.fixed if entry.fixed is not None else entry.given
+        if isinstance(value, str):
+            value = value.strip().partition(" ")[0]
+        try:
+            found |= {} if value is None else {name: float(value)}
+        except ValueError:
+            continue  # told with its place when the parameter is known
+    return found
+
+
+def _load(spec: StudySpec, folder: Path, file: str) -> DataSet:
+    path = folder / file
+    if not path.is_file():
+        raise ConfigError(f"{where(spec, 'data')}: no data file '{file}' beside the study")
+    return load_data(path)
+
+
+def _given(spec: StudySpec, folder: Path, name: str) -> tuple[str, dict[str, float]]:
+    """Name of a vehicle, and values of its files by name of the parameter."""
+    beside = folder / name
+    vehicle = load_vehicle(str(beside) if beside.is_dir() else name, where=where(spec, "vehicle"))
+    p = estimate_parameters(vehicle)
+    ratio = vehicle.spec.steering.ratio
+    return vehicle.name, {
+        "mass": p.mass,
+        "yaw_inertia": p.yaw_inertia,
+        "front_length": p.front_length,
+        "rear_length": p.rear_length,
+        "com_height": p.com_height,
+        "cornering_stiffness_front": p.front_stiffness,
+        "cornering_stiffness_rear": p.rear_stiffness,
+        "rolling_resistance": p.rolling_resistance,
+        "drag": p.drag,
+        "steering_lag": p.steering_lag,
+        "hand_wheel_ratio": ratio,
+    }
+
+
+def _check_alive(data: DataSet) -> None:
+    """Refuse a drive in which nothing moves.
+
+    Raises:
+        ConfigError: all channels of a log are constant.
+    """
+    for log in data.logs:
+        if all(np.nanmax(values) == np.nanmin(values) for values in log.channels.values()):
+            raise ConfigError(f"{log.name}: every channel is constant; there is nothing to identify")
+
+
+def _options(spec: StudySpec) -> EstimatorOptions:
+    return EstimatorOptions(**spec.estimator.model_dump())
+
+
+def _run_stages(
+    spec: StudySpec, kind: ModelSpec, model: Model, data: DataSet, choices: dict[str, Choice], tell: Tell
+) -> list[Fit]:
+    """The fits before the last one; their results become guesses, or fixed values, in `choices`."""
+    known = {info.name: info for info in model.parameters}
+    names = [log.name for log in data.logs]
+    found: list[Fit] = []
+    for index, stage in enumerate(spec.stages):
+        for name in stage.free:
+            if name not in known:
+                place = where(spec, "stages", index, "free")
+                raise ConfigError(f"{place}: unknown parameter '{name}'; {did_you_mean(name, known)}")
+        chosen = names if stage.logs is None else []
+        for name in stage.logs or ():
+            parts = [one for one in names if one == name or one.startswith(f"{name}, part ")]
+            if not parts:
+                raise ConfigError(
+                    f"{where(spec, 'stages', index, 'logs')}: no log '{name}'; {did_you_mean(name, names)}"
+                )
+            chosen = [*chosen, *parts]
+        tell(f"stage {stage.name}")
+        part = replace(data, logs=tuple(log for log in data.logs if log.name in chosen))
+        if not part.train:
+            raise ConfigError(f"{where(spec, 'stages', index, 'logs')}: none of these logs is for training")
+        options = replace(_options(spec), bootstrap=0, profile=False)
+        own = {name: _in_stage(choices.get(name, Choice()), known[name], free=name in stage.free) for name in known}
+        result = fit(part, kind, parameters=own, options=options, name=f"{spec.name}, stage {stage.name}")
+        found.append(result)
+        for name in stage.free:
+            choices[name] = _after_stage(choices.get(name, Choice()), result[name].value, stage.name, keep=stage.keep)
+    return found
+
+
+def _in_stage(choice: Choice, info: Parameter, *, free: bool) -> Choice:
+    if free:
+        return replace(choice, free=True, fixed=None)
+    if choice.fixed is not None:
+        return choice
+    value = choice.guess if choice.guess is not None else choice.given
+    if value is None:
+        value = choice.prior[0] if choice.prior is not None else info.guess
+    return Choice(fixed=value, given=choice.given, source=choice.source or "as it was before this stage")
+
+
+def _after_stage(choice: Choice, value: float, stage: str, *, keep: bool) -> Choice:
+    if keep:
+        return Choice(fixed=value, given=choice.given, source=f"stage {stage}")
+    changes: dict[str, Any] = {"guess": value, "free": True}
+    return replace(choice, **changes)

@@ -1,0 +1,90 @@
+"""A log without a data file: its columns by their names, and by what the command line says."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.readers import read_table
+from mirdrake.identification.spec import CsvLayout, DataSpec
+from mirdrake.yaml_io import Source, shown, to_si, validate
+
+ALIASES = {
+    "vx": ("v_x", "vel_x", "velocity_x"),
+    "vy": ("v_y", "vel_y", "velocity_y"),
+    "yaw_rate": ("wz", "yawrate", "gyro_z", "yaw_rate_z"),
+    "speed": ("v", "velocity"),
+    "longitudinal_acceleration": ("ax", "acc_x", "a_x"),
+    "lateral_acceleration": ("ay", "acc_y", "a_y"),
+    "roll_rate": ("wx",),
+    "pitch_rate": ("wy",),
+    "yaw": ("heading",),
+}
+"""Other names of columns for which a channel is taken, when their unit is said."""
+
+
+def map_log(
+    path: Path, mapped: Sequence[str], clock: str | None, step: str | None, wheelbase: float | None
+) -> DataSpec:
+    """A data set of one log.
+
+    Args:
+        path: of the log.
+        mapped: ``"CHANNEL=COLUMN[:UNIT]"`` texts.
+        clock: ``"COLUMN[:UNIT]"``; None: the column time.
+        step: of a log without a clock; None: it has one.
+        wheelbase: [m]; None: not known.
+
+    Raises:
+        ConfigError: it cannot be read, or no column is mapped.
+    """
+    channels: dict[str, Any] = {}
+    for text in mapped:
+        name, equals, column = text.partition("=")
+        if not equals or not column:
+            raise ConfigError(f"--map {text}: write CHANNEL=COLUMN or CHANNEL=COLUMN:UNIT, as vx=v_kmh:km/h")
+        if name.partition("@")[0] not in CHANNELS:
+            raise ConfigError(f"--map {text}: unknown channel '{name}'; {did_you_mean(name, CHANNELS)}")
+        channels[name] = _column(column)
+    if clock is not None and step is not None:
+        raise ConfigError("--step: the log has a clock already, by --time; leave out one of them")
+    time: dict[str, Any] = {"column": "time"} if clock is None else _column(clock)
+    if step is not None:
+        time = {"step": to_si(step, "s")}
+    wanted = [entry["column"] for entry in channels.values()] + [time.get("column", "time")]
+    if path.suffix.lower() not in {".bag", ".db3", ".mcap"} and not (path / "metadata.yaml").is_file():
+        table = read_table(path, wanted, CsvLayout())
+        used = {entry["column"] for entry in channels.values()}
+        for name in table.names:
+            found = _channel_of(name)
+            said = found is not None and (name in table.units or CHANNELS[found].unit == "1")
+            if found is not None and said and found not in channels and name not in used:
+                channels[found] = {"column": name}
+        if not channels:
+            names = ", ".join(table.names[:20]) + (", …" if len(table.names) > 20 else "")
+            raise ConfigError(
+                f"{shown(path)}: no column is mapped; give --map CHANNEL=COLUMN:UNIT; columns are {names}"
+            )
+    elif not channels:
+        raise ConfigError(f"{shown(path)}: no topic is mapped; give --map CHANNEL=/topic:field:UNIT")
+    content: dict[str, Any] = {"mirdrake": "data/1", "time": time, "channels": channels, "logs": [{"file": path.name}]}
+    content |= {} if wheelbase is None else {"wheelbase": wheelbase}
+    return validate(content, DataSpec, Source("command line", {}))
+
+
+def _column(text: str) -> dict[str, str]:
+    """Column and unit of ``"COLUMN:UNIT"``; the last colon counts, and a topic has one of its own."""
+    topic = text.startswith("/")
+    head, colon, tail = text.rpartition(":")
+    if not colon or (topic and ":" not in head):
+        return {"column": text}
+    return {"column": head, "unit": tail}
+
+
+def _channel_of(column: str) -> str | None:
+    """The channel that a column is by its name, as ``ego.vx`` is vx."""
+    last = column.rpartition(".")[2].strip().lower()
+    if last in CHANNELS:
+        return last
+    return next((name for name, others in ALIASES.items() if last in others), None)

@@ -1,0 +1,209 @@
+"""What the estimators ask of a model: states, rates, and what sensors would show, for many parameter sets at once."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from mirdrake.errors import ConfigError
+from mirdrake.identification.parameters import Parameter
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Any]
+"""Parameters by name: floats, or arrays (columns, 1)."""
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """Which model is fitted.
+
+    Attributes:
+        kind: name in :data:`mirdrake.identification.models.registry.MODELS`.
+        options: of this kind.
+    """
+
+    kind: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A stretch of a log on even steps.
+
+    Attributes:
+        log: name of the log.
+        part: "train" or "validation".
+        start: time of the first sample [s].
+        step: from sample to sample [s].
+        inputs: channels that drive the model, by name (n each), without gaps.
+        outputs: channels that the model is compared with (n each), NaN where there is no value.
+    """
+
+    log: str
+    part: str
+    start: float
+    step: float
+    inputs: Mapping[str, Array]
+    outputs: Mapping[str, Array]
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return len(next(iter((*self.inputs.values(), *self.outputs.values()))))
+
+    @property
+    def time(self) -> Array:
+        """Of the samples (n) [s]."""
+        return self.start + self.step * np.arange(self.size)
+
+    def at(self, name: str, times: Array, delay: float = 0.0) -> Array:
+        """An input channel between its samples.
+
+        Args:
+            name: of the channel.
+            times: from the first sample on (any) [s].
+            delay: of the channel [s].
+        """
+        known = self.inputs[name]
+        return np.interp(times - delay, self.step * np.arange(len(known)), known)
+
+
+class Model(ABC):
+    """Equations ẋ = f(x, u, p), y = h(x, u, p).
+
+    Attributes:
+        kind: name.
+        title: kind and options in words.
+        parameters: all of them.
+        states: names of the states.
+        state_scales: what counts as a large change of each state, in its unit.
+        inputs: channels that it needs.
+        outputs: channels that it is compared with.
+        fine: longest step of the integration [s].
+    """
+
+    kind: str
+    title: str
+    parameters: tuple[Parameter, ...]
+    states: tuple[str, ...]
+    state_scales: tuple[float, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    fine: float = 0.0101
+    through: frozenset[str] = frozenset()
+    """Parameters that change :meth:`drive`."""
+
+    @abstractmethod
+    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+        """Inputs of the equations (inputs, times).
+
+        Args:
+            p: parameters.
+            drive: recorded channels.
+            times: from the first sample of the drive on, even steps [s].
+        """
+
+    @abstractmethod
+    def rates(self, x: Array, u: Array, p: Values) -> Array:
+        """Time derivatives of the states.
+
+        Args:
+            x: states (states, columns, shots).
+            u: inputs (inputs, columns, shots).
+            p: parameters (columns, 1) each.
+        """
+
+    @abstractmethod
+    def observe(self, x: Array, u: Array, p: Values) -> Array:
+        """What the sensors of :attr:`outputs` show (outputs, …), for arguments as of :meth:`rates` or with more axes."""
+
+    @abstractmethod
+    def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
+        """Guesses of the state at samples of a drive (states, rows), from what was measured."""
+
+    def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+        """Combinations of parameters with a meaning of their own: value and unit by name."""
+        del p
+        return {}
+
+    def plausible(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
+        """Between which values a parameter makes sense."""
+        del name, p
+        return -np.inf, np.inf
+
+    def remedy(self, names: frozenset[str]) -> str:
+        """Which drive would tell these parameters apart."""
+        del names
+        return "drive with more and faster changes of the inputs"
+
+    def offset_scale(self, channel: str) -> float:
+        """How large the offset of a sensor is expected to be [unit of the channel]; 0: has none."""
+        return OFFSETS.get(channel, 0.0)
+
+
+OFFSETS = {
+    "yaw_rate": 0.005, "lateral_acceleration": 0.15, "longitudinal_acceleration": 0.15, "vy": 0.05, "sideslip": 0.01,
+    "roll": 0.01, "roll_rate": 0.005,
+}  # fmt: skip
+"""What inertial units are usually off by [rad/s, m/s², m/s, rad]: standard deviation of the offsets that are fitted."""
+
+
+def first_order(values: Array, step: float, lag: float) -> Array:
+    """The answer of a first-order lag to straight lines between samples, at rest in the first sample; exact.
+
+    Args:
+        values: samples (n).
+        step: [s].
+        lag: time constant [s]; 0: none.
+    """
+    if lag <= 1e-6 * step:
+        return values
+    decay = float(np.exp(-step / lag))
+    # Of a ramp within the step: u0 gets the weight w0, u1 the weight w1.
+    rise = (lag / step) * (1.0 - decay)
+    ahead, behind = 1.0 - rise, rise - decay
+    return np.asarray(lfilter([ahead, behind], [1.0, -decay], values, zi=[rise * values[0]])[0])
+
+
+def second_order(values: Array, step: float, frequency: float, damping: float) -> Array:
+    """The answer of ÿ = ω² (u - y) - 2 ζ ω ẏ to samples joined by straight lines, at rest in the first one.
+
+    Args:
+        values: samples (n).
+        step: [s].
+        frequency: ω [rad/s].
+        damping: ζ [1].
+    """
+    # State y, ẏ, u and the slope of u: exact for straight lines.
+    block = np.zeros((4, 4))
+    block[0, 1] = 1.0
+    block[1] = [-(frequency**2), -2.0 * damping * frequency, frequency**2, 0.0]
+    block[2, 3] = 1.0
+    full = expm(block * step)
+    a, b0, b1 = full[:2, :2], full[:2, 2] - full[:2, 3] / step, full[:2, 3] / step
+    # y[k+1] = a y[k] + b0 u[k] + b1 u[k+1] as a transfer function of second order.
+    trace, det = float(np.trace(a)), float(np.linalg.det(a))
+    adj = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
+    numerator = [b1[0], b0[0] - (adj @ b1)[0], -(adj @ b0)[0]]
+    denominator = [1.0, -trace, det]
+    return np.asarray(lfilter(numerator, denominator, values - values[0])) + values[0]
+
+
+def channel_of(offered: set[str], names: tuple[str, ...], what: str, kind: str) -> str:
+    """The first channel of a list that every log has.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    for name in names:
+        if name in offered:
+            return name
+    raise ConfigError(
+        f"model {kind}: needs {what}, channel {' or '.join(names)}, in every log; the logs share "
+        f"{', '.join(sorted(offered)) or 'nothing'}; map the column in 'channels'"
+    )

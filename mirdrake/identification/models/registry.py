@@ -1,0 +1,46 @@
+"""The models by name."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.identification.data import DataSet
+from mirdrake.identification.models.base import Model, ModelSpec
+from mirdrake.identification.models.longitudinal import LongitudinalModel
+from mirdrake.identification.models.simple import JointLoopModel, KinematicModel, SteeringModel
+from mirdrake.identification.models.single_track import SingleTrackModel
+
+MODELS: dict[str, Callable[..., Model]] = {
+    "kinematic": KinematicModel,
+    "single_track": SingleTrackModel,
+    "single_track_roll": partial(SingleTrackModel, roll=True),
+    "longitudinal": LongitudinalModel,
+    "steering": SteeringModel,
+    "joint_loop": JointLoopModel,
+}
+"""Each is called with the shared channels, known values, the wheelbase, and its options."""
+
+
+def make_model(spec: ModelSpec, data: DataSet, given: Mapping[str, float]) -> Model:
+    """A model for a data set.
+
+    Args:
+        spec: which.
+        data: what it will be fitted to.
+        given: what is known of its parameters.
+
+    Raises:
+        ConfigError: unknown kind or option, or a channel is missing.
+    """
+    if spec.kind not in MODELS:
+        raise ConfigError(f"model: unknown model '{spec.kind}'; {did_you_mean(spec.kind, MODELS)}")
+    offered = set.intersection(*(set(log.channels) for log in data.logs)) if data.logs else set()
+    options: dict[str, Any] = dict(spec.options)
+    try:
+        return MODELS[spec.kind](offered, given, data.wheelbase, **options)
+    except TypeError as error:
+        if "unexpected keyword" in str(error):
+            name = str(error).split("'")[1]
+            raise ConfigError(f"model.{name}: {spec.kind} has no such option; leave it out") from None
+        raise

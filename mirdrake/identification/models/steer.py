@@ -1,0 +1,49 @@
+"""From the recorded steering channel to the angle of the front wheels: scale, offset, delay, lag, backlash."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mirdrake.identification.models.base import Array, Drive, first_order
+from mirdrake.identification.parameters import Parameter
+
+STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
+NAMES = frozenset({"steering_ratio", "steering_offset", "steering_delay", "steering_lag", "steering_backlash"})
+
+_RATIO = {"road_wheel_angle": 1.0, "steering_wheel_angle": 15.0, "steering_command": 1.5}
+
+
+def steering_parameters(channel: str) -> tuple[Parameter, ...]:
+    """Parameters of the way from a steering channel to the wheels."""
+    wheels = channel == "road_wheel_angle"
+    unit = "1" if channel != "steering_command" else "1/rad"
+    low, high = (0.3, 3.0) if wheels else (0.02, 100.0)
+    return (
+        Parameter(
+            "steering_ratio", unit, f"{channel} over the angle of the front wheels", _RATIO[channel], low, high,
+            free=not wheels, usual=1.0, source="the channel is the angle of the wheels" if wheels else "",
+        ),
+        Parameter("steering_offset", "rad", "angle of the wheels at zero of the channel", 0.0, -0.2, 0.2, True, 0.01, usual=5.0),
+        Parameter("steering_delay", "s", "dead time of the steering", 0.02, -0.1, 0.5, True, 0.05, usual=2.0),
+        Parameter("steering_lag", "s", "time constant of the steering", 0.0, 0.0, 1.0, False, 0.05, usual=2.0),
+        Parameter("steering_backlash", "rad", "play, as angle of the wheels from end to end", 0.0, 0.0, 0.1, False, 0.002, usual=5.0),
+    )  # fmt: skip
+
+
+def steering_angle(p: Mapping[str, float], drive: Drive, channel: str, times: Array) -> Array:
+    """Angle of the front wheels (times) [rad]."""
+    step = float(times[1] - times[0])
+    angle = drive.at(channel, times, p["steering_delay"]) / p["steering_ratio"]
+    angle = first_order(angle, step, p["steering_lag"])
+    if p["steering_backlash"] > 0.0:
+        angle = play(angle, p["steering_backlash"])
+    return angle + p["steering_offset"]
+
+
+def play(values: Array, width: float) -> Array:
+    """What is behind a play of a width, from end to end; it starts in its middle."""
+    half, now, found = 0.5 * width, float(values[0]), np.empty(len(values))
+    for i, value in enumerate(values.tolist()):
+        now = min(max(now, value - half), value + half)
+        found[i] = now
+    return found

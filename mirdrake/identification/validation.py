@@ -1,0 +1,73 @@
+"""Is a model good enough: fits of what was held out, and what is left in the residuals."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+_LAGS = 20
+
+
+def nrmse(measured: Array, model: Array) -> float:
+    """Fit 100 (1 - |y - model| / |y - mean y|) [%]; NaN where there is no value or nothing moves."""
+    good = np.isfinite(measured) & np.isfinite(model)
+    if not good.any():
+        return float("nan")
+    y, off = measured[good], (measured - model)[good]
+    spread = float(np.linalg.norm(y - y.mean()))
+    return float("nan") if spread == 0.0 else 100.0 * (1.0 - float(np.linalg.norm(off)) / spread)
+
+
+def whiteness(residual: Array, lags: int = _LAGS) -> float:
+    """Probability of the autocorrelation of residuals if they were white (Ljung-Box).
+
+    G. M. Ljung and G. E. P. Box, Biometrika 65, 1978: Q = n (n + 2) Σ ρ_k² / (n - k) is χ² of as many degrees of
+    freedom as there are lags.
+    """
+    series = _clean(residual)
+    n = len(series)
+    if n <= 3 * lags:
+        return float("nan")
+    rho = _correlation(series, series, lags)[1:] / max(float(series @ series), 1e-300)
+    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return float(chi2.sf(q, lags))
+
+
+def input_correlation(residual: Array, inputs: list[Array], lags: int = _LAGS) -> float:
+    """Probability of the correlation of residuals with past inputs if there were none; the least over the inputs.
+
+    The variance of a cross-correlation of two coloured series is Σ ρ_e(k) ρ_u(k) / n (M. S. Bartlett); its largest
+    square over the lags is held against it, with Bonferroni's factor for the lags and inputs.
+    """
+    series = _clean(residual)
+    n, found = len(series), 1.0
+    if n <= 3 * lags or not inputs:
+        return float("nan")
+    many = min(n - 1, max(lags, n // 10))
+    own = _correlation(series, series, many) / max(float(series @ series), 1e-300)
+    taper = 1.0 - np.arange(many + 1) / (many + 1.0)
+    for values in inputs:
+        other = _clean(values)[:n]
+        power = float(other @ other)
+        if power == 0.0:
+            continue
+        theirs = _correlation(other, other, many) / power
+        variance = max(1.0 + 2.0 * float(np.sum((taper * own * theirs)[1:])), 1.0) / n
+        cross = _correlation(series, other, lags) / np.sqrt(max(float(series @ series), 1e-300) * power)
+        worst = float(np.max(cross**2) / variance)
+        found = min(found, float(chi2.sf(worst, 1)) * (lags + 1) * len(inputs))
+    return min(found, 1.0)
+
+
+def _clean(values: Array) -> Array:
+    good = np.isfinite(values)
+    return np.where(good, values - (values[good].mean() if good.any() else 0.0), 0.0)
+
+
+def _correlation(one: Array, other: Array, lags: int) -> Array:
+    """Sum of one[t] other[t - k] for k from 0 to lags."""
+    n = len(one)
+    whole = fftconvolve(one, other[::-1])
+    return np.asarray(whole[n - 1 : n + lags])

@@ -1,0 +1,304 @@
+"""Pages of an identification: what the data check found, and what the fits gave; each is one file, without network."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from mirdrake.identification.channels import channel as known_channel
+from mirdrake.identification.channels import quantity
+from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.findings import DataReport
+from mirdrake.identification.fit import ChannelFit, Fit, FittedParameter
+from mirdrake.identification.identify import Identification
+from mirdrake.logs import write_file
+from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
+from mirdrake.report.svg import THEME, embed_svg
+
+_TEMPLATE = "identification.html.jinja"
+_LEVEL = 3.84  # rise of the cost at the ends of a 95 % interval
+_TONES = {
+    "identified": "good",
+    "weakly identified": "weak",
+    "not identifiable": "bad",
+    "contradicts the given value": "bad",
+    "fixed": "plain",
+    "good": "good",
+    "weak": "weak",
+    "none": "bad",
+    "info": "plain",
+    "warning": "weak",
+    "fault": "bad",
+}
+_SIZE = (320.0, 190.0)  # of the picture of a profile [px]
+
+
+def write_data_check(file: Path, name: str, data: DataSet, report: DataReport) -> None:
+    """The page of a data check.
+
+    Args:
+        file: to write.
+        name: of what was checked.
+        data: as it was given.
+        report: what was found; it has the repaired data.
+
+    Raises:
+        RunError: the file cannot be written.
+    """
+    write_file(file, render_data_check(name, data, report))
+
+
+def write_identification(result: Identification, folder: Path) -> Path:
+    """The page of a study, report.html.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    path = folder / "report.html"
+    write_file(path, render_identification(result))
+    return path
+
+
+def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
+    """The text of the page; see :func:`write_data_check`."""
+    left = len(report.left)
+    faults = sum(one.severity == "fault" for one in report.findings)
+    warnings = sum(one.severity == "warning" for one in report.findings)
+    rows = sum(len(log.time) for log in data.logs)
+    length = sum(float(log.time[-1] - log.time[0]) for log in report.data.logs)
+    tiles = [
+        ("Logs", str(len(data.logs)), f"{len(data.train)} to fit, {len(data.validation)} held out"),
+        ("Samples", f"{rows:,}".replace(",", "\u202f"), f"{length:.4g} s after repairs"),
+        ("Odd", str(faults + warnings), f"{faults} faults, {warnings} warnings"),
+        ("Repairs", str(len(report.repairs)), "listed below, each one"),
+    ]
+    headline = f"{left} fault{'s' * (left != 1)} left that would spoil a fit" if left else "fit for identification"
+    with drawing_style():
+        sections = _data_sections(report, data, pictures=True)
+    return _render(
+        title=f"{name}: {headline}", over="data check", tiles=tiles, sections=sections, result=None, fit=None
+    )
+
+
+def render_identification(result: Identification) -> str:
+    """The text of the page; see :func:`write_identification`."""
+    fit, check = result.fit, result.check
+    free = [one for one in fit.parameters if one.kind != "fixed"]
+    good = sum(one.verdict == "identified" for one in free)
+    held = [one for one in fit.channels if one.part == "validation"]
+    trained = [one for one in fit.channels if one.part == "train"]
+    condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
+    tiles = [
+        ("Parameters", f"{good} of {len(free)}", "identified"),
+        ("Fit, trained on", _least(trained), _least_of(trained)),
+        ("Fit, held out", _least(held), _least_of(held)),
+        ("Condition", condition, "number of the information; above 1000 some combination is loose"),
+    ]
+    with drawing_style():
+        return _render(
+            title=f"{result.name}: {good} of {len(free)} parameters identified",
+            over=f"identification · {fit.model}",
+            tiles=tiles,
+            sections=_data_sections(check, None, pictures=False),
+            result=result,
+            fit=fit,
+            parameters=[_parameter(one) for one in free],
+            fixed=[_parameter(one) for one in fit.parameters if one.kind == "fixed"],
+            correlation=_correlation(fit, free),
+            overlays=[_overlay(fit, log, number) for number, log in enumerate(fit.traces)],
+            profiles=[_profile(fit, name, number) for number, name in enumerate(fit.profiles)],
+            stages=[
+                {"name": stage.name, "rows": [_parameter(one) for one in stage.parameters if one.kind != "fixed"]}
+                for stage in result.stages
+            ],
+            chosen=[(log.name, log.use, len(log.time), _span(log), ", ".join(log.channels)) for log in check.data.logs],
+        )
+
+
+def _render(**values: Any) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"breaks": _breaks}
+    environment.filters |= {"number": _number, "tone": lambda word: _TONES.get(word, "plain"), "chance": _chance}
+    return environment.get_template(_TEMPLATE).render(**values)
+
+
+# --- data ------------------------------------------------------------------------------------------------------------
+
+
+def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -> list[dict[str, Any]]:
+    """A section for each log: findings, what it offers, and its channels."""
+    sections = []
+    originals = {log.name: log for log in raw.logs} if raw is not None else {}
+    seen: set[str] = set()
+    for number, log in enumerate(report.data.logs):
+        first = log.name.partition(", part ")[0]
+        names = {log.name} | ({first} if first not in seen else set())
+        seen.add(first)
+        found = [item for item in report.findings if item.log in names]
+        sections.append(
+            {
+                "name": log.name,
+                "use": "to fit" if log.use == "train" else "held out",
+                "size": f"{len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s",
+                "findings": [item for item in found if item.severity != "info"],
+                "infos": [item for item in found if item.severity == "info"],
+                "offers": [item for item in report.excitation if item.log == log.name],
+                "picture": _channels(report, originals.get(first), log, number) if pictures else None,
+            }
+        )
+    return sections
+
+
+def _channels(report: DataReport, raw: Log | None, log: Log, number: int) -> Markup:
+    """Each channel of a log: as recorded, and as repaired."""
+    retimed = any(item.check == "step" and item.repair for item in report.findings if item.log == log.name)
+    panels = []
+    time = log.time
+    if raw is not None and not retimed:
+        inside = (raw.time >= log.time[0]) & (raw.time <= log.time[-1])
+        order = np.argsort(raw.time[inside], kind="stable")
+        time = raw.time[inside][order]
+    for name, values in log.channels.items():
+        good = np.isfinite(values)
+        mended = np.interp(time, log.time[good], values[good]) if good.any() else np.full(len(time), np.nan)
+        curves = [Curve("repaired", mended, "main", width=1.1)]
+        if raw is not None and not retimed:
+            curves.insert(0, Curve("recorded", raw.channels[name][inside][order], "own1", width=1.1))
+        about = known_channel(name)
+        panels.append(
+            Panel(
+                f"{name}: {about.meaning}", about.unit, curves, relative_height=0.5, limits=_limits(curves[-1].values)
+            )
+        )
+    return draw_chart(time, panels, f"log{number}-", f"channels of {log.name}")
+
+
+def _limits(values: np.ndarray) -> tuple[float, float]:
+    """Of the axis: what was repaired, so that glitches leave the frame."""
+    good = values[np.isfinite(values)]
+    low, high = (float(good.min()), float(good.max())) if len(good) else (0.0, 1.0)
+    room = 0.08 * (high - low) or max(0.1 * abs(high), 0.1)
+    return low - room, high + room
+
+
+def _span(log: Log) -> str:
+    return f"{log.time[0]:.4g} … {log.time[-1]:.4g} s"
+
+
+# --- fit -------------------------------------------------------------------------------------------------------------
+
+
+def _parameter(one: FittedParameter) -> dict[str, Any]:
+    span = "" if one.kind == "fixed" else f"{_number(one.low, 'open')} … {_number(one.high, 'open')}"
+    bound = "" if one.at_bound is None else f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
+    return {"one": one, "span": span, "bound": bound, "given": _number(one.given, "")}
+
+
+def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[dict[str, Any]]:
+    """Rows of the heat map: each cell is the number and how strong its colour is, orange below zero."""
+    rows = []
+    for index, one in enumerate(free):
+        if index >= len(fit.correlation):
+            break
+        cells = []
+        for value in fit.correlation[index]:
+            good = bool(np.isfinite(value))
+            colour = "main" if value > 0.0 else "own1"
+            share = round(85.0 * min(abs(float(value)), 1.0)) if good else 0
+            cells.append({"text": f"{value:.2f}".replace("-", "−") if good else "–", "colour": colour, "share": share})
+        rows.append({"name": one.name, "cells": cells})
+    return rows
+
+
+def _overlay(fit: Fit, log: str, number: int) -> dict[str, Any]:
+    """Measured and modelled channels of a log, each with its residual."""
+    frame = fit.traces[log]
+    fits = [one for one in fit.channels if one.log == log]
+    time = frame["t"].to_numpy(dtype=float)
+    panels = []
+    for name in [str(column) for column in frame if f"{column}_model" in frame]:
+        measured, model = frame[name].to_numpy(dtype=float), frame[f"{name}_model"].to_numpy(dtype=float)
+        own = next((one for one in fits if one.channel == name), None)
+        unit = own.unit if own is not None else known_channel(quantity(name)).unit
+        label = name if own is None else f"{name}, fit {own.nrmse_percent:.1f} %"
+        panels.append(
+            Panel(label, unit, [Curve("measured", measured, "edge", width=2.6), Curve("model", model, "main")])
+        )
+        panels.append(
+            Panel("residual", unit, [Curve("residual", measured - model, "own1", width=1.0)], relative_height=0.4)
+        )
+    part = fits[0].part if fits else "train"
+    return {
+        "log": log,
+        "part": "trained on" if part == "train" else "held out",
+        "picture": draw_chart(time, panels, f"fit{number}-", f"measured and modelled channels of {log}"),
+    }
+
+
+def _profile(fit: Fit, name: str, number: int) -> dict[str, Any]:
+    """How the cost rises as a parameter is held away from its estimate."""
+    frame: pd.DataFrame = fit.profiles[name]
+    width, height = _SIZE
+    figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0)
+    axes = figure.add_axes((46.0 / width, 40.0 / height, 1.0 - 60.0 / width, 1.0 - 52.0 / height))
+    value, cost = frame["value"].to_numpy(dtype=float), frame["cost"].to_numpy(dtype=float)
+    order = np.argsort(value)
+    axes.plot(value[order], cost[order], color=THEME["main"], linewidth=1.6, marker="o", markersize=2.6)
+    axes.axhline(_LEVEL, color=THEME["own1"], linewidth=1.2, linestyle="dashed")
+    high = float(np.nanmax(cost)) if np.isfinite(cost).any() else 1.0
+    axes.set_ylim(-0.3, min(max(high, 1.3 * _LEVEL), 12.0))
+    axes.grid(color=THEME["grid"], linewidth=1.0)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    known = next((one for one in fit.parameters if one.name == name), None)
+    axes.set_xlabel(f"{name} [{known.unit if known else ''}]", labelpad=3.0)
+    if known is not None and known.given is not None and value.min() <= known.given <= value.max():
+        axes.axvline(known.given, color=THEME["muted"], linewidth=1.0)
+    picture = embed_svg(
+        to_svg(figure),
+        f"profile{number}-",
+        attributes={"class": "plot", "role": "img", "aria-label": f"profile of {name}"},
+    )
+    return {"name": name, "picture": Markup(picture)}
+
+
+def _least(fits: Sequence[ChannelFit]) -> str:
+    return f"{min(one.nrmse_percent for one in fits):.1f} %" if fits else "–"
+
+
+def _least_of(fits: Sequence[ChannelFit]) -> str:
+    if not fits:
+        return "no such log"
+    worst = min(fits, key=lambda one: one.nrmse_percent)
+    return f"the worst channel, {worst.channel} of {worst.log}"
+
+
+def _number(value: float | None, none: str = "–") -> str:
+    if value is None or not math.isfinite(value):
+        return none
+    return f"{value:.4g}".replace("-", "−")
+
+
+def _breaks(name: str) -> Markup:
+    """A name that may be broken behind its underscores."""
+    return Markup("_<wbr>").join(name.split("_"))
+
+
+def _chance(value: float | None) -> str:
+    """A probability in words of a test."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return "< 0.001" if value < 1e-3 else f"{value:.2g}"

@@ -1,0 +1,211 @@
+"""JSON Schemas of the YAML files, so that editors complete keys, show units and mark faults while one types.
+
+They come from the same models that read the files; what a reader takes beside that (a bare name for a world, ``$mu`` in
+a world file, a preset in place of a kind) is added here. A schema knows nothing of other files: whether a start or a
+joint exists says ``mirdrake check``.
+"""
+
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from mirdrake.errors import ConfigError, did_you_mean
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+Json = dict[str, Any]
+
+
+class Kind(NamedTuple):
+    """A file format.
+
+    Attributes:
+        model: where its pydantic model is, as ``module:Class``.
+        files: what such files are called.
+        text: what they are.
+    """
+
+    model: str
+    files: str
+    text: str
+
+
+KINDS: dict[str, Kind] = {
+    "vehicle": Kind("mirdrake.vehicles.spec:VehicleSpec", "vehicle.yaml", "joints, tyres, powertrain of a vehicle"),
+    "control": Kind("mirdrake.vehicles.spec:ControlSpec", "control.yaml", "gains and limits of a vehicle"),
+    "sensors": Kind("mirdrake.vehicles.mounts:SensorsSpec", "sensors.yaml", "what a vehicle mounts"),
+    "variant": Kind("mirdrake.vehicles.spec:VariantSpec", "variants/*.yaml", "what a variant of a vehicle changes"),
+    "figures": Kind(
+        "mirdrake.manoeuvres.published:PublishedFigures", "published_figures.yaml", "what is published of a vehicle"
+    ),
+    "presets": Kind("mirdrake.vehicles.presets:PresetsSpec", "models/sensors/*.yaml", "sensors as products"),
+    "prop": Kind("mirdrake.worlds.props:PropFile", "prop.yaml", "a prop"),
+    "world": Kind("mirdrake.worlds.spec:WorldSpec", "worlds/*.yaml", "a world and its tests, world/1"),
+    "diagram": Kind("mirdrake.diagram_spec:DiagramSpec", "diagrams/*.yaml", "vehicles, world and control, wired"),
+    "study": Kind("mirdrake.studies.spec:StudySpec", "study.yaml", "many variations of a diagram, study/1"),
+    "tuning": Kind("mirdrake.tuning.spec:TuningSpec", "tuning.yaml", "a control loop to tune, tuning/1"),
+    "data": Kind("mirdrake.identification.spec:DataSpec", "data.yaml", "recorded drives as a data set, data/1"),
+    "identification": Kind(
+        "mirdrake.identification.study:StudySpec", "identification.yaml", "a model to fit to drives, identification/1"
+    ),
+}
+"""The file formats by name."""
+
+
+def make_schema(kind: str) -> Json:
+    """The JSON Schema of one kind of file.
+
+    Args:
+        kind: a name in :data:`KINDS`.
+
+    Raises:
+        ConfigError: there is no such kind.
+    """
+    if kind not in KINDS:
+        raise ConfigError(f"no schema for '{kind}'; {did_you_mean(kind, KINDS)}")
+    entry = KINDS[kind]
+    schema = _schema_of(entry.model)
+    _add_short_forms(schema)
+    if kind in _ADDITIONS:
+        _ADDITIONS[kind](schema)
+    head = {"$schema": DIALECT, "title": f"mirdrake {entry.files}: {entry.text}"}
+    return head | {key: value for key, value in schema.items() if key != "title"}
+
+
+def _schema_of(model: str) -> Json:
+    module, _, name = model.partition(":")
+    schema: Json = getattr(import_module(module), name).model_json_schema(mode="validation")
+    return schema
+
+
+def _nodes(schema: Any) -> Iterator[Json]:
+    """Every mapping of a schema, inner ones first."""
+    if isinstance(schema, dict):
+        for value in list(schema.values()):
+            yield from _nodes(value)
+        yield schema
+    elif isinstance(schema, list):
+        for value in schema:
+            yield from _nodes(value)
+
+
+# --- what readers take beside their models ---------------------------------------------------------------------------
+
+
+_SHORT: dict[str, Json] = {
+    "Traction": {"type": "boolean"},
+    "Antilock": {"type": "boolean"},
+    "Stability": {"type": "boolean"},
+    "Column": {"type": "string"},
+    "CsvSpec": {"type": "string"},
+    "XodrSpec": {"type": "string"},
+    "DepthNoiseSpec": {"type": "string"},
+}
+"""What may stand for a mapping of that name."""
+
+
+def _add_short_forms(schema: Json) -> None:
+    """A word, number or truth in place of a mapping; numbers of noise with units."""
+    from mirdrake.vehicles.noise_spec import NoiseSpec
+
+    noises = {model.__name__ for model in NoiseSpec.__subclasses__()}
+    definitions = schema.get("$defs", {})
+    for name in definitions:
+        if name in noises:
+            for node in list(_nodes(definitions[name])):
+                if node.get("type") == "number":
+                    node["type"] = ["number", "string"]
+            definitions[name] = {"anyOf": [definitions[name], {"type": ["number", "string"]}]}
+        elif name in _SHORT:
+            definitions[name] = {"anyOf": [definitions[name], _SHORT[name]]}
+
+
+def _add_to_world(schema: Json) -> None:
+    """Parameters and random values stand wherever a number may."""
+    for node in _nodes(schema):
+        if node.get("type") in {"number", "integer"}:
+            limits = {key: node.pop(key) for key in list(node) if key in _NUMERIC}
+            node["anyOf"] = [limits, {"type": "string", "pattern": r"\$|\.\.|\+-|\|"}]
+
+
+_NUMERIC = {"type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "multipleOf"}
+
+
+def _add_to_diagram(schema: Json) -> None:
+    """A bare name of a world; blocks of ours with their parameters, and classes of the user's."""
+    from mirdrake.blocks import BLOCKS
+
+    definitions, properties = schema["$defs"], schema["properties"]
+    world = properties["world"]
+    about = {"description": world.pop("description")} if "description" in world else {}
+    properties["world"] = {"anyOf": [{"type": "string"}, dict(world)], **about}
+    driver = properties["control"]["additionalProperties"] if "additionalProperties" in properties["control"] else {}
+    for option in (driver, *properties["control"].get("patternProperties", {}).values()):
+        if "oneOf" in option:
+            option["oneOf"].append({"type": "string"})
+            option.pop("discriminator", None)
+    own = {"type": "string", "pattern": "^[^:]+:[^:]+$", "description": "class of your own, module:Class [-]"}
+    definitions["OwnDriverSpec"]["properties"]["kind"] = own
+    blocks = []
+    for kind, model in BLOCKS.items():
+        block = model.model_json_schema(mode="validation")
+        block["properties"] = {"kind": {"const": kind}} | block.get("properties", {})
+        block["required"] = ["kind", *block.get("required", [])]
+        blocks.append(block)
+    blocks.append(definitions["SystemEntry"] | {"properties": {"kind": own}})
+    definitions["SystemEntry"] = {"title": "A block", "oneOf": blocks}
+
+
+def _add_to_sensors(schema: Json) -> None:
+    """A preset in place of a kind, with any key of any sensor over it."""
+    from mirdrake.vehicles.presets import presets
+
+    union = schema["properties"]["mounts"]["additionalProperties"]
+    names = [option["$ref"].rsplit("/", 1)[1] for option in union["oneOf"]]
+    known: Json = {"anyOf": [{"enum": sorted(presets())}, {"type": "string"}]}  # others may come in files of the user's
+    keys: Json = {"preset": known | {"description": "a product, see models/sensors [-]"}}
+    for name in names:
+        for key, value in schema["$defs"][name]["properties"].items():
+            if key != "kind":
+                keys.setdefault(key, {"anyOf": []})["anyOf"].append(value)
+    schema["$defs"]["Preset"] = {
+        "title": "A product",
+        "type": "object",
+        "properties": keys,
+        "required": ["preset", "frame"],
+        "additionalProperties": False,
+    }
+    union.pop("discriminator", None)
+    union["oneOf"].append({"$ref": "#/$defs/Preset"})
+
+
+def _add_to_variant(schema: Json) -> None:
+    """Parts of the vehicle's own files, with nothing required in them."""
+    for part in ("vehicle", "control", "sensors"):
+        if part not in schema["properties"]:
+            continue
+        inner = make_schema(part)
+        for node in _nodes(inner):
+            node.pop("required", None)
+            if "oneOf" in node:  # without the key that tells them apart several may fit
+                node["anyOf"] = node.pop("oneOf")
+                node.pop("discriminator", None)
+        schema.setdefault("$defs", {}).update(inner.pop("$defs", {}))
+        for key in ("$schema", "title"):
+            inner.pop(key, None)
+        schema["properties"][part] = deepcopy(inner)
+
+
+def _add_to_identification(schema: Json) -> None:
+    """The kind of a model alone."""
+    schema["properties"]["model"]["type"] = ["object", "string"]
+
+
+_ADDITIONS: dict[str, Callable[[Json], None]] = {
+    "world": _add_to_world,
+    "diagram": _add_to_diagram,
+    "sensors": _add_to_sensors,
+    "variant": _add_to_variant,
+    "identification": _add_to_identification,
+}

@@ -1,0 +1,33 @@
+"""Several objectives at once: what is not beaten, and where giving more no longer pays."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def pareto_front(values: NDArray[np.float64]) -> list[int]:
+    """Rows that no other row dominates: not larger anywhere and smaller somewhere; of equal rows the first.
+
+    Args:
+        values: objectives to be made small, shape (n, m), finite.
+    """
+    kept: list[int] = []
+    for k in np.lexsort(values.T[::-1]):  # a row is only dominated by rows before it
+        if not any((values[other] <= values[k]).all() for other in kept):
+            kept.append(int(k))
+    return sorted(kept)
+
+
+def find_knee(values: NDArray[np.float64]) -> int:
+    """The row of a front at which giving up a little of one objective stops gaining much in the others.
+
+    Each objective is scaled to run from 0, its best on the front, to 1, its worst. The knee is the row with the
+    smallest sum: for two objectives the one farthest from the line through the front's ends (I. Das, On characterizing
+    the knee of the Pareto curve, Structural Optimization 18 (1999) 107), for more the one farthest from the plane
+    through the points where one objective is at its worst and the others are at their best. Of equals the first.
+
+    Args:
+        values: objectives of the front, shape (n, m), n >= 1.
+    """
+    low, high = values.min(axis=0), values.max(axis=0)
+    scaled = (values - low) / np.where(high > low, high - low, 1.0)
+    return int(np.argmin(np.round(scaled.sum(axis=1), 12)))

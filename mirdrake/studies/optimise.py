@@ -1,0 +1,215 @@
+"""What proposes the next points to try: a list made at once, or a sampler of Optuna that learns from what it is told.
+
+Everything is asked and told in batches of fixed size and in order, so that the points depend on the seed and on what
+came of the points before, and on nothing else. Numbers that are not finite never reach a sampler.
+
+Sources: TPE: J. Bergstra et al., Algorithms for Hyper-Parameter Optimization, NIPS 2011; CMA-ES: N. Hansen, The CMA
+Evolution Strategy: A Tutorial (2016); NSGA-II: K. Deb et al., IEEE Trans. Evol. Comput. 6 (2002) 182; all as in Optuna.
+"""
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import product
+from typing import Any, Literal, Protocol
+
+from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.studies.sampling import divide, draw, spread
+from mirdrake.studies.spec import ParameterSpec
+
+Point = dict[str, float]
+Space = Mapping[str, ParameterSpec]
+Method = Literal["tpe", "cma", "nsga2", "grid", "latin_hypercube", "sobol", "random"]
+
+LEARNING = ("tpe", "cma", "nsga2")
+METHODS = (*LEARNING, "grid", "latin_hypercube", "sobol", "random")
+
+LARGEST = 1e15
+"""Objectives beyond this [their unit] are told as this."""
+
+
+class Proposer(Protocol):
+    """Proposes points."""
+
+    @property
+    def batch(self) -> int | None:
+        """How many points it wants to be asked for at a time; None: all at once."""
+
+    def ask(self, count: int) -> list[Point]:
+        """The next points, `count` at most; none when there are no more."""
+        ...
+
+    def tell(self, objectives: Sequence[float], violation: float) -> None:
+        """What came of the first point that nothing was told about.
+
+        Args:
+            objectives: to be made small; may be anything, also nan.
+            violation: 0 if it is allowed, the larger the worse if not; finite.
+        """
+        ...
+
+
+def make_proposer(
+    method: str, space: Space, *, trials: int, objectives: int, seed: int, batch: int, start: Sequence[Point]
+) -> Proposer:
+    """A proposer.
+
+    Args:
+        method: one of :data:`METHODS`.
+        space: a range for each coordinate; for a grid its count, or values, else `trials` are shared evenly.
+        trials: number of points, those of `start` with them; a grid has no more of its own.
+        objectives: number of objectives; more than one for nsga2 only.
+        seed: of all that is drawn.
+        batch: points that a sampler gives before it is told of the first of them.
+        start: points to begin with.
+
+    Raises:
+        ConfigError: no such method, or it cannot search this space.
+        MissingDependencyError: Optuna is not installed.
+    """
+    if method not in METHODS:
+        raise ConfigError(f"method: no way to search is called '{method}'; {did_you_mean(method, METHODS)}")
+    if method in LEARNING:
+        return OptunaProposer(method, space, trials=trials, objectives=objectives, seed=seed, batch=batch, start=start)
+    return ListProposer([*start, *_listed(method, space, trials - len(start), seed)])
+
+
+class ListProposer:
+    """Proposes the points of a list.
+
+    Args:
+        points: in their order.
+    """
+
+    batch = None
+
+    def __init__(self, points: Sequence[Point]) -> None:
+        self._rest = list(points)
+
+    def ask(self, count: int) -> list[Point]:
+        """The next points."""
+        given, self._rest = self._rest[:count], self._rest[count:]
+        return given
+
+    def tell(self, objectives: Sequence[float], violation: float) -> None:
+        """Nothing is learnt from it."""
+
+
+class OptunaProposer:
+    """A sampler of Optuna; arguments as those of :func:`make_proposer`.
+
+    CMA-ES knows no constraints: a point that is not allowed is told as worse than all that are, by its violation.
+    """
+
+    def __init__(
+        self,
+        method: str,
+        space: Space,
+        *,
+        trials: int,
+        objectives: int,
+        seed: int,
+        batch: int,
+        start: Sequence[Point],
+    ) -> None:
+        if objectives > 1 and method != "nsga2":
+            raise ConfigError(f"method: {method} has one objective; take nsga2 for {objectives}")
+        for name, entry in space.items():
+            if entry.low is None:
+                raise ConfigError(f"{name}: {method} needs a range, low and high, not values")
+        self._optuna = _optuna()
+        self.batch: int | None = batch
+        self._barrier = method == "cma"
+        with self._quietly():
+            distribution = self._optuna.distributions.FloatDistribution
+            self._space = {
+                name: distribution(entry.low, entry.high, log=entry.scale == "log") for name, entry in space.items()
+            }
+            self._study = self._optuna.create_study(
+                directions=["minimize"] * objectives, sampler=self._sampler(method, trials, seed, start)
+            )
+            for point in start:
+                self._study.enqueue_trial(dict(point))
+        self._open: list[Any] = []
+
+    def ask(self, count: int) -> list[Point]:
+        """The next points."""
+        with self._quietly():
+            asked = [self._study.ask(self._space) for _ in range(count)]
+        self._open += asked
+        return [{name: float(trial.params[name]) for name in self._space} for trial in asked]
+
+    def tell(self, objectives: Sequence[float], violation: float) -> None:
+        """Learn."""
+        trial = self._open.pop(0)
+        values = [min(value, LARGEST) if math.isfinite(value) else LARGEST for value in objectives]
+        if self._barrier:
+            values = [LARGEST * (2.0 + violation) if violation > 0.0 else values[0]]
+        with self._quietly():
+            if not self._barrier:
+                trial.set_constraint("violation", violation)
+            self._study.tell(trial, values)
+
+    def _sampler(self, method: str, trials: int, seed: int, start: Sequence[Point]) -> Any:
+        samplers = self._optuna.samplers
+        if method == "tpe":
+            return samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=max(10, 2 * len(self._space)))
+        if method == "nsga2":
+            population = max(8, min(50, trials // 12))
+            crossover = samplers.nsgaii.BLXAlphaCrossover()
+            return samplers.NSGAIISampler(seed=seed, population_size=population, crossover=crossover)
+        if len(self._space) < 2:
+            raise ConfigError("method: cma needs two ranges at least; take tpe for one")
+        try:
+            import_module("cmaes")
+        except ImportError:
+            raise MissingDependencyError("CMA-ES needs cmaes: pip install 'mirdrake[tuning]'") from None
+        first = dict(start[0]) if start else None
+        return samplers.CmaEsSampler(seed=seed, x0=first, warn_independent_sampling=False)
+
+    @contextmanager
+    def _quietly(self) -> Iterator[None]:
+        """Inside, Optuna says nothing; what it says outside stays as it was."""
+        logging = self._optuna.logging
+        before = logging.get_verbosity()
+        logging.set_verbosity(logging.ERROR)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                yield
+        finally:
+            logging.set_verbosity(before)
+
+
+def _listed(method: str, space: Space, count: int, seed: int) -> list[Point]:
+    """The points of a method that learns nothing."""
+    names = list(space)
+    if method == "grid":
+        each = max(2, math.floor(max(count, 1) ** (1.0 / len(names)) + 1e-9))
+        lists = [
+            divide(entry if entry.values or entry.count else entry.model_copy(update={"count": each}))
+            for entry in space.values()
+        ]
+        rows = list(product(*lists)) if math.prod(map(len, lists)) <= count else None
+        if rows is None:
+            size = " x ".join(str(len(values)) for values in lists)
+            raise ConfigError(
+                f"trials: a grid of {size} has more than {count} points; take more trials, or fewer values"
+            )
+    else:
+        unit = draw(method, max(count, 0), len(names), seed)
+        rows = list(zip(*(spread(entry, unit[:, at]) for at, entry in enumerate(space.values())), strict=True))
+    return [dict(zip(names, map(float, row), strict=True)) for row in rows]
+
+
+def _optuna() -> Any:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return import_module("optuna")
+    except ImportError:
+        raise MissingDependencyError(
+            "tpe, cma and nsga2 need Optuna: pip install 'mirdrake[tuning]'; grid, sobol and latin_hypercube do not"
+        ) from None

@@ -1,0 +1,158 @@
+"""Candidates from models: the tuning rules, and loop shaping, each with a sentence on how it was found."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from mirdrake.controllers.pid import PidGains
+from mirdrake.errors import MirdrakeError
+from mirdrake.tuning.identify import Identified
+from mirdrake.tuning.margins import ultimate_point
+from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
+from mirdrake.tuning.rules import (
+    Form,
+    amigo,
+    lambda_tuning,
+    simc,
+    simc_double_integrator,
+    ziegler_nichols_step,
+    ziegler_nichols_ultimate,
+)
+from mirdrake.tuning.shaping import design_for_phase_margin, maximize_integral_gain
+
+DIGITS = 4
+"""Significant digits of gains."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Gains from a rule.
+
+    Attributes:
+        name: of the candidate.
+        kind: baseline, rule, shaped, searched or scheduled.
+        how: one sentence.
+        gains: by name.
+    """
+
+    name: str
+    kind: str
+    how: str
+    gains: dict[str, float]
+
+
+def make_designs(found: Identified, *, max_sensitivity: float) -> tuple[list[Design], list[str]]:
+    """Gains from all rules that fit the loop, and by loop shaping; and why others are left out.
+
+    Half a period is added to the dead time, for the hold of the control. The derivative's filter is that of the loop,
+    whatever the rule would take.
+
+    Args:
+        found: what the experiments gave.
+        max_sensitivity: bound on Ms for the shaping [1].
+    """
+    names = tuple(found.spec.gains)
+    notes: list[str] = []
+    designs: list[Design] = []
+    for name, kind, how, make in _ways(found, max_sensitivity):
+        try:
+            pid = make()
+        except MirdrakeError as error:
+            notes.append(f"{name}: {error}")
+            continue
+        given = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
+        if (pid.kd and "kd" not in names) or not all(math.isfinite(x) and x >= 0.0 for x in given.values()):
+            continue
+        gains = {gain: float(f"{given[gain]:.{DIGITS}g}") for gain in names}
+        if gains not in [design.gains for design in designs]:
+            designs.append(Design(name, kind, how, gains))
+    return designs, notes
+
+
+_Way = tuple[str, str, str, Callable[[], PidGains]]
+
+
+def _ways(found: Identified, bound: float) -> Iterator[_Way]:
+    spec = found.spec
+    half = 0.5 * float(spec.options["period"])
+    main = TransferFunction(
+        tuple(spec.models["main"]["numerator"]),
+        tuple(spec.models["main"]["denominator"]),
+        spec.models["main"]["delay"] + half,
+    )
+    forms: tuple[Form, ...] = ("PI", "PID")
+    if found.first is not None:
+        first: FirstOrder | Integrator
+        if isinstance(found.first, Integrator):
+            first = Integrator(found.first.gain, found.first.delay + half)
+        else:
+            first = FirstOrder(found.first.gain, found.first.time_constant, found.first.delay + half)
+        wide = 3.0 * first.delay
+        for form in forms:
+            yield (
+                f"Ziegler-Nichols step {form}",
+                "rule",
+                "step response rule, from the identified model",
+                lambda form=form: ziegler_nichols_step(first, form),
+            )  # type: ignore[misc]
+        yield "SIMC", "rule", "Skogestad's rule, closed-loop time equal to the dead time", lambda: simc(first)
+        for form in forms:
+            yield (f"AMIGO {form}", "rule", "AMIGO rule, made for Ms 1.4", lambda form=form: amigo(first, form))  # type: ignore[misc]
+        yield (
+            f"lambda {wide:.3g} s",
+            "rule",
+            "lambda tuning, closed-loop time of three dead times",
+            lambda: lambda_tuning(first, wide),
+        )
+    if found.relay is not None and found.first is not None:
+        relay = found.relay
+        for form in forms:
+            yield (
+                f"Ziegler-Nichols relay {form}",
+                "rule",
+                "frequency response rule, from the relay's limit cycle",
+                lambda form=form: ziegler_nichols_ultimate(  # type: ignore[misc]
+                    relay.ultimate_gain, relay.ultimate_period, form
+                ),
+            )
+    if found.inertial is not None:
+        gain, delay = found.inertial[0], found.inertial[1] + half
+        for times in (1.0, 2.0, 3.0):
+            yield (
+                f"SIMC inertia {times:g}",
+                "rule",
+                f"Skogestad's rule for a double integrator, closed-loop time of {times:g} dead times",
+                lambda times=times: simc_double_integrator(gain, delay, closed_loop_time=times * delay),
+            )  # type: ignore[misc]
+        yield (
+            "Ziegler-Nichols PID",
+            "rule",
+            "frequency response rule, at the model's own ultimate point",
+            lambda: _ultimate(main),
+        )
+    for derivative, form in ((False, "PI"), (True, "PID")):
+        yield (
+            f"shaped {form}",
+            "shaped",
+            f"largest integral gain for which Ms stays below {bound:g}",
+            lambda derivative=derivative: maximize_integral_gain(  # type: ignore[misc]
+                main, max_sensitivity=bound, derivative=derivative
+            ),
+        )
+    crossover = 0.35 / max(main.delay, 1e-3)
+    for derivative, form in ((False, "PI"), (True, "PID")):
+        yield (
+            f"phase margin {form}",
+            "shaped",
+            f"60° of phase margin at {crossover:.3g} rad/s",
+            lambda derivative=derivative: design_for_phase_margin(  # type: ignore[misc]
+                main, crossover, derivative=derivative
+            ),
+        )
+
+
+def _ultimate(main: TransferFunction) -> PidGains:
+    point = ultimate_point(main)
+    if point is None:
+        raise MirdrakeError("the phase never reaches -180°")
+    return ziegler_nichols_ultimate(point.gain, point.period, "PID")

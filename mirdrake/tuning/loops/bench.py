@@ -1,0 +1,308 @@
+"""The full plant as a bench: trials, and a process for experiments. Built once; gains and conditions go to a Context."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+
+from mirdrake.controllers.pid import PidLimits
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import make_spec
+from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.manoeuvres.record import bicycle_angles
+from mirdrake.studies.job import _NUMERICS
+from mirdrake.studies.knobs import find_knobs
+from mirdrake.telemetry import vehicle_states
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
+from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
+from mirdrake.tuning.loops.judge import judge
+from mirdrake.tuning.models import Floats
+from mirdrake.tyres import RoadFriction
+from mirdrake.vehicles import WHEELS
+
+GRAVITY = 9.80665
+"""[m/s²]"""
+
+
+class PlantBench:
+    """A loop on the full plant.
+
+    Args:
+        spec: the loop.
+
+    Raises:
+        ConfigError, ModelError, WorldError: the diagram cannot be built.
+    """
+
+    def __init__(self, spec: LoopSpec) -> None:
+        self.spec = spec
+        self.assembly = assemble(make_spec(spec.diagram))
+        self.simulator = Simulator(self.assembly.diagram)
+        part = self.assembly.parts.vehicles[spec.vehicle]
+        self.part = part
+        self.period = float(spec.options["period"])
+        plant = self.assembly.parts.plant
+        knobs = find_knobs({spec.vehicle: part.vehicle}, self.assembly.parts.world)
+        self._knobs = {name.removeprefix(f"{spec.vehicle}."): knob for name, knob in knobs.items()}
+        self._late: LateActuator = self.assembly.diagram.GetSubsystemByName("late")
+        self._noisy: NoisySensor | None = None
+        if spec.options["noisy"]:
+            self._noisy = self.assembly.diagram.GetSubsystemByName("noisy")
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        self._driven = [WHEELS.index(wheel) for wheel in part.vehicle.spec.driven_wheels()]
+        actuators = part.steering_actuators
+        if spec.kind != "steering":
+            actuators = tuple(part.wheel_actuators[i] for i in self._driven)
+        self._channels = [int(actuator.input_start()) - first for actuator in actuators]
+        limit = min(float(actuator.effort_limit()) for actuator in actuators)
+        if spec.kind != "steering":
+            limit = min(limit, part.vehicle.spec.powertrain.max_torque / len(self._driven))
+        self.limits = PidLimits(-limit, limit) if math.isfinite(limit) else PidLimits()
+        if spec.options["pedals"]:
+            self.limits = PidLimits(-1.0, 1.0)
+        friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
+        if friction.varies:
+            raise ConfigError("a bench needs a road with the same friction everywhere")
+
+    # --- Contexts ---------------------------------------------------------------------------------------------------
+
+    def context(self, gains: Mapping[str, float], conditions: Conditions) -> Context:
+        """A new Context with gains and conditions in it, the car at its start."""
+        spec, assembly = self.spec, self.assembly
+        context = assembly.make_context()
+        for name, value in gains.items():
+            path = spec.paths.get(name)
+            if path is None:
+                raise ConfigError(f"no gain '{name}'; {did_you_mean(name, spec.paths)}")
+            self._knobs[path].turn(assembly, context, float(value))
+        if conditions.mass != 1.0:
+            self._knobs["mass_scale"].turn(assembly, context, conditions.mass)
+        if conditions.friction is not None and conditions.friction != spec.nominal["friction"]:
+            self._knobs["road.friction"].turn(assembly, context, conditions.friction)
+        delay = spec.nominal["delay"] if conditions.delay is None else conditions.delay
+        self._late.set_delay(self._late.GetMyContextFromRoot(context), delay)
+        if conditions.grade:
+            self._tilt(context, conditions.grade)
+        if conditions.noise and self._noisy is not None:
+            count = round(spec.course["duration"] / self.period) + 2
+            rows = np.random.default_rng(conditions.seed).normal(0.0, conditions.noise, count)
+            self._noisy.set_noise(self._noisy.GetMyContextFromRoot(context), self._noisy_places(), rows)
+        self.command(context, spec.course["speed"], 0.0)
+        return context
+
+    def _tilt(self, context: Context, grade: float) -> None:
+        """What a grade changes of gravity, as a force on the centre of mass of every body."""
+        plant = self.assembly.parts.plant
+        plant_context = plant.GetMyMutableContextFromRoot(context)
+        forces = []
+        for index in plant.GetBodyIndices(self.part.instance):
+            body = plant.get_body(index)
+            inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
+            mass = float(inertia.get_mass())
+            if mass <= 0.0:
+                continue
+            force = ExternallyAppliedSpatialForce()
+            force.body_index = index
+            force.p_BoBq_B = inertia.get_com()
+            weight = mass * GRAVITY
+            force.F_Bq_W = SpatialForce(
+                tau=np.zeros(3), f=[-weight * math.sin(grade), 0.0, weight * (1.0 - math.cos(grade))]
+            )
+            forces.append(force)
+        port = plant.get_applied_spatial_force_input_port()
+        port.FixValue(plant_context, AbstractValue.Make(forces))
+
+    def _noisy_places(self) -> list[int]:
+        """Elements of the plant's state that the loop measures: angles or speeds of joints, or the car's velocity."""
+        plant = self.assembly.parts.plant
+        if self.spec.kind == "steering":
+            return [int(joint.position_start()) for joint in self.part.steering]
+        if self.spec.options["pedals"]:
+            return [plant.num_positions() + int(self.part.base.floating_velocities_start_in_v()) + 3]
+        return [plant.num_positions() + int(self.part.wheels[i].velocity_start()) for i in self._driven]
+
+    def command(self, context: Context, speed: float, steering: float) -> None:
+        """Give the control unit its set-points [m/s, rad]."""
+        diagram, name = self.assembly.diagram, self.spec.vehicle
+        for port, value in (("speed_reference", speed), ("steering_reference", steering), ("reference_stamp", 0.0)):
+            diagram.GetInputPort(f"{name}.{port}").FixValue(context, [value])
+
+    def _push(self, context: Context, setter: Any, value: float) -> None:
+        values = [0.0] * self._late.size
+        for channel in self._channels:
+            values[channel] = value
+        setter(self._late.GetMyContextFromRoot(context), values)
+
+    # --- trials -----------------------------------------------------------------------------------------------------
+
+    def run(
+        self,
+        gains: Mapping[str, float],
+        conditions: Conditions = NOMINAL,
+        *,
+        course: Mapping[str, Any] | None = None,
+        margins: dict[str, float] | None = None,
+    ) -> Evaluation:
+        """One trial; see :class:`mirdrake.tuning.loops.base.Evaluation`.
+
+        Raises:
+            ConfigError: a gain is not known, or a condition out of range.
+        """
+        course = dict(self.spec.course) | dict(course or {})
+        if not all(math.isfinite(value) for value in gains.values()):
+            return Evaluation("unstable", reason="a gain is not finite")
+        context = self.context(gains, conditions)
+        reason = ""
+        try:
+            self._advance(context, course)
+        except RuntimeError as error:
+            reason = str(error).strip().splitlines()[0]
+            if not _NUMERICS.search(reason):
+                raise RunError(reason) from None
+        if reason:
+            return Evaluation("unstable", reason=reason)
+        t, reference, output, effort = self.signals(context)
+        others: tuple[Floats, ...] = ()
+        if self.spec.kind == "steering":  # two joints may swing against each other
+            x = self.assembly.taps["plant_state"].sink.FindLog(context).data()
+            left, right = (x[joint.position_start()] for joint in self.part.steering)
+            others = (np.array(left - right, dtype=float),)
+        return judge(
+            t,
+            reference,
+            output,
+            effort,
+            course=course,
+            limits=self.limits,
+            noise=conditions.noise,
+            margins=margins,
+            others=others,
+        )
+
+    def _advance(self, context: Context, course: Mapping[str, Any]) -> None:
+        simulator, spec = self.simulator, self.spec
+        simulator.reset_context(context)
+        simulator.Initialize()
+        simulator.AdvanceTo(course["step_time"])
+        step = course["step"]
+        speed = course["speed"] + (step * self.radius if spec.kind == "wheel_speed" else step)
+        self.command(context, *((course["speed"], step) if spec.kind == "steering" else (speed, 0.0)))
+        if course["load"]:
+            simulator.AdvanceTo(course["load_time"])
+            self._push(context, self._late.load, course["load"])
+        simulator.AdvanceTo(course["duration"])
+
+    @property
+    def radius(self) -> float:
+        """Rolling radius of the first driven wheel [m]."""
+        front, rear = self.part.rolling_radii(self.assembly.parts.plant)
+        return front if self._driven[0] < 2 else rear
+
+    def signals(self, context: Context) -> tuple[Floats, Floats, Floats, Floats]:
+        """Time [s], reference [y], output [y] and effort [u] of a run, a row a period."""
+        taps, name, plant = self.assembly.taps, self.spec.vehicle, self.assembly.parts.plant
+        log = taps["plant_state"].sink.FindLog(context)
+        x = log.data()
+        status = taps[f"{name}.status"].sink.FindLog(context).data()
+        positions = plant.num_positions()
+        if self.spec.kind == "steering":
+            left, right = (x[joint.position_start()] for joint in self.part.steering)
+            output, reference = bicycle_angles(left, right), status[1]
+        elif self.spec.kind == "speed":
+            pose = x[self.part.base.floating_positions_start() :][:7]
+            twist = x[positions + self.part.base.floating_velocities_start_in_v() :][:6]
+            output, reference = vehicle_states(pose, twist)[6], status[0]
+        else:
+            rows = [x[positions + self.part.wheels[i].velocity_start()] for i in self._driven]
+            output, reference = np.mean(rows, axis=0), status[0] / self.radius
+        if self.spec.options["pedals"]:
+            late = taps["late.y"].sink.FindLog(context).data()
+            effort = late[0] - late[1]
+        else:
+            effort = taps[f"{name}.joint_torques"].sink.FindLog(context).data()[self._channels[0]]
+        return (
+            np.array(log.sample_times(), dtype=float),
+            np.array(reference, dtype=float),
+            np.array(output, dtype=float),
+            np.array(effort, dtype=float),
+        )
+
+    # --- experiments ------------------------------------------------------------------------------------------------
+
+    def measure(self, context: Context) -> float:
+        """The output now [y]."""
+        plant = self.assembly.parts.plant
+        x = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(context))
+        positions = plant.num_positions()
+        if self.spec.kind == "steering":
+            left, right = (np.array([x[joint.position_start()]]) for joint in self.part.steering)
+            return float(bicycle_angles(left, right)[0])
+        if self.spec.kind == "speed":
+            pose = x[self.part.base.floating_positions_start() :][:7, None]
+            twist = x[positions + self.part.base.floating_velocities_start_in_v() :][:6, None]
+            return float(vehicle_states(pose, twist)[6, 0])
+        return float(np.mean([x[positions + self.part.wheels[i].velocity_start()] for i in self._driven]))
+
+    def excite(self, context: Context, value: float) -> None:
+        """Add to the control of the loop [u], before the delay, from the next period on."""
+        self._push(context, self._late.excite, value)
+
+    def control_value(self, context: Context) -> float:
+        """What the controller gives now [u], without excitation."""
+        port = self._late.u
+        values = port.Eval(self._late.GetMyContextFromRoot(context))
+        return float(values[self._channels[0]])
+
+
+class BenchProcess:
+    """The plant with open loop: holds a control for a period, gives the output at its end; a process to experiment on.
+
+    Args:
+        bench: the plant.
+        gains: feedback that stays on; all zero if left out.
+        conditions: nominal if left out.
+    """
+
+    def __init__(
+        self, bench: PlantBench, gains: Mapping[str, float] | None = None, conditions: Conditions = NOMINAL
+    ) -> None:
+        self.bench, self.period = bench, bench.period
+        self.context = bench.context(gains or dict.fromkeys(bench.spec.gains, 0.0), conditions)
+        self._simulator = Simulator(bench.assembly.diagram, self.context)
+        self._simulator.Initialize()
+        self._steps = 0
+        self.measurement = bench.measure(self.context)
+
+    def __call__(self, control: float) -> float:
+        """Hold a control for a period [u]; the output at its end [y]."""
+        self.bench.excite(self.context, control)
+        self._steps += 1
+        try:
+            self._simulator.AdvanceTo(self._steps * self.period)
+        except RuntimeError as error:
+            raise RunError(f"experiment on the plant: {str(error).splitlines()[0]}") from None
+        self.measurement = self.bench.measure(self.context)
+        return self.measurement
+
+
+class BenchLoop(BenchProcess):
+    """The plant with closed loop; adds an excitation for a period and gives control and measurement."""
+
+    def __init__(
+        self, bench: PlantBench, gains: Mapping[str, float], *, rest: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        super().__init__(bench, gains)
+        self.rest = rest
+
+    def step(self, excitation: float) -> tuple[float, float]:
+        """(control with excitation, measurement at the beginning of the period), both from rest."""
+        measured = self.measurement
+        self(excitation)
+        control = self.bench.control_value(self.context) + excitation
+        return control - self.rest[0], measured - self.rest[1]

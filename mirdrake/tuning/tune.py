@@ -1,0 +1,561 @@
+"""The whole way of tuning a loop: identify, design, search, confirm, shake, accept.
+
+::
+
+    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► models ── make_designs ─► rules, shaping
+                                                                           │                          │ tried on the plant
+                                                                           ▼                          ▼
+                          search on the reduced model ── refined on the plant, corners ─► best ── Monte Carlo ─► result
+
+The baseline ``published`` is 100, 0.01, 10 in the units of the joint: see :data:`mirdrake.tuning.spec.PUBLISHED`.
+A study that was stopped goes on where it was when it is called again with the same folder.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.logs import write_file
+from mirdrake.paths import installed_version
+from mirdrake.recording.files import told
+from mirdrake.studies.calls import Lost, call_all, open_executor
+from mirdrake.tuning.designs import DIGITS, Design, make_designs
+from mirdrake.tuning.identify import Identified, check_identified, identify_loop
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
+from mirdrake.tuning.loops.make import baseline_gains, check_names, make_loop_spec
+from mirdrake.tuning.loops.reduced import nominal_model, pid_of
+from mirdrake.tuning.margins import loop_response
+from mirdrake.tuning.result import TuningResult, digest, load_result, plain, write_result
+from mirdrake.tuning.robustness import Robustness, draw_conditions, monte_carlo, read_ranges
+from mirdrake.tuning.search import Trial, Trials, judge, map_of_two_gains, search
+from mirdrake.tuning.spec import TuningSpec, make_tuning
+from mirdrake.yaml_io import where
+
+MARGINS = ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
+STUDY = "study.json"
+MAP = 13
+"""Values of each gain in the map."""
+
+SCREEN = 16
+"""Draws of the Monte Carlo that the best candidate must stand before it is called so."""
+
+RESERVE = 1.5
+"""Delay margin that candidates need, per what the delay may grow by."""
+
+LIMIT = 600.0
+"""Wall time of a trial [s]."""
+
+Progress = Callable[[str, int, int, float], None]
+"""Called with the stage, what is done, of how much, and the time left in it [s]; nan if it is not known."""
+
+
+class Stopped(Exception):
+    """Ctrl-C; what is done is kept in the folder."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A design and what the plant says of it."""
+
+    design: Design
+    trial: Trial
+    response: pd.DataFrame | None = None
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Small is good: how much it breaks the constraints, then the cost."""
+        return self.trial.violation, self.trial.cost
+
+
+def tune(
+    study: TuningSpec | Mapping[str, Any] | Path | str,
+    *,
+    out: Path | str,
+    executor: Executor | None = None,
+    workers: int | None = 0,
+    progress: Progress | None = None,
+) -> TuningResult:
+    """Tune a loop.
+
+    Args:
+        study: a tuning spec, its data or its file.
+        out: folder of the result; made. One of this very study that is not finished is taken up again.
+        executor: makes the trials, for example that of a Dask client; it is not shut down.
+        workers: processes if there is no executor; 0: this process; None: as many as cores. The result is the same.
+        progress: see :data:`Progress`.
+
+    Raises:
+        ConfigError, ModelError, WorldError: the study, its vehicle or its world has faults.
+        RunError: the folder belongs to something else, or the plant cannot be measured.
+        Stopped: Ctrl-C; call again to go on.
+    """
+    spec = make_tuning(study)
+    began = time.monotonic()
+    loop = make_loop_spec(spec)
+    check_names(spec, loop)
+    folder = Path(out)
+    data = spec.model_dump(mode="json")
+    key = digest({"study": data, "loop": asdict(loop)})
+    finished = _open(folder, key)
+    if finished is not None:
+        return finished
+    tell = progress or (lambda *_: None)
+    try:
+        return _Study(spec, loop, folder, key, executor, workers, tell, began).run(data)
+    except KeyboardInterrupt:
+        raise Stopped(f"{folder}: stopped; call again to go on") from None
+
+
+def _open(folder: Path, key: str) -> TuningResult | None:
+    """Make the folder or take it up; the result if it is finished.
+
+    Raises:
+        RunError: it has something else in it.
+    """
+    with told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        used = any(folder.iterdir())
+    if not used:
+        write_file(folder / STUDY, f'{{"key": "{key}"}}\n')
+        return None
+    file = folder / STUDY
+    if not file.is_file() or key not in file.read_text(encoding="utf-8"):
+        raise RunError(f"{folder}: is not empty, and not of this very study; choose another folder")
+    return load_result(folder) if (folder / "tuning.json").is_file() else None
+
+
+@dataclass
+class _Study:
+    spec: TuningSpec
+    loop: LoopSpec
+    folder: Path
+    key: str
+    executor: Executor | None
+    workers: int | None
+    tell: Progress
+    began: float
+
+    def run(self, data: dict[str, Any]) -> TuningResult:
+        spec = self.spec
+        self.tell("identification", 0, 1, math.nan)
+        found = Identified(self.loop, ())
+        if not self.bare:
+            found = identify_loop(bench_of(self.loop))
+            check_identified(found)
+        self.loop = found.spec
+        designs: list[Design] = []
+        notes = ["a loop known by its signals only: no model, no rules, no margins"]
+        if not self.bare:
+            designs, notes = make_designs(found, max_sensitivity=min(max(spec.constraints.get("ms", 1.4), 1.1), 2.5))
+        base = Design("baseline", "baseline", _baseline_words(spec), baseline_gains(spec, self.loop))
+        tried = self._try([base, *designs], "rules")
+        baseline, rules = tried[0], [one for one in tried[1:] if one.design.kind == "rule"]
+
+        # Search on the reduced model, then on the plant around the best.
+        space = self._space([one.design.gains for one in tried[1:]])
+        coarse = self._search(
+            space, "plant" if self.bare else "reduced", spec.search.trials, self._starts(space, tried[1:]), "search"
+        )
+        leaders = self._leaders(coarse)
+        near = self._near(space, leaders)
+        fine = self._search(near, "plant", spec.search.confirm, self._starts(near, leaders, tried[1:]), "confirmation")
+        best = self._best(fine, tried)
+        tried += [best] if best is not None and best not in tried else []
+        pool = min(rules, key=lambda one: one.rank, default=None)
+        winner = min(tried[1:] or tried, key=lambda one: one.rank) if best is None else best
+
+        # Robustness, map, open loops.
+        shaken = {id(one) for one in (baseline, pool, winner)}
+        chosen = [one for one in tried if id(one) in shaken]
+        robust = self._shake(chosen)
+        gain_map = self._map(space, winner)
+        tables = {
+            "responses": _responses(tried),
+            "trials": _trials(coarse, fine),
+        }
+        tables |= {} if self.bare else {"frequency": _frequency(self.loop, chosen)}
+        tables |= {} if gain_map is None else {"map": gain_map}
+        tables |= {} if robust is None else {"monte_carlo": robust.table}
+        result = {
+            "name": spec.name,
+            "vehicle": self.loop.diagram["vehicles"][self.loop.vehicle]["model"],
+            "spec": data,
+            "spec_sha256": digest(data),
+            "seed": spec.seed,
+            "versions": _versions(),
+            "loop": _loop_data(self.loop),
+            "models": [
+                {
+                    "name": model.name,
+                    "kind": model.kind,
+                    "parameters": {name: list(pair) for name, pair in model.parameters.items()},
+                    "fit_percent": model.fit_percent,
+                    "note": model.note,
+                }
+                for model in found.models
+            ],
+            "notes": notes,
+            "candidates": [_candidate_data(one) for one in tried],
+            "baseline": baseline.design.name,
+            "best": winner.design.name if winner.trial.feasible else None,
+            "best_rule": pool.design.name if pool is not None else None,
+            "schedule": self._schedule(space, winner),
+            "robustness": None if robust is None else robust.data(),
+            "acceptance": accept(baseline, pool, winner, robust, self.constraints),
+            "wall_s": round(time.monotonic() - self.began, 1),
+        }
+        return write_result(self.folder, plain(result), tables)
+
+    @property
+    def bare(self) -> bool:
+        """Whether nothing is known of the loop but its signals."""
+        return self.loop.kind in ("diagram", "path")
+
+    @property
+    def constraints(self) -> dict[str, float]:
+        """Those of the file, and a delay margin with some reserve for the delays of the Monte Carlo."""
+        if self.bare:
+            return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
+        grows = self.spec.robustness.delay[1] - self.loop.nominal["delay"]
+        asked = {} if grows <= 0.0 or not self.spec.robustness.runs else {"delay_margin_s": RESERVE * grows}
+        return asked | dict(self.spec.constraints)
+
+    # --- stages -----------------------------------------------------------------------------------------------------
+
+    def _try(self, designs: list[Design], stage: str) -> list[Candidate]:
+        """Designs on the plant, with their responses, in their order."""
+        evaluate = LoopEvaluator(self.loop, keep=True)
+        done: dict[int, Evaluation] = {}
+        calls = ((design.gains, NOMINAL, "plant") for design in designs)
+        with open_executor(self.executor, self.workers, calls=len(designs), limit=LIMIT) as (runner, ahead):
+            for at, given in call_all(runner, evaluate, calls, ahead=ahead):
+                done[at] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
+                self.tell(stage, len(done), len(designs), math.nan)
+        return [self._candidate(design, done[at], at) for at, design in enumerate(designs)]
+
+    def _candidate(self, design: Design, given: Evaluation, number: int) -> Candidate:
+        record = {"status": given.status, "reason": given.reason, "figures": given.figures}
+        return Candidate(design, judge(number, design.gains, record, self.spec.cost, self.constraints), given.response)
+
+    def _space(self, known: list[dict[str, float]]) -> dict[str, dict[str, Any]]:
+        """Range of each gain: the file's, or a decade around those of the rules."""
+        space: dict[str, dict[str, Any]] = {}
+        for gain in self.loop.gains:
+            if gain in self.spec.search.ranges:
+                space[gain] = self.spec.search.ranges[gain].model_dump()
+                continue
+            given = [gains[gain] for gains in known if gains[gain] > 0.0]
+            if not given:
+                raise ConfigError(
+                    f"{where(self.spec, 'search', 'ranges')}: no rule gives a value of {gain}; write a range for it"
+                )
+            low, high = min(given) / 3.0, max(given) * 3.0
+            if gain == "kp":
+                space[gain] = {"low": low, "high": high, "scale": "log"}
+            else:  # may be left out
+                space[gain] = {"low": 0.0, "high": max(given) * 1.5, "scale": "linear"}
+        return space
+
+    def _starts(
+        self, space: Mapping[str, Mapping[str, Any]], *groups: Iterable[Candidate] | Iterable[Trial]
+    ) -> list[dict[str, float]]:
+        """Known gains to begin with: those within the ranges, the best first."""
+        starts: list[dict[str, float]] = []
+        for group in groups:
+            for one in group:
+                gains = dict(one.design.gains if isinstance(one, Candidate) else one.gains)
+                inside = all(entry["low"] <= gains[name] <= entry["high"] for name, entry in space.items())
+                if inside and gains not in starts:
+                    starts.append(gains)
+        return starts
+
+    def _search(
+        self,
+        space: dict[str, dict[str, Any]],
+        fidelity: str,
+        trials: int,
+        starts: list[dict[str, float]],
+        stage: str,
+    ) -> Trials:
+        spec = self.spec
+        method = spec.search.method if fidelity == "reduced" else "tpe"
+        drawn = method in ("tpe", "cma", "nsga2")
+        found = search(
+            LoopEvaluator(self.loop),
+            space,
+            method=method,
+            trials=max(trials, 1),
+            cost=spec.cost,
+            constraints=self.constraints,
+            start=starts[: max(trials // 2, 1)] if drawn else (),
+            seed=spec.seed,
+            executor=self.executor,
+            workers=self.workers if fidelity == "plant" else 0,
+            store=self.folder / f"{stage}.jsonl",
+            purpose={"study": self.key},
+            progress=lambda done, total, left: self.tell(stage, done, total, left),
+            options={"fidelity": fidelity},
+        )
+        if not found.complete:
+            raise KeyboardInterrupt
+        return found
+
+    def _leaders(self, coarse: Trials) -> list[Trial]:
+        """The best trials of the reduced model."""
+        ranked = sorted(coarse.trials, key=lambda one: (one.violation, one.cost, one.number))
+        return [one for one in ranked if one.status == "ok"][:5]
+
+    def _near(self, space: dict[str, dict[str, Any]], leaders: list[Trial]) -> dict[str, dict[str, Any]]:
+        """The part of the space around the best trials."""
+        if not leaders:
+            return space
+        near = {}
+        for gain, entry in space.items():
+            values = [one.gains[gain] for one in leaders]
+            if entry["scale"] == "log":
+                low, high = min(values) / 2.0, max(values) * 1.5
+            else:
+                width = 0.25 * (entry["high"] - entry["low"])
+                low, high = min(values) - width, max(values) + width
+            near[gain] = {**entry, "low": max(low, entry["low"]), "high": min(high, entry["high"])}
+        return near
+
+    def _best(self, fine: Trials, tried: list[Candidate]) -> Candidate | None:
+        """The cheapest candidate that keeps the constraints and stands the corners of the robustness."""
+        known = [one for one in tried[1:] if one.trial.feasible]
+        ranked = sorted((one for one in fine.trials if one.feasible), key=lambda one: (one.cost, one.number))
+        pool: list[Candidate | Trial] = sorted(
+            [*known, *ranked], key=lambda one: one.trial.cost if isinstance(one, Candidate) else one.cost
+        )
+        for one in pool[:8]:
+            gains = one.design.gains if isinstance(one, Candidate) else one.gains
+            if not self._stands(gains):
+                continue
+            if isinstance(one, Candidate):
+                return one
+            rounded = {name: float(f"{value:.{DIGITS}g}") for name, value in gains.items()}
+            words = f"{self.spec.search.method} on the reduced model, refined on the plant"
+            return self._try([Design("searched", "searched", words, rounded)], "best")[0]
+        return None
+
+    def _stands(self, gains: Mapping[str, float]) -> bool:
+        """Whether it is stable in all corners of the conditions, and in the first draws of the Monte Carlo."""
+        given = self.spec.robustness
+        if not given.runs:
+            return True
+        evaluate = LoopEvaluator(self.loop)
+        corners = [
+            Conditions(mass=1.0 + side * given.mass, friction=given.friction[0], delay=delay, grade=grade)
+            for side, delay, grade in (
+                (-1.0, given.delay[1], given.grade[0]),
+                (1.0, given.delay[1], given.grade[1]),
+                (-1.0, given.delay[0], given.grade[1]),
+                (1.0, given.delay[0], given.grade[0]),
+            )
+        ]
+        spreads = read_ranges(self._ranges())
+        corners += draw_conditions(spreads, runs=min(given.runs, SCREEN), seed=self.spec.seed) if spreads else []
+        for number, corner in enumerate(corners):
+            self.tell("corners", number, len(corners), math.nan)
+            if evaluate(gains, corner).status != "ok":
+                return False
+        return True
+
+    def _ranges(self) -> dict[str, Any]:
+        """Ranges of the conditions that are drawn."""
+        given, ranges = self.spec.robustness, dict[str, Any]()
+        if given.mass:
+            ranges["mass"] = (1.0 - given.mass, 1.0 + given.mass)
+        for name in ("friction",) if self.bare else ("friction", "delay", "grade"):
+            low, high = getattr(given, name)
+            if low < high:
+                ranges[name] = (low, high)
+        if given.noise:
+            ranges["noise"] = (0.0, given.noise)
+        return ranges
+
+    def _shake(self, chosen: list[Candidate]) -> Robustness | None:
+        given, ranges = self.spec.robustness, self._ranges()
+        if not given.runs or not ranges:
+            return None
+        found = monte_carlo(
+            LoopEvaluator(self.loop),
+            {one.design.name: one.design.gains for one in chosen},
+            ranges,
+            runs=given.runs,
+            seed=self.spec.seed,
+            fidelity="plant",
+            executor=self.executor,
+            workers=self.workers,
+            store=self.folder / "monte_carlo.jsonl",
+            purpose={"study": self.key},
+            progress=lambda done, total, left: self.tell("robustness", done, total, left),
+        )
+        if not found.complete:
+            raise KeyboardInterrupt
+        return found
+
+    def _map(self, space: dict[str, dict[str, Any]], winner: Candidate) -> pd.DataFrame | None:
+        """Cost and stability over the first two gains, on the reduced model; the others as those of the best."""
+        if len(space) < 2 or self.bare:
+            return None
+        names = list(space)[:2]
+        part = {}
+        for name in names:
+            value, entry = winner.design.gains[name], space[name]
+            high = min(max(4.0 * value, 0.3 * entry["high"]), 3.0 * entry["high"])
+            low = max(high / 60.0, entry["low"]) if entry["scale"] == "log" else entry["low"]
+            part[name] = {"low": low, "high": high, "scale": entry["scale"]}
+        found = map_of_two_gains(
+            LoopEvaluator(self.loop),
+            part,
+            cost=self.spec.cost,
+            constraints=self.constraints,
+            count=MAP,
+            fixed={name: value for name, value in winner.design.gains.items() if name not in names},
+            store=self.folder / "map.jsonl",
+            purpose={"study": self.key},
+            progress=lambda done, total, left: self.tell("map", done, total, left),
+            options={"fidelity": "reduced"},
+        )
+        return found.table
+
+    def _schedule(self, space: dict[str, dict[str, Any]], winner: Candidate) -> list[dict[str, Any]] | None:
+        """Gains over speed, each identified and searched anew."""
+        if self.spec.schedule is None:
+            return None
+        rows = []
+        for speed in self.spec.schedule.speeds:
+            loop = identify_loop(bench_of(make_loop_spec(self.spec, speed=speed))).spec
+            found = search(
+                LoopEvaluator(loop),
+                space,
+                method="tpe",
+                trials=self.spec.search.trials,
+                cost=self.spec.cost,
+                constraints=self.constraints,
+                start=self._starts(space, [winner]),
+                seed=self.spec.seed,
+                store=self.folder / f"speed-{speed:g}.jsonl",
+                purpose={"study": self.key},
+                progress=lambda done, total, left: self.tell("schedule", done, total, left),
+                options={"fidelity": "reduced"},
+            )
+            if not found.complete:
+                raise KeyboardInterrupt
+            if found.best is not None:
+                rows.append({"speed": speed, "gains": found.best.gains})
+        return rows
+
+
+# --- words and tables ---------------------------------------------------------------------------------------------
+
+
+def accept(
+    baseline: Candidate,
+    rule: Candidate | None,
+    winner: Candidate,
+    robust: Robustness | None,
+    constraints: Mapping[str, float],
+) -> list[dict[str, Any]]:
+    """What a tuned loop shall reach, and whether it does.
+
+    IAE at most half of the baseline's, the constraints, no run of the Monte Carlo unstable, and a cost below that of
+    the best rule.
+    """
+    figures = winner.trial.figures
+    rows: list[dict[str, Any]] = []
+    before, now = baseline.trial.figures.get("iae", math.inf), figures.get("iae", math.inf)
+    share = now / before if math.isfinite(before) and before > 0.0 else 0.0 if math.isfinite(now) else math.inf
+    rows.append({"what": "IAE over that of the baseline", "value": share, "limit": 0.5, "met": share <= 0.5})
+    for name, limit in constraints.items():
+        value = figures.get(name, math.nan)
+        more = name in ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
+        rows.append({"what": name, "value": value, "limit": limit, "met": value >= limit if more else value <= limit})
+    if robust is not None:
+        failures = robust.failures(winner.design.name).failures
+        rows.append({"what": "Monte-Carlo runs not stable", "value": failures, "limit": 0, "met": failures == 0})
+    if rule is not None:
+        met = winner.trial.cost < rule.trial.cost or not rule.trial.feasible
+        broken = "" if rule.trial.feasible else ", which breaks a constraint"
+        rows.append(
+            {"what": f"cost against the best rule, {rule.design.name}{broken}", "value": winner.trial.cost,
+             "limit": rule.trial.cost, "met": winner.trial.feasible and met}
+        )  # fmt: skip
+    return [{**row, "met": bool(row["met"])} for row in rows]
+
+
+def _baseline_words(spec: TuningSpec) -> str:
+    if spec.baseline == "published":
+        return "100, 0.01 and 10 as the papers have them on every joint"
+    return "as the study gives them"
+
+
+def _candidate_data(one: Candidate) -> dict[str, Any]:
+    trial = one.trial
+    return {
+        "name": one.design.name,
+        "kind": one.design.kind,
+        "how": one.design.how,
+        "gains": one.design.gains,
+        "figures": {name: value for name, value in trial.figures.items() if name not in MARGINS},
+        "margins": {name: trial.figures.get(name, math.nan) for name in MARGINS},
+        "cost": trial.cost,
+        "feasible": trial.feasible,
+        "status": trial.status,
+        "reason": trial.reason,
+    }
+
+
+def _loop_data(loop: LoopSpec) -> dict[str, Any]:
+    return {
+        "name": loop.kind,
+        "reference": loop.reference,
+        "output": loop.output,
+        "effort": loop.effort,
+        "output_unit": loop.output_unit,
+        "effort_unit": loop.effort_unit,
+        "gains": {gain: {"unit": unit, "path": loop.paths.get(gain, "")} for gain, unit in loop.gains.items()},
+        "settings": loop.settings,
+        "course": loop.course,
+        "nominal": loop.nominal,
+    }
+
+
+def _responses(tried: list[Candidate]) -> pd.DataFrame:
+    parts = [one.response.assign(candidate=one.design.name) for one in tried if one.response is not None]
+    columns = ["candidate", "t", "reference", "output", "effort"]
+    return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
+
+
+def _trials(coarse: Trials, fine: Trials) -> pd.DataFrame:
+    first, second = coarse.table.assign(fidelity="reduced"), fine.table.assign(fidelity="plant")
+    second["number"] += len(first)
+    return pd.concat([first, second], ignore_index=True)
+
+
+def _frequency(loop: LoopSpec, chosen: list[Candidate]) -> pd.DataFrame:
+    """Open loops over frequency, with the model of the loop."""
+    model, period = nominal_model(loop), float(loop.options["period"])
+    top = 0.99 * math.pi / period
+    omega = np.geomspace(top / 3e3, top, 300)
+    parts = []
+    for one in chosen:
+        value = loop_response(model, pid_of(loop, one.design.gains), period=period)(omega)
+        parts.append(pd.DataFrame({"candidate": one.design.name, "omega": omega, "re": value.real, "im": value.imag}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import version
+
+    return {"mirdrake": installed_version("mirdrake") or "", "drake": version("drake"), "numpy": version("numpy")}

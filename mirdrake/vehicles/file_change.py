@@ -1,0 +1,89 @@
+"""A change to a file of a vehicle folder: shown first, then written whole or not at all."""
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.recording.files import told, write_file
+from mirdrake.yaml_edit import Edit, edit_yaml
+from mirdrake.yaml_io import read_text, shown
+
+
+@dataclass(frozen=True)
+class FileChange:
+    """A file before and after.
+
+    Attributes:
+        path: the file.
+        before: its text, line ends as they are.
+        after: the text that it shall have.
+        notes: what the user should know, a line each.
+    """
+
+    path: Path
+    before: str
+    after: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def changes(self) -> bool:
+        """Whether there is anything to write."""
+        return self.before != self.after
+
+    def diff(self) -> str:
+        """The difference in unified form; empty if there is none."""
+        name = shown(self.path)
+        lines = difflib.unified_diff(
+            self.before.splitlines(keepends=True), self.after.splitlines(keepends=True), name, name, "before", "after"
+        )
+        return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+
+    def write(self) -> None:
+        """Write it whole or not at all; the file keeps its mode, and a link stays a link.
+
+        Raises:
+            RunError: it cannot be written, or is no longer what it was.
+        """
+        if not self.changes:
+            return
+        path = self.path.resolve()
+        with told(path):
+            if path.read_bytes() != self.before.encode():
+                raise RunError(f"{shown(self.path)}: has changed in the meantime; run it again")
+            mode = path.stat().st_mode
+        write_file(path, self.after)
+        path.chmod(mode & 0o7777)
+
+
+def change_file(
+    path: Path, edits: Sequence[Edit], *, check: Callable[[str], None], notes: Sequence[str] = ()
+) -> FileChange:
+    """Edits on a YAML file, not yet written.
+
+    Args:
+        path: the file.
+        edits: values to set; nothing is changed if all are there already.
+        check: raises ConfigError if a text would no longer load.
+        notes: to go with the change.
+
+    Raises:
+        ConfigError: the file cannot be read, an edit does not fit it, or it would no longer load.
+    """
+    read_text(path)  # says in our words what is wrong
+    before = path.read_bytes().decode()
+    name = shown(path)
+    try:
+        check(before)
+    except ConfigError as error:
+        raise ConfigError(f"{error}\n{name}: is left as it is; mend it first") from None
+    bare = [Edit(edit.path, edit.value) for edit in edits]
+    if edit_yaml(before, bare, name=name) == before:
+        return FileChange(path, before, before, tuple(notes))
+    after = edit_yaml(before, edits, name=name)
+    try:
+        check(after)
+    except ConfigError as error:
+        raise ConfigError(f"{error}\n{name}: is left as it is; with these values it would not load") from None
+    return FileChange(path, before, after, tuple(notes))

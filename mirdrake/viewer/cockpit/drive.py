@@ -1,0 +1,386 @@
+"""A drive: simulated and wall-clock time side by side, with hands at the wheel.
+
+The loop runs in one thread and owns the simulation. Pages talk to it through :class:`Cockpit.report` and
+:meth:`Cockpit.order`, from the threads of a server; what they ask for is done between two slices of time.
+"""
+
+import queue
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import DiagramSpec
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.logs import Run
+from mirdrake.simulation import default_folder
+from mirdrake.tyres import RoadFriction
+from mirdrake.viewer.cockpit.dead_man import TIMEOUT, Wheel
+from mirdrake.viewer.cockpit.driver import HumanDriver
+from mirdrake.viewer.cockpit.gains import get_gain, list_gains, set_gain
+from mirdrake.viewer.cockpit.hands import STANDING, HandState, hand_step, stop_step
+from mirdrake.viewer.cockpit.log import DriveLog
+from mirdrake.viewer.cockpit.overlays import Overlays
+from mirdrake.viewer.cockpit.picture import Picture
+from mirdrake.viewer.cockpit.start import NAME, hand_limits
+
+SLICE = 1.0 / 64.0
+"""Simulated time between two looks at the hands [s]."""
+
+FRAME = 1.0 / 30.0
+"""Wall-clock time between two pictures [s]; with overlays, every second one has them."""
+
+BEHIND = 0.1
+"""So far behind the wall clock, the drive gives up catching up: time goes slower, nothing jumps [s]."""
+
+BLOCK = 0.25
+"""Simulated time between two looks at the logs [s]."""
+
+
+class Cockpit:
+    """A drive in real time.
+
+    Args:
+        spec: of :func:`drive_spec`.
+        meshcat: where to draw, made in the thread that drives; None draws nothing.
+        say: is told what happens, a line each.
+        folder: gives the folder of a recording.
+        timeout: see :class:`~mirdrake.viewer.cockpit.dead_man.Wheel`.
+
+    Attributes:
+        wheel: who drives.
+        told: what the page shows, as plain data; replaced, never changed.
+        runs: folders that were recorded.
+
+    Raises:
+        ConfigError, ModelError, WorldError, DiagramError: the diagram cannot be built.
+    """
+
+    def __init__(
+        self,
+        spec: DiagramSpec,
+        *,
+        meshcat: Meshcat | None = None,
+        say: Callable[[str], None] = lambda _: None,
+        folder: Callable[[], Path] | None = None,
+        timeout: float = TIMEOUT,
+    ) -> None:
+        self.assembly = assemble(spec)
+        self.part = self.assembly.parts.vehicles[NAME]
+        self.limits = hand_limits(self.part)
+        self.gains = list_gains(self.part.vehicle)
+        self.wheel = Wheel(timeout=timeout)
+        self.told: dict[str, Any] = {}
+        self.runs: list[Run] = []
+        self._say, self._folder = say, folder or (lambda: default_folder(f"drive_{self.part.vehicle.name}"))
+        systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
+        driver = systems[f"{NAME}.driver"]
+        assert isinstance(driver, HumanDriver)
+        self._driver, self._truth, self._control = driver, systems[f"{NAME}.truth"], systems[f"{NAME}.control"]
+        self._simulator = Simulator(self.assembly.diagram)
+        self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
+        self._simulator.set_monitor(self._watch)
+        self._meshcat = meshcat
+        self.picture = Picture(meshcat, self.assembly, NAME) if meshcat is not None else None
+        self.overlays = Overlays(meshcat, self.assembly, NAME) if meshcat is not None else None
+        self._orders: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
+        self._values = {gain.path: gain.given for gain in self.gains}
+        self._log: DriveLog | None = None
+        self._hand, self._paused, self._lost, self._over = HandState(), False, False, threading.Event()
+        self._alarm = False
+        self._message = ""
+        self._odometer, self._rates = 0.0, deque[tuple[float, float]]()
+        self._factor = 1.0
+        self._begin(self.assembly.make_context())
+
+    # --- from other threads --------------------------------------------------------------------------------------
+
+    def order(self, what: Mapping[str, Any]) -> None:
+        """Ask for something: {"do": "reset" | "pause" | "record" | "gain" | "layer", ...}."""
+        self._orders.put(what)
+
+    def stop(self) -> None:
+        """End :meth:`run` soon."""
+        self._over.set()
+
+    # --- the loop ------------------------------------------------------------------------------------------------
+
+    def run(self, *, duration: float = inf, watch: Callable[[], None] | None = None) -> None:
+        """Drive until :meth:`stop`, Ctrl-C, or for a time; a recording is finished.
+
+        Args:
+            duration: wall-clock time [s].
+            watch: called about every picture.
+        """
+        with _interrupt(self._over):
+            try:
+                self._loop(time.monotonic() + duration, watch)
+            finally:
+                if self._log is not None:
+                    self._record_off("the drive ended")
+
+    def _loop(self, end: float, watch: Callable[[], None] | None) -> None:
+        due, picture, drawn, number = time.monotonic(), 0.0, time.monotonic(), 0
+        while not self._over.is_set() and time.monotonic() < end:
+            self._obey()
+            if self._paused:
+                time.sleep(0.02)
+                due = time.monotonic()
+                self._rates.clear()
+            else:
+                self._advance()
+                due += SLICE
+                late = time.monotonic() - due
+                if late < 0.0:
+                    time.sleep(-late)
+                elif late > BEHIND:
+                    due = time.monotonic()
+            now = time.monotonic()
+            if now >= picture:
+                picture = max(picture + FRAME, now)
+                number += 1
+                self._measure(now)
+                self._draw(now - drawn, overlays=number % 2 == 0)
+                drawn = now
+                if watch is not None:
+                    watch()
+
+    def _advance(self) -> None:
+        """One slice of time."""
+        context = self._context
+        state = self._state()
+        hands = self.wheel.hands()
+        if hands is None:
+            self._hand = stop_step(self._hand, period=SLICE, limits=self.limits)
+        else:
+            self._hand = hand_step(self._hand, hands, measured=state[6], period=SLICE, limits=self.limits)
+        self._notice(self.wheel.lost, moving=abs(state[6]) > STANDING or self._hand.speed != 0.0)
+        self._driver.tell(self._hand.speed, self._hand.steering)
+        self._count += 1
+        try:
+            self._simulator.AdvanceTo(self._count * SLICE)
+        except RunError:
+            raise
+        except RuntimeError as error:
+            self._fail(str(error).strip().splitlines()[0])
+            return
+        if not np.all(np.isfinite(self._plant_state())):
+            self._fail("a position or velocity is no number")
+            return
+        self._odometer += abs(state[6]) * SLICE
+        if self.overlays is not None:
+            self.overlays.note(state[0], state[1])
+        if self._count % round(BLOCK / SLICE) == 0:
+            if self._log is not None:
+                self._log.read(context)
+            else:
+                for tap in self.assembly.taps.values():
+                    tap.sink.FindMutableLog(context).Clear()
+
+    def _notice(self, lost: bool, *, moving: bool) -> None:
+        """Say that the input was lost while the vehicle moves, and that it is back."""
+        if lost and not self._lost and moving:
+            self._alarm = True
+            self._tell("input lost: braking to a stand; press a key in the page to drive on", "input")
+        elif self._lost and not lost and self._alarm:
+            self._alarm = False
+            self._tell("input is back", "input")
+        self._lost = lost
+
+    def _watch(self, context: Context) -> EventStatus:
+        if self._friction.varies:
+            self._friction.watch(context)
+        if self._log is not None:
+            self._log.watch(context)
+        return EventStatus.DidNothing()
+
+    def _fail(self, why: str) -> None:
+        if self._log is not None:
+            self._record_off(f"failed: {why}")
+        self._tell(f"the simulation failed ({why}); reset to the start", "failure")
+        self._reset()
+
+    # --- orders --------------------------------------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        while not self._orders.empty():
+            order = self._orders.get()
+            what = order.get("do")
+            if what == "reset":
+                self._reset()
+            elif what == "pause":
+                self._paused = not self._paused
+            elif what == "record":
+                self._record_off("stopped") if self._log is not None else self._record_on()
+            elif what == "gain":
+                self._set_gain(order.get("name"), order.get("value"))
+            elif what == "layer" and self.overlays is not None:
+                self.overlays.switch(str(order.get("name")), order.get("on") is True)
+
+    def _reset(self) -> None:
+        """Back to the start; gains stay."""
+        if self._log is not None:
+            self._record_off("reset")
+        self._odometer, self._hand = 0.0, HandState()
+        self.wheel.let_go()
+        self._begin(self.assembly.make_context())
+        if self.overlays is not None:
+            self.overlays.forget()
+        if self.picture is not None:
+            self.picture.forget()
+
+    def _begin(self, context: Context) -> None:
+        """Go on in another Context, at its time 0."""
+        self._context, self._count = context, 0
+        for gain in self.gains:
+            set_gain(self._control, context, gain, self._values[gain.path])
+        self._friction.start()
+        self._simulator.reset_context(context)
+        self._simulator.Initialize()
+        self._rates.clear()
+
+    def _set_gain(self, name: Any, value: Any) -> None:
+        found = [gain for gain in self.gains if gain.path == name]
+        if not found or isinstance(value, bool) or not isinstance(value, int | float):
+            return
+        if not (isfinite(value) and 0.0 <= value <= 1e9):
+            return
+        self._values[found[0].path] = float(value)
+        set_gain(self._control, self._context, found[0], float(value))
+        if self._log is not None:
+            self._log.say(self._context.get_time(), "gain", f"{name} = {value:g}")
+
+    def _changed(self) -> dict[str, float]:
+        """Gains that are not as given, by name."""
+        return {gain.path: self._values[gain.path] for gain in self.gains if self._values[gain.path] != gain.given}
+
+    def _record_on(self) -> None:
+        """Start a run folder; the clock starts again at 0, the vehicle is where it is."""
+        context = self.assembly.make_context()
+        plant = self.assembly.parts.plant
+        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), self._plant_state())
+        try:
+            self._log = DriveLog(self.assembly, self._folder(), context, name=NAME, gains=self._changed())
+        except RunError as error:
+            self._tell(str(error), "recording")
+            return
+        for path, value in self._values.items():
+            self._log.say(0.0, "gain", f"{path} = {value:g}")
+        self._begin(context)
+        self._tell(f"recording into {self._log.folder}", "recording")
+
+    def _record_off(self, reason: str) -> None:
+        assert self._log is not None
+        log, self._log = self._log, None
+        try:
+            self.runs.append(log.finish(self._context, reason=reason))
+            self._tell(f"recorded {self._context.get_time():.1f} s: mirdrake replay {log.folder}", "recording")
+        except RunError as error:
+            self._tell(str(error), "recording")
+
+    # --- what is shown -------------------------------------------------------------------------------------------
+
+    def _state(self) -> Any:
+        return self._truth.GetOutputPort("state").Eval(self._truth.GetMyContextFromRoot(self._context)).tolist()
+
+    def _plant_state(self) -> Any:
+        plant = self.assembly.parts.plant
+        return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(self._context))
+
+    def _tell(self, text: str, kind: str) -> None:
+        self._message = text
+        self._say(text)
+        if self._log is not None and kind != "recording":
+            self._log.say(self._context.get_time(), kind, text)
+
+    def _measure(self, now: float) -> None:
+        """What the gauges show."""
+        at = self._context.get_time()
+        if self._rates and at < self._rates[-1][1]:
+            self._rates.clear()
+        self._rates.append((now, at))
+        while now - self._rates[0][0] > 1.0:
+            self._rates.popleft()
+        (since, before) = self._rates[0]
+        if now - since > 0.3:
+            self._factor = (at - before) / (now - since)
+        x = self._state()
+        status = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(self._context)).tolist()
+        told: dict[str, Any] = {
+            "time": at,
+            "x": x[0],
+            "y": x[1],
+            "yaw": x[5],
+            "speed": x[6],
+            "wanted": self._hand.speed,
+            "setpoint": status[0],
+            "steering": status[1],
+            "wanted_steering": self._hand.steering,
+            "lateral": None,
+            "progress": None,
+            "distance": self._odometer,
+            "factor": None if self._paused else self._factor,
+            "paused": self._paused,
+            "lost": self._lost,
+            "recording": str(self._log.folder) if self._log is not None else None,
+            "message": self._message,
+            "gains": dict(self._values),
+            "layers": sorted(self.overlays.shown) if self.overlays is not None else [],
+        }
+        if self._truth.HasOutputPort("path"):
+            path = self._truth.GetOutputPort("path").Eval(self._truth.GetMyContextFromRoot(self._context)).tolist()
+            told["lateral"], told["progress"] = path[0], path[2]
+        self.told = told
+
+    def _draw(self, passed: float, *, overlays: bool) -> None:
+        if self.picture is None or self.overlays is None or self._meshcat is None:
+            return
+        if self.wheel.view is not None:
+            self.picture.look(self.wheel.view)
+        if self._meshcat.GetNumActiveConnections() == 0:
+            return
+        self.picture.draw(self._context, passed=min(passed, 0.5))
+        if overlays:
+            self.overlays.draw(self._context)
+
+    def gain(self, name: str) -> float:
+        """The value that a gain has in the Context now.
+
+        Raises:
+            ConfigError: there is none of that name.
+        """
+        for gain in self.gains:
+            if gain.path == name:
+                return get_gain(self._control, self._context, gain)
+        raise ConfigError(f"no gain '{name}'; there are: {', '.join(gain.path for gain in self.gains)}")
+
+
+@contextmanager
+def _interrupt(over: threading.Event) -> Iterator[None]:
+    """While inside, Ctrl-C sets the event; a second one ends at once. Only in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handle(number: int, frame: Any) -> None:
+        if over.is_set():
+            signal.default_int_handler(number, frame)
+        over.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,124 @@
+"""What a drive writes down: an ordinary run folder, from the press of a button to the next.
+
+The clock starts at 0 where the recording starts, and spec.yaml says where the vehicle was and that it is driven by the
+commands of its own folder. So ``mirdrake run FOLDER/spec.yaml`` drives it again.
+"""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import yaml
+from pydrake.systems.framework import Context
+
+from mirdrake.controllers.spec import ScheduleSpec
+from mirdrake.diagram import Assembly
+from mirdrake.diagram_spec import Place
+from mirdrake.logs import SPEC, Run, RunWriter, read_signals, write_file
+from mirdrake.recorder import Blocks, Events, Recorder, vector_sensors
+from mirdrake.summary import figure_columns, make_summary, resolved_spec
+from mirdrake.telemetry import Telemetry
+
+_OPEN = 3600.0  # [s] the duration in spec.yaml while nobody knows it
+
+
+class DriveLog:
+    """A run folder that is being written.
+
+    Args:
+        assembly: what drives.
+        folder: to write; must not exist yet or be empty.
+        context: at the start, its time 0.
+        name: of the vehicle that is driven.
+        gains: those that are not as control.yaml has them, by their dotted path there; spec.yaml keeps them.
+
+    Raises:
+        RunError: the folder cannot be made or written.
+    """
+
+    def __init__(
+        self, assembly: Assembly, folder: Path, context: Context, *, name: str, gains: Mapping[str, float] | None = None
+    ) -> None:
+        truth = assembly.diagram.GetSubsystemByName(f"{name}.truth")
+        state = truth.GetOutputPort("state").Eval(truth.GetMyContextFromRoot(context))
+        entry = assembly.spec.vehicles[name].model_copy(
+            update={
+                "start": Place(x=float(state[0]), y=float(state[1]), yaw=float(state[5])),
+                "speed": float(state[6]),
+                "control": _laid_over(assembly.spec.vehicles[name].control, gains or {}),
+            }
+        )
+        spec = assembly.spec.model_copy(
+            update={"vehicles": assembly.spec.vehicles | {name: entry}, "control": {}, "name": folder.name}
+        )
+        self._assembly, self._name = replace(assembly, spec=spec), name
+        self._data = self._resolve(_OPEN)
+        self._writer = RunWriter(folder, self._data)
+        self._recorder: Recorder | None = None
+        if assembly.cameras or assembly.arrays or vector_sensors(assembly):
+            self._recorder = Recorder(assembly, folder)
+            self._recorder.__enter__()
+        self._telemetry, self._blocks, self._events = (
+            Telemetry(assembly),
+            Blocks(self._writer),
+            Events(self._writer),
+        )
+        self._began = perf_counter()
+        self.folder = folder
+
+    def watch(self, context: Context) -> None:
+        """Look at the sensors after a step."""
+        if self._recorder is not None:
+            self._recorder(context)
+
+    def read(self, context: Context) -> None:
+        """Write the samples since the last call."""
+        times, columns = self._telemetry.read(context)
+        if not times.size:
+            return
+        self._blocks.add(times, columns, self._telemetry.units)
+        self._events.look(times, columns, [self._name])
+
+    def say(self, time: float, kind: str, text: str) -> None:
+        """Write an event: when [s], its kind, and what it is in words."""
+        self._events.add(time, kind, text)
+
+    def finish(self, context: Context, *, reason: str) -> Run:
+        """Close the folder.
+
+        Args:
+            context: at the end.
+            reason: why it ends, in words.
+        """
+        self.read(context)
+        if self._recorder is not None:
+            self._recorder.__exit__(None)
+        simulated, wall = float(context.get_time()), perf_counter() - self._began
+        self._events.add(simulated, "stop", reason)
+        self._data = self._resolve(max(simulated, 1e-3))
+        text = yaml.safe_dump(self._data, sort_keys=False, allow_unicode=True, width=100)
+        write_file(self.folder / SPEC, text)
+        figures = partial(make_summary, self._assembly, self._data, simulated=simulated, wall=wall, reason=reason)
+        recorded = self._recorder.counts() if self._recorder is not None else {}
+        read = partial(read_signals, self.folder, figure_columns(self._assembly))
+        summary = self._writer.finish(lambda: figures(read()) | recorded)
+        return Run(self.folder, self._data, summary, self._telemetry.units, self._events.entries)
+
+    def _resolve(self, duration: float) -> dict[str, Any]:
+        data = resolved_spec(self._assembly, duration=duration)
+        commands = ScheduleSpec(kind="schedule", file=".", vehicle=self._name)
+        data["control"] = {self._name: commands.model_dump(mode="json")}
+        return data
+
+
+def _laid_over(control: Mapping[str, Any], gains: Mapping[str, float]) -> dict[str, Any]:
+    """What is laid over a control.yaml, and gains by their dotted paths."""
+    data: dict[str, Any] = deepcopy(dict(control))
+    for path, value in gains.items():
+        loop, _, gain = path.partition(".")
+        data.setdefault(loop, {})[gain] = value
+    return data

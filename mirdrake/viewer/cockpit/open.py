@@ -1,0 +1,109 @@
+"""A cockpit with its page: Meshcat, the drive and the server together."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from mirdrake.diagram_spec import DiagramSpec
+from mirdrake.viewer.cockpit.dead_man import TIMEOUT
+from mirdrake.viewer.cockpit.drive import Cockpit
+from mirdrake.viewer.cockpit.server import CockpitServer
+from mirdrake.viewer.cockpit.start import NAME
+from mirdrake.viewer.meshcat import make_meshcat
+
+REMIND = 20.0
+"""Time without a page after which the address is said again [s]."""
+
+
+class OpenCockpit:
+    """A drive with its page on this machine; use it as a context manager, in the thread that made it.
+
+    Args:
+        spec: of :func:`mirdrake.viewer.cockpit.drive_spec`.
+        port: of localhost; None takes the first free one from 8765 on, 0 any free one.
+        say: is told what happens, a line each.
+        folder: gives the folder of a recording.
+        timeout: time without a word of the page, after which the vehicle is braked [s].
+        remind: time without a page after which the address is said again [s].
+
+    Attributes:
+        drive: the drive.
+        url: where its page is.
+
+    Raises:
+        ConfigError, ModelError, WorldError, DiagramError: the diagram cannot be built.
+        RunError: the port is taken.
+    """
+
+    def __init__(
+        self,
+        spec: DiagramSpec,
+        *,
+        port: int | None = None,
+        say: Callable[[str], None] = lambda _: None,
+        folder: Callable[[], Path] | None = None,
+        timeout: float = TIMEOUT,
+        remind: float = REMIND,
+    ) -> None:
+        self._say, self._remind = say, remind
+        world = spec.world.load()
+        self._meshcat = make_meshcat(port=0, world=world)
+        self.drive = Cockpit(spec, meshcat=self._meshcat, say=say, folder=folder, timeout=timeout)
+        self._server = CockpitServer(
+            meshcat=self._meshcat.web_url(),
+            about=self._about(),
+            report=self._report,
+            order=self.drive.order,
+            port=port,
+        )
+        self.url = self._server.url
+        self._reminded = time.monotonic()
+
+    def __enter__(self) -> "OpenCockpit":
+        self._thread = threading.Thread(target=self._server.serve, name="cockpit", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        self._server.close()
+        self._thread.join(timeout=5.0)
+
+    def run(self, *, duration: float = inf) -> None:
+        """Drive until Ctrl-C, or for a wall-clock time [s], inside of ``with``."""
+        self.drive.run(duration=duration, watch=self._watch)
+
+    def _report(self, page: str, message: Mapping[str, Any]) -> Mapping[str, Any]:
+        self.drive.wheel.report(page, message)
+        return self.drive.told
+
+    def _watch(self) -> None:
+        now = time.monotonic()
+        if now - self._reminded > self._remind:
+            self._reminded = now
+            if self.drive.wheel.silence > self._remind:
+                self._say(f"no page is open; the cockpit is at {self.url}")
+
+    def _about(self) -> dict[str, Any]:
+        """What the page needs to know at first."""
+        drive, assembly = self.drive, self.drive.assembly
+        assert drive.picture is not None
+        assert drive.overlays is not None
+        limits, track = drive.limits, assembly.parts.world.tracks.get(assembly.tracks[NAME] or "")
+        lane = 2.0
+        if track is not None:
+            lane = max(0.5, float(min(track.left_width(0.0), track.right_width(0.0))))
+        return {
+            "vehicle": drive.part.vehicle.spec.name,
+            "world": assembly.parts.world.name.replace("_", " "),
+            "views": [asdict(view) for view in drive.picture.views.values()],
+            "layers": list(drive.overlays.there),
+            "gains": [{**asdict(gain), "most": gain.most} for gain in drive.gains],
+            "forward": limits.forward,
+            "backward": limits.backward,
+            "steering": limits.steering,
+            "lane": lane,
+        }

@@ -1,0 +1,289 @@
+"""What can be laid over the picture of a drive, each to switch on and off.
+
+========= =====================================================================================
+driven    the way that the rear axle took, a ribbon
+planned   the centre line of the track that the vehicle is measured against, and, ahead of the
+          vehicle, the arc on which its wheels lead it
+lidar     where the beams of lidars and laser scanners ended
+contacts  forces of all contacts, arrows
+tyres     forces of the road on the tyres along the ground, arrows
+friction  patches of the ground with a friction of their own, red for slippery, green for grippy
+========= =====================================================================================
+
+Each is one object in Meshcat or a few, drawn anew only while it is shown.
+"""
+
+from collections.abc import Callable
+from math import cos, sin, tan
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.plant import ContactResults
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Context
+
+from mirdrake.diagram import Assembly
+from mirdrake.perception import show_points
+from mirdrake.sensors import LaserScanner, Lidar
+from mirdrake.viewer.cockpit.shapes import Triangles, arrows, ribbon
+from mirdrake.worlds.meshes import fill
+
+Array = NDArray[np.float64]
+
+LAYERS = ("driven", "planned", "lidar", "contacts", "tyres", "friction")
+"""Names of the overlays."""
+
+MOST_CONTACTS = 24
+"""Arrows of contact forces; of more contacts the strongest are shown."""
+
+MOST_POINTS = 5000
+"""Points of all lidars together that are drawn; of more every second is left out, or more."""
+
+_ROOT = "overlays"
+_CHUNK = 120  # points of a piece of the driven ribbon; only the last piece is drawn anew
+_PIECES = 200  # of the ribbon that are kept
+_REFERENCE = 0.9  # [m] arrow of a force that is a quarter of the weight, on a car
+_AHEAD = 2.2  # [s] that the arc ahead reaches
+_BLUE, _GREEN, _AMBER, _RED, _VIOLET = (
+    Rgba(0.10, 0.42, 0.95, 0.9),
+    Rgba(0.05, 0.65, 0.30, 0.9),
+    Rgba(0.98, 0.62, 0.05, 0.9),
+    Rgba(0.90, 0.10, 0.15, 1.0),
+    Rgba(0.55, 0.15, 0.85, 1.0),
+)
+
+
+class Overlays:
+    """The overlays of a drive.
+
+    Args:
+        meshcat: where to draw.
+        assembly: what drives.
+        name: of the vehicle.
+
+    Attributes:
+        there: overlays that this drive can show.
+        shown: overlays that are switched on.
+    """
+
+    def __init__(self, meshcat: Meshcat, assembly: Assembly, name: str) -> None:
+        self._meshcat, self._assembly, self._name = meshcat, assembly, name
+        self._part = assembly.parts.vehicles[name]
+        systems = {system.get_name(): system for system in assembly.diagram.GetSystems()}
+        self._truth, self._control = systems[f"{name}.truth"], systems[f"{name}.control"]
+        self._rangers = [system for system in systems.values() if isinstance(system, Lidar | LaserScanner)]
+        self._tyres = systems.get(f"{name}.tyres")
+        self._size = self._part.vehicle.geometry.wheelbase / 2.6
+        plant = assembly.parts.plant
+        weight = 9.81 * plant.CalcTotalMass(plant.CreateDefaultContext(), [self._part.instance])
+        self._scale = 4.0 * _REFERENCE * self._size / weight
+        self._wheels = {int(joint.child_body().index()) for joint in self._part.wheels}
+        world = assembly.parts.world
+        self._track = world.tracks.get(assembly.tracks[name] or "")
+        absent = {
+            "lidar": not self._rangers,
+            "friction": not world.patches,
+        }
+        self.there = tuple(layer for layer in LAYERS if not absent.get(layer))
+        self.shown: set[str] = set()
+        self._way: list[tuple[float, float]] = []
+        self._piece = 0
+        self._seen: dict[str, float] = {}
+        self._draw_planned()
+        self._draw_friction()
+        for layer in LAYERS:
+            self._show(layer, False)
+        for layer in ("driven", "planned"):
+            self.switch(layer, True)
+
+    def switch(self, layer: str, on: bool) -> None:
+        """Show or hide an overlay; one that is not there is left alone."""
+        if layer not in self.there:
+            return
+        (self.shown.add if on else self.shown.discard)(layer)
+        self._show(layer, on)
+
+    def forget(self) -> None:
+        """A new drive: no way was driven yet."""
+        self._meshcat.Delete(f"{_ROOT}/driven")
+        self._way, self._piece, self._seen = [], 0, {}
+        self._show("driven", "driven" in self.shown)
+
+    def note(self, x: float, y: float) -> None:
+        """Remember where the rear axle is [m]; often enough, also while nothing is drawn."""
+        if not self._way or (x - self._way[-1][0]) ** 2 + (y - self._way[-1][1]) ** 2 > (0.25 * self._size) ** 2:
+            self._way.append((x, y))
+
+    def draw(self, context: Context) -> None:
+        """Draw what is shown and changes.
+
+        Args:
+            context: of the whole diagram.
+        """
+        draw: dict[str, Callable[[Context], None]] = {
+            "driven": self._draw_driven,
+            "planned": self._draw_ahead,
+            "lidar": self._draw_points,
+            "contacts": self._draw_contacts,
+            "tyres": self._draw_tyres,
+        }
+        for layer in self.shown & draw.keys():
+            draw[layer](context)
+
+    def _show(self, layer: str, on: bool) -> None:
+        self._meshcat.SetProperty(f"{_ROOT}/{layer}", "visible", on)
+
+    def _mesh(self, path: str, mesh: Triangles, colour: Rgba) -> None:
+        side = Meshcat.SideOfFaceToRender.kDoubleSide
+        self._meshcat.SetTriangleMesh(f"{_ROOT}/{path}", *mesh, colour, side=side)
+
+    def _arrows(self, path: str, starts: Array, forces: Array, colour: Rgba) -> None:
+        """Forces [N] as arrows, seen through the vehicle."""
+        self._mesh(path, arrows(starts, self._scale * forces, radius=0.028 * self._size), colour)
+        for key, value in (("material.depthTest", False), ("material.transparent", True), ("renderOrder", 3.0)):
+            self._meshcat.SetProperty(f"{_ROOT}/{path}/<object>", key, value)
+
+    def _draw_driven(self, _: Context) -> None:
+        if len(self._way) < 2:
+            return
+        self._mesh(f"driven/{self._piece % _PIECES}", ribbon(self._way, width=0.16 * self._size, height=0.035), _BLUE)
+        if len(self._way) >= _CHUNK:
+            self._piece, self._way = self._piece + 1, self._way[-1:]
+
+    def _draw_planned(self) -> None:
+        if self._track is None:
+            return
+        s = np.arange(0.0, self._track.length, 0.7 * self._size)
+        s = np.append(s, self._track.length * (1.0 if self._track.closed else 1.0 - 1e-9))
+        x, y, _ = self._track.pose(s)
+        self._mesh("planned/line", ribbon(np.column_stack((x, y)), width=0.12 * self._size, height=0.03), _GREEN)
+
+    def _draw_ahead(self, context: Context) -> None:
+        """The arc on which the wheels lead: the bicycle's, of curvature tan(δ)/L."""
+        state = self._truth.GetOutputPort("state").Eval(self._truth.GetMyContextFromRoot(context))
+        x, y, yaw, vx = float(state[0]), float(state[1]), float(state[5]), float(state[6])
+        steering = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(context))[1]
+        curvature = tan(float(steering)) / self._part.vehicle.geometry.wheelbase
+        reach = np.linspace(0.0, vx * _AHEAD if abs(vx) > 0.5 else np.copysign(3.0 * self._size, vx + 1e-3), 32)
+        turn = curvature * reach
+        ahead = np.where(np.abs(turn) > 1e-6, np.sin(turn) / np.where(turn == 0.0, 1.0, turn), 1.0) * reach
+        left = (
+            np.where(np.abs(turn) > 1e-6, (1.0 - np.cos(turn)) / np.where(turn == 0.0, 1.0, turn), 0.5 * turn) * reach
+        )
+        line = np.column_stack((x + cos(yaw) * ahead - sin(yaw) * left, y + sin(yaw) * ahead + cos(yaw) * left))
+        self._mesh("planned/ahead", ribbon(line, width=0.22 * self._size, height=0.045), _AMBER)
+
+    def _draw_points(self, context: Context) -> None:
+        share = max(MOST_POINTS // max(len(self._rangers), 1), 1)
+        for ranger in self._rangers:
+            own = ranger.GetMyContextFromRoot(context)
+            if isinstance(ranger, Lidar):
+                scan = ranger.cloud.Eval(own)
+                if scan.time == self._seen.get(ranger.get_name()):
+                    continue
+                self._seen[ranger.get_name()] = scan.time
+                points = scan.points_in_world()
+            else:
+                points = self._scanned(ranger, own, context)
+            points = points[:: max(-(-len(points) // share), 1)]
+            path = f"{_ROOT}/lidar/{ranger.get_name().replace('.', '/')}"
+            show_points(self._meshcat, path, points, point_size=0.09 * self._size, height=2.5 * self._size)
+
+    def _scanned(self, scanner: Any, own: Context, context: Context) -> Array:
+        """Points of a laser scanner in the world (n, 3) [m], seen from where it is now."""
+        ranges = np.asarray(scanner.GetOutputPort("sample").Eval(own))
+        mount = scanner.mount
+        angles = np.linspace(mount.start_angle, mount.end_angle, ranges.size)
+        found = np.isfinite(ranges) & (ranges > 0.0)
+        there = ranges[found, None] * np.column_stack((np.cos(angles[found]), np.sin(angles[found])))
+        plant = self._assembly.parts.plant
+        frame = plant.GetFrameByName(mount.frame, self._part.instance)
+        X_WS = frame.CalcPoseInWorld(plant.GetMyContextFromRoot(context))
+        points: Array = there @ X_WS.rotation().matrix()[:, :2].T + X_WS.translation()
+        return points
+
+    def _contacts(self, context: Context) -> list[tuple[Array, Array, int]]:
+        """Where contacts are [m], their force on what is above or on the vehicle [N], and the vehicle's body, or -1."""
+        plant = self._assembly.parts.plant
+        results: ContactResults = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
+        found = []
+        for i in range(results.num_point_pair_contacts()):
+            pair = results.point_pair_contact_info(i)
+            first, second = int(pair.bodyA_index()), int(pair.bodyB_index())
+            body = second if self._ours(second) else first if self._ours(first) else -1
+            sign = -1.0 if body == first and body != second else 1.0
+            found.append((pair.contact_point(), sign * pair.contact_force(), body))
+        for i in range(results.num_hydroelastic_contacts()):
+            patch = results.hydroelastic_contact_info(i)
+            surface = patch.contact_surface()
+            bodies = [self._body(surface.id_M()), self._body(surface.id_N())]
+            body = bodies[0] if self._ours(bodies[0]) else bodies[1] if self._ours(bodies[1]) else -1
+            sign = 1.0 if body == bodies[0] else -1.0
+            found.append((surface.centroid(), sign * patch.F_Ac_W().translational(), body))
+        return found
+
+    def _ours(self, body: int) -> bool:
+        plant = self._assembly.parts.plant
+        return bool(plant.get_body(BodyIndex(body)).model_instance() == self._part.instance)
+
+    def _body(self, geometry: Any) -> int:
+        parts = self._assembly.parts
+        frame = parts.scene_graph.model_inspector().GetFrameId(geometry)
+        body = parts.plant.GetBodyFromFrameId(frame)
+        return int(body.index()) if body is not None else 0
+
+    def _draw_contacts(self, context: Context) -> None:
+        found = sorted(self._contacts(context), key=lambda contact: -float(np.linalg.norm(contact[1])))
+        found = found[:MOST_CONTACTS]
+        starts = np.array([place for place, _, _ in found]).reshape(-1, 3)
+        forces = np.array([force for _, force, _ in found]).reshape(-1, 3)
+        self._arrows("contacts/all", starts, forces, _RED)
+
+    def _draw_tyres(self, context: Context) -> None:
+        starts, forces = self._law_forces(context) if self._tyres is not None else self._friction_forces(context)
+        starts[:, 2] = np.maximum(starts[:, 2], 0.0) + 0.12 * self._size
+        self._arrows("tyres/all", starts, forces, _VIOLET)
+
+    def _friction_forces(self, context: Context) -> tuple[Array, Array]:
+        """Places and horizontal forces (n, 3) of the wheels' contacts."""
+        found = [(place, force) for place, force, body in self._contacts(context) if body in self._wheels]
+        starts = np.array([place for place, _ in found]).reshape(-1, 3)
+        forces = np.array([force for _, force in found]).reshape(-1, 3)
+        forces[:, 2] = 0.0
+        return starts, forces
+
+    def _law_forces(self, context: Context) -> tuple[Array, Array]:
+        """The same from a tyre model, ahead and to the left of each wheel."""
+        assert self._tyres is not None
+        plant = self._assembly.parts.plant
+        own = plant.GetMyContextFromRoot(context)
+        told = self._tyres.GetOutputPort("tyre_forces").Eval(self._tyres.GetMyContextFromRoot(context)).reshape(4, -1)
+        starts, forces = np.zeros((4, 3)), np.zeros((4, 3))
+        for index, joint in enumerate(self._part.wheels):
+            X_WP = joint.frame_on_parent().CalcPoseInWorld(own)
+            ahead = RollPitchYaw(X_WP.rotation()).yaw_angle()
+            fx, fy = float(told[index][0]), float(told[index][1])
+            starts[index] = X_WP.translation() - [0.0, 0.0, self._part.vehicle.geometry.wheel_radii[index]]
+            forces[index] = cos(ahead) * fx - sin(ahead) * fy, sin(ahead) * fx + cos(ahead) * fy, 0.0
+        return starts, forces
+
+    def _draw_friction(self) -> None:
+        """Patches as they are seen from above, the last on top; the more slippery, the redder."""
+        world = self._assembly.parts.world
+        above: shapely.Geometry = shapely.MultiPolygon()
+        for patch in reversed(world.patches):
+            seen = shapely.difference(patch.area, above)
+            above = shapely.union(above, patch.area)
+            if seen.area < 1e-6:
+                continue
+            surface = fill(seen, z=0.025, tile=1.0, color=(0.0, 0.0, 0.0), texture=None)
+            mesh = Triangles(
+                np.asfortranarray(surface.vertices.T), np.asfortranarray(surface.triangles.T.astype(np.int32))
+            )
+            grip = min(max(patch.mu, 0.0), 1.0)
+            colour = Rgba(0.95 - 0.9 * grip, 0.1 + 0.6 * grip, 0.15, 0.45)
+            self._mesh(f"friction/{patch.name} mu {patch.mu:g}", mesh, colour)

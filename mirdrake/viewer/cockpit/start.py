@@ -1,0 +1,54 @@
+"""What a drive begins from: its diagram, and how its vehicle is driven by hand."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+import yaml
+
+from mirdrake.diagram_spec import DiagramSpec, make_spec
+from mirdrake.plant import VehicleInPlant
+from mirdrake.viewer.cockpit.driver import KIND
+from mirdrake.viewer.cockpit.hands import HandLimits
+from mirdrake.yaml_io import parse_yaml
+
+NAME = "ego"
+"""Of the vehicle that is driven."""
+
+TOP_SPEED = 40.0
+"""The fastest that hands ask for, where the wheels allow no less [m/s]."""
+
+
+def drive_spec(data: Mapping[str, Any], *, overrides: Sequence[str] = ()) -> DiagramSpec:
+    """A diagram with a vehicle "ego" that is driven by hand.
+
+    Args:
+        data: of a diagram file, with no driver for "ego".
+        overrides: ``"dotted.path=value"`` texts, applied over it.
+
+    Raises:
+        ConfigError: it has faults.
+    """
+    given = dict(data)
+    given["control"] = {**given.get("control", {}), NAME: {"kind": KIND}}
+    if not overrides:
+        return make_spec(given)
+    return parse_yaml(yaml.safe_dump(given, sort_keys=False), DiagramSpec, name="drive", overrides=overrides)
+
+
+def hand_limits(part: VehicleInPlant) -> HandLimits:
+    """How fast and hard a vehicle is driven by hand, from its wheels, its control.yaml and its steering."""
+    geometry, loop = part.vehicle.geometry, part.vehicle.control.speed
+    fastest = min(
+        float(joint.velocity_upper_limits()[0]) * radius
+        for joint, radius in zip(part.wheels, geometry.wheel_radii, strict=True)
+    )
+    forward = min(TOP_SPEED, 0.95 * fastest) if isfinite(fastest) and fastest > 0.0 else TOP_SPEED
+    return HandLimits(
+        forward=forward,
+        backward=min(0.25 * forward, 5.0),
+        acceleration=min(loop.max_acceleration, 4.0),
+        braking=min(loop.max_deceleration, 7.0),
+        steering=0.95 * geometry.steering_limit,
+        wheelbase=geometry.wheelbase,
+    )

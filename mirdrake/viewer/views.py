@@ -1,0 +1,141 @@
+"""The views that all pages share: follow, cockpit and map, as cameras beside a vehicle.
+
+Meshcat's camera looks at a fixed point, so the world is moved under it until the vehicle is at the origin and heads
+along x (:func:`mirdrake.viewer.meshcat.chase`). A view is then a place of the camera, and the same for a drive, for a
+recording and for a saved page. In a page the views are buttons, and the keys 1, 2 and 3.
+"""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+from pydrake.geometry import Meshcat
+
+from mirdrake.vehicles import Vehicle
+
+CAR = 2.6
+"""Wheelbase that the distances below are meant for [m]; they grow and shrink with it."""
+
+FOLLOW, COCKPIT, MAP = "follow", "cockpit", "map"
+"""Names of the views."""
+
+_PANEL = """
+<style>
+  #views { position: fixed; left: 50%; top: 12px; transform: translateX(-50%); z-index: 3; display: flex;
+    font: 14px/1.2 system-ui, sans-serif; border-radius: 8px; overflow: hidden; box-shadow: 0 1px 6px rgba(0,0,0,.3); }
+  #views button { border: 0; padding: 8px 16px; background: #fff; color: #1d2733; cursor: pointer; font: inherit; }
+  #views button + button { border-left: 1px solid #d5dbe3; }
+  #views button.on { background: #1d2733; color: #fff; }
+</style>
+<div id="views"></div>
+<script>
+(() => {
+  const views = VIEWS;
+  const panel = document.getElementById("views");
+  const buttons = views.map((view, number) => {
+    const button = document.createElement("button");
+    button.textContent = view.name[0].toUpperCase() + view.name.slice(1);
+    button.title = `key ${number + 1}`;
+    button.onclick = () => { look(number); button.blur(); };
+    panel.append(button);
+    return button;
+  });
+  function look(number) {
+    const [x, y, z] = views[number].eye;
+    viewer.handle_command({ type: "set_transform", path: "/Cameras/default",
+      matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] });
+    viewer.handle_command({ type: "set_target", value: views[number].target });
+    viewer.handle_command({ type: "set_property", path: "/Cameras/default/rotated/<object>", property: "position",
+      value: [x, z, -y] });
+    viewer.set_dirty();
+    buttons.forEach((button, index) => button.classList.toggle("on", index === number));
+    document.body.dataset.view = views[number].name;
+  }
+  window.look = look;
+  addEventListener("keydown", event => {
+    const number = ["Digit1", "Digit2", "Digit3"].indexOf(event.code);
+    if (number >= 0 && number < views.length && !event.ctrlKey && !event.altKey && !event.metaKey) look(number);
+  });
+})();
+</script>
+"""
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera beside a vehicle that stands at the origin and heads along x.
+
+    Attributes:
+        name: of the view.
+        eye: place of the camera [m]; x ahead of the rear axle, y to the left, z up.
+        target: the point it looks at [m].
+        lag: time constant with which the camera turns after the vehicle [s].
+    """
+
+    name: str
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    lag: float
+
+
+def make_views(vehicle: Vehicle) -> tuple[View, ...]:
+    """The views of a vehicle, the first of them the usual one.
+
+    Args:
+        vehicle: what is looked at; its wheelbase gives the distances.
+    """
+    size = vehicle.geometry.wheelbase / CAR
+    return (
+        View(FOLLOW, _scaled(size, -6.6, 0.0, 3.1), _scaled(size, 3.4, 0.0, 0.7), lag=0.35),
+        View(COCKPIT, _scaled(size, 2.15, 0.0, 1.34), _scaled(size, 6.5, 0.0, 1.12), lag=0.0),
+        View(MAP, _scaled(size, 5.98, 0.0, 34.0), _scaled(size, 6.0, 0.0, 0.0), lag=0.6),
+    )
+
+
+def set_view(meshcat: Meshcat, view: View) -> None:
+    """Move the camera of all browsers to a view."""
+    meshcat.SetCameraPose(view.eye, view.target)
+
+
+class ViewButtons:
+    """Buttons for the views in Meshcat's own controls; the keys 1, 2 and 3 press them.
+
+    Args:
+        meshcat: where.
+        views: to choose from.
+    """
+
+    def __init__(self, meshcat: Meshcat, views: Iterable[View]) -> None:
+        self._meshcat = meshcat
+        self._views = {view.name.capitalize(): view for view in views}
+        self._clicks = dict.fromkeys(self._views, 0)
+        for number, name in enumerate(self._views, start=1):
+            meshcat.AddButton(name, f"Digit{number}")
+
+    def follow(self) -> str | None:
+        """Take over what was pressed since the last call; the name of the new view, or None."""
+        taken = None
+        for name, view in self._views.items():
+            clicks = self._meshcat.GetButtonClicks(name)
+            if clicks != self._clicks[name]:
+                self._clicks[name] = clicks
+                set_view(self._meshcat, view)
+                taken = view.name
+        return taken
+
+
+def with_views(page: str, views: Iterable[View]) -> str:
+    """A page of Meshcat with buttons for views.
+
+    Args:
+        page: of :meth:`pydrake.geometry.Meshcat.StaticHtml`, or of a server.
+        views: to choose from.
+    """
+    head, mark, tail = page.rpartition("</body>")
+    assert mark, "Meshcat's page has no body"
+    data = json.dumps([asdict(view) for view in views]).replace("</", "<\\/")
+    return head + _PANEL.replace("VIEWS", data) + mark + tail
+
+
+def _scaled(size: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return (round(size * x, 4), round(size * y, 4), round(size * z, 4))

@@ -1,0 +1,119 @@
+"""The lists of docs/api.md, and the reference from the docstrings.
+
+::
+
+    python -m tests.api_page docs/api.md            writes the lists anew
+    python -m tests.api_page docs/reference         writes the reference, one page a module
+"""
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+from tests.test_layers import STAGES
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "mirdrake"
+
+MODULES = (
+    "vehicles", "vehicles.inspection", "vehicles.importing", "worlds", "plant", "tyres", "suspension", "aerodynamics",
+    "powertrain", "controllers", "sensors", "signals", "diagram", "blocks", "perception", "single_track", "simulation",
+    "logs", "requirements", "testing", "gym", "manoeuvres", "studies", "tuning", "identification", "suites",
+    "world_checks", "world_importing", "viewer", "viewer.inline", "report", "export", "workflow", "world_files",
+    "schemas",
+)  # fmt: skip
+"""Modules whose public names are for users."""
+
+
+def public_names(module: str) -> list[tuple[str, str]]:
+    """(name, first sentence of its docstring) of what a module offers: ``__all__``, or what it defines itself."""
+    path = _file(module)
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    listed: list[str] | None = None
+    for node in tree.body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if any(isinstance(target, ast.Name) and target.id == "__all__" for target in targets):
+            listed = ast.literal_eval(node.value)
+    own = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    names = listed if listed is not None else [name for name in own if not name.startswith("_")]
+    return [(name, _sentence(name, own, tree, module)) for name in sorted(names)]
+
+
+def summary(module: str) -> str:
+    """The first sentence of a module's docstring."""
+    return _first(ast.get_docstring(ast.parse(_file(module).read_text(encoding="utf-8"))) or "")
+
+
+def names_of_mirdrake() -> dict[str, str]:
+    """Public name of the package -> module it comes from."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    home = next(node.value for node in tree.body if isinstance(node, ast.Assign) and _targets(node) == ["_HOME"])
+    found: dict[str, str] = ast.literal_eval(home)
+    return found
+
+
+def write_page(text: str) -> str:
+    """A page with both lists filled in."""
+    rows = ["| name | stage | module | what |", "|---|---|---|---|"]
+    for name, module in sorted(names_of_mirdrake().items(), key=lambda item: (STAGES[item[1]], item[0])):
+        words = dict(public_names(module)).get(name, "")
+        rows.append(f"| `{name}` | {STAGES[module]} | `mirdrake.{module}` | {words} |")
+    text = _fill(text, "public names", rows)
+    rows = ["| stage | module | what | names |", "|---|---|---|---|"]
+    for module in sorted(MODULES, key=lambda module: (STAGES.get(module.split(".")[0], 9), module)):
+        names = ", ".join(f"`{name}`" for name, _ in public_names(module) if name != name.upper())
+        rows.append(f"| {STAGES.get(module.split('.')[0], '')} | `mirdrake.{module}` | {summary(module)} | {names} |")
+    return _fill(text, "modules", rows)
+
+
+def _fill(text: str, mark: str, rows: list[str]) -> str:
+    pattern = re.compile(rf"(<!-- {mark} -->\n)(?:\|[^\n]*\n)*")
+    assert pattern.search(text), f"the page has no mark {mark}"
+    return pattern.sub(lambda match: match.group(1) + "\n".join(rows) + "\n", text)
+
+
+def _file(module: str) -> Path:
+    base = PACKAGE.joinpath(*module.split("."))
+    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+
+
+def _sentence(name: str, own: dict[str, ast.ClassDef | ast.FunctionDef], tree: ast.Module, module: str) -> str:
+    """What a name is, also one that the module takes from another of ours."""
+    if name in own:
+        return _first(ast.get_docstring(own[name]) or "")
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and any((alias.asname or alias.name) == name for alias in node.names):
+            source = (node.module or "").removeprefix("mirdrake.")
+            if (node.module or "").startswith("mirdrake.") and source != module:
+                below = ast.parse(_file(source).read_text(encoding="utf-8"))
+                inner = {item.name: item for item in below.body if isinstance(item, ast.ClassDef | ast.FunctionDef)}
+                return _sentence(name, inner, below, source)
+    return ""
+
+
+def _first(docstring: str) -> str:
+    """The first paragraph on one line, its references as code, without the bar that ends a cell of a table."""
+    paragraph = " ".join(docstring.split("\n\n")[0].split())
+    paragraph = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", paragraph).replace("``", "`").replace("|", "\\|")
+    return paragraph.partition(". ")[0].rstrip(".:")
+
+
+def _targets(node: ast.Assign) -> list[str]:
+    return [target.id for target in node.targets if isinstance(target, ast.Name)]
+
+
+def write_reference(folder: Path) -> None:
+    """The reference of the package and of :data:`MODULES`, below the folder."""
+    import pdoc
+
+    pdoc.render.configure(docformat="google", footer_text="mirdrake")
+    pdoc.pdoc("mirdrake", *(f"mirdrake.{module}" for module in MODULES), output_directory=folder)
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1])
+    if target.suffix == ".md":
+        target.write_text(write_page(target.read_text(encoding="utf-8")), encoding="utf-8")
+    else:
+        write_reference(target)

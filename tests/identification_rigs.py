@@ -1,0 +1,86 @@
+"""Drives of a known single track, simulated by scipy with the equations written out once more, with sensor noise."""
+
+from functools import cache
+from math import pi
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from mirdrake.identification import DataSet, Log
+
+MASS, FRONT, REAR = 1500.0, 1.2, 1.5
+TRUTH = {
+    "cornering_stiffness_front": 90e3,
+    "cornering_stiffness_rear": 110e3,
+    "yaw_inertia": 2400.0,
+    "steering_offset": 0.003,
+    "steering_delay": 0.03,
+    "steering_lag": 0.05,
+}
+NOISE = {"vx": 0.02, "yaw_rate": 0.003, "lateral_acceleration": 0.1, "vy": 0.02}
+OFFSET = {"yaw_rate": 0.002, "lateral_acceleration": -0.05, "vy": 0.02}
+
+
+def steering(t):
+    """Steps and a sweep to 2 Hz [rad]."""
+    return 0.02 * np.sin(2.0 * pi * (0.2 + 0.03 * t) * t) + 0.02 * np.clip(40.0 * np.sin(0.9 * t), -1.0, 1.0)
+
+
+def speed(t):
+    return 20.0 + 7.0 * np.sin(0.2 * t)
+
+
+@cache
+def exact(duration=30.0, step=0.01):
+    """Time and exact channels; the recorded steering is what goes into delay and lag."""
+    p = TRUTH
+    late, lag = p["steering_delay"], p["steering_lag"]
+
+    def rates(t, x):
+        vy, r, delta = x
+        v, angle = speed(t), delta + p["steering_offset"]
+        front = -p["cornering_stiffness_front"] * (np.arctan((vy + FRONT * r) / v) - angle) * np.cos(angle)
+        rear = -p["cornering_stiffness_rear"] * np.arctan((vy - REAR * r) / v)
+        asked = steering(max(t - late, 0.0))
+        return [
+            (front + rear) / MASS - v * r,
+            (FRONT * front - REAR * rear) / p["yaw_inertia"],
+            (asked - delta) / lag,
+        ]
+
+    time = np.arange(0.0, duration - 1e-9, step)
+    x = solve_ivp(rates, (0.0, duration), [0.0, 0.0, steering(0.0)], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    slope = np.array([rates(t, x[:, k])[0] for k, t in enumerate(time)])
+    v = speed(time)
+    return time, {
+        "vx": v, "vy": x[0], "yaw_rate": x[1], "lateral_acceleration": slope + v * x[1], "road_wheel_angle": steering(time),
+    }  # fmt: skip
+
+
+def lateral_log(seed=0, *, name="drive", use="train", duration=30.0, channels=("yaw_rate", "lateral_acceleration")):
+    """A log with noise and offsets of the sensors."""
+    time, clean = exact(duration)
+    random = np.random.default_rng(seed)
+    seen = {"road_wheel_angle": clean["road_wheel_angle"]}
+    for one in ("vx", *channels):
+        seen[one] = clean[one] + OFFSET.get(one, 0.0) + random.normal(0.0, NOISE[one], len(time))
+    return Log(name, use, time, seen)
+
+
+def lateral_data(seed=0, **options):
+    return DataSet((lateral_log(seed, **options),), wheelbase=FRONT + REAR)
+
+
+COAST = {"rolling_resistance": 0.009, "drag": 0.45}
+
+
+def coast_data(seed=0, *, duration=120.0, start=32.0):
+    """A coast-down of the same mass, by closed form: v = √(A/D) tan(φ - √(A D) t / m)."""
+    time = np.arange(0.0, duration, 0.02)
+    a, d = COAST["rolling_resistance"] * MASS * 9.80665, COAST["drag"]
+    size = np.sqrt(a / d)
+    v = size * np.tan(np.arctan(start / size) - np.sqrt(a * d) / MASS * time)
+    assert v.min() > 1.0
+    v = v + np.random.default_rng(seed).normal(0.0, 0.03, len(time))
+    zero = np.zeros(len(time))
+    return DataSet((Log("coast", "train", time, {"vx": v, "throttle": zero, "brake": zero}),))

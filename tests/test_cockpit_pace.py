@@ -1,0 +1,78 @@
+"""A drive keeps real time with everything switched on, the page being open on another machine."""
+
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from mirdrake.viewer.cockpit import OpenCockpit, drive_spec
+
+PAGE = r"""
+import base64, http.client, json, os, re, socket, sys, threading, time
+port = int(sys.argv[1])
+connection = http.client.HTTPConnection("127.0.0.1", port)
+connection.request("GET", "/", headers={"Host": f"localhost:{port}"})
+token = re.search(rb'"token": "(\w+)"', connection.getresponse().read())[1].decode()
+pictures = socket.create_connection(("127.0.0.1", port))
+key = base64.b64encode(os.urandom(16)).decode()
+pictures.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                 f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+received = [0]
+def take():
+    while data := pictures.recv(1 << 18):
+        received[0] += len(data)
+threading.Thread(target=take, daemon=True).start()
+end = time.monotonic() + float(sys.argv[2])
+while time.monotonic() < end:
+    message = {"page": "p", "throttle": 0.2, "steer": 0.5, "active": True}
+    connection.request("POST", "/report", json.dumps(message),
+                       {"Host": f"localhost:{port}", "X-Mirdrake-Token": token})
+    connection.getresponse().read()
+    time.sleep(0.033)
+print(received[0])
+"""
+"""What a page does, without drawing: it reports thirty times a second and takes the pictures."""
+
+
+def drive_with_everything(data: dict[str, Any], *, seconds: float) -> tuple[float, float, float]:
+    """Simulated over wall-clock time, processor time over simulated time, and what the page received [byte/s]."""
+    with OpenCockpit(drive_spec(data), port=0) as cockpit:
+        drive = cockpit.drive
+        assert drive.overlays is not None
+        for layer in drive.overlays.there:
+            drive.order({"do": "layer", "name": layer, "on": True})
+        port = cockpit.url.rstrip("/").rpartition(":")[2]
+        page = subprocess.Popen([sys.executable, "-c", PAGE, port, str(seconds + 2.0)], stdout=subprocess.PIPE)
+        cockpit.run(duration=2.0)
+        began, cpu, first = time.monotonic(), time.process_time(), drive.told["time"]
+        cockpit.run(duration=seconds)
+        wall, cpu, simulated = time.monotonic() - began, time.process_time() - cpu, drive.told["time"] - first
+        out, _ = page.communicate(timeout=30)
+    assert drive.told["distance"] > 1.0
+    assert not drive.told["lost"]
+    return simulated / wall, cpu / simulated, int(out) / (seconds + 2.0)
+
+
+CAR = {"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}, "plant": {"contact": "point"}}
+LIDAR = {
+    "world": "parking_lot",
+    "vehicles": {"ego": {"model": "mkz"}},
+    "sensors": {"ego": ["roof_lidar"]},
+    "plant": {"contact": "point"},
+}
+
+
+def test_a_drive_with_all_overlays_needs_a_part_of_one_core():
+    _, cpu, rate = drive_with_everything(CAR, seconds=5.0)
+    assert cpu < 0.6  # seconds of a processor for a simulated second
+    assert 10e3 < rate < 3e6  # pictures come, and not too many
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("data", [CAR, LIDAR], ids=["car", "lidar"])
+def test_real_time_holds_for_a_minute_with_all_overlays(data):
+    factor, cpu, _ = drive_with_everything(data, seconds=60.0)
+    assert factor == pytest.approx(1.0, abs=0.01)
+    assert cpu < 0.8

@@ -1,0 +1,165 @@
+"""Models of identification: their integration against scipy, their derivatives against differences, filters, errors."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from mirdrake.errors import ConfigError
+from mirdrake.identification import DataSet, Log
+from mirdrake.identification.estimators.drives import make_drives
+from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.shooting import cut, simulate
+from mirdrake.identification.models import MODELS, ModelSpec, make_model
+from mirdrake.identification.models.base import first_order, second_order
+from mirdrake.identification.models.steer import play
+from mirdrake.identification.parameters import Choice, choose
+from mirdrake.single_track.dynamics import brush_force
+from tests.identification_rigs import FRONT, MASS, REAR, TRUTH, exact, lateral_data
+
+KNOWN = {"mass": MASS, "front_length": FRONT, "rear_length": REAR}
+HELD = {name: Choice(fixed=value) for name, value in KNOWN.items()} | {"accelerometer_ahead": Choice(free=False)}
+
+
+def single_track(**options):
+    return make_model(ModelSpec("single_track", options), lateral_data(), KNOWN)
+
+
+def test_single_track_follows_the_equations_written_out_once_more():
+    time, clean = exact()
+    model = make_model(ModelSpec("single_track"), lateral_data(), KNOWN)
+    p = {info.name: info.guess for info in model.parameters} | TRUTH
+    (drive,), _ = make_drives(model, (Log("exact", "train", time, clean),))
+    run = simulate(model, cut(model, drive, p), [p], np.array([0.0, 0.0]), derivatives=False)
+    assert run is not None
+    for i, name in enumerate(model.outputs):
+        # Straight lines between samples of the steering are the difference.
+        assert np.max(np.abs(run.y[i] - clean[name])) < 2e-3 * np.max(np.abs(clean[name]))
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_shots_side_by_side_are_one_trajectory(count):
+    model = single_track(tyres="fiala")
+    p = {info.name: info.guess for info in model.parameters}
+    (drive,), _ = make_drives(model, lateral_data().logs)
+    shots = cut(model, drive, p)
+    whole = simulate(model, shots, [p], np.zeros(2), derivatives=False)
+    shots = cut(model, drive, p)
+    shots.length, shots.count = (drive.size, 1) if count == 1 else (-(-drive.size // count), count)
+    shots.times = np.arange(shots.count * shots.length * 2 * shots.substeps + 1) * drive.step / (2 * shots.substeps)
+    shots.nodes = np.zeros((2, shots.count))
+    other = simulate(model, shots, [p], np.zeros(2), derivatives=False)
+    assert whole is not None
+    assert other is not None
+    assert other.y == pytest.approx(whole.y, abs=1e-7)
+
+
+@pytest.mark.parametrize("tyres", ["linear", "fiala", "magic_formula"])
+def test_derivatives_of_the_residuals_equal_differences(tyres):
+    model = make_model(ModelSpec("single_track_roll", {"tyres": tyres}), lateral_data(), KNOWN)
+    choices = HELD | {"steering_lag": Choice(guess=0.05), "steering_delay": Choice(guess=0.033)}
+    choices |= {"roll_steer": Choice(free=True), "accelerometer_height": Choice(guess=0.4)}
+    drives, _ = make_drives(model, lateral_data().logs, 8.0)
+    sigmas = {"yaw_rate": 0.003, "lateral_acceleration": 0.1}
+    problem = Problem(model, drives, choose(model.parameters, choices), sigmas, joined=0.1)
+    z = np.random.default_rng(1).normal(0.0, 0.02, problem.size)
+    slopes = problem.jacobian(z)
+    for i in range(problem.size):
+        step = np.zeros(problem.size)
+        step[i] = 1e-4
+        around = (problem.residuals(z + step) - problem.residuals(z - step)) / 2e-4
+        assert np.linalg.norm(slopes[:, i] - around) < 2e-3 * np.linalg.norm(around) + 1e-6, i
+
+
+def test_fiala_force_is_that_of_the_reduced_model():
+    model = single_track(tyres="fiala")
+    p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8}
+    slip = np.linspace(-0.4, 0.4, 41)
+    ours = model._force("front", slip, 8000.0, p)
+    theirs = [brush_force(np.tan(one), stiffness=90e3, limit=6400.0) for one in slip]
+    assert ours == pytest.approx(np.array(theirs), rel=1e-9, abs=1e-6)
+
+
+def test_magic_formula_has_its_slope_and_its_peak():
+    model = single_track(tyres="magic_formula")
+    p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8, "shape_front": 1.4, "curvature_front": 0.0}
+    assert model._force("front", np.array([1e-6]), 8000.0, p)[0] == pytest.approx(-0.09, rel=1e-5)
+    assert np.min(model._force("front", np.linspace(0.0, 1.0, 2001), 8000.0, p)) == pytest.approx(-6400.0, rel=1e-4)
+
+
+def test_lag_and_second_order_are_exact_for_straight_lines():
+    time = np.arange(0.0, 3.0, 0.05)
+    values = np.cumsum(np.random.default_rng(0).normal(size=len(time)))
+
+    def asked(t):
+        return np.interp(t, time, values)
+
+    for edges, ours in (
+        (lambda t, x: [(asked(t) - x[0]) / 0.12, 0.0], first_order(values, 0.05, 0.12)),
+        (lambda t, x: [x[1], 64.0 * (asked(t) - x[0]) - 2.0 * 0.4 * 8.0 * x[1]], second_order(values, 0.05, 8.0, 0.4)),
+    ):
+        theirs = solve_ivp(edges, (0.0, time[-1]), [values[0], 0.0], t_eval=time, rtol=1e-9, atol=1e-10, max_step=0.01)
+        assert ours == pytest.approx(theirs.y[0], abs=2e-6)
+    assert first_order(values, 0.05, 0.0) is values
+
+
+def test_play_follows_behind_its_width():
+    wave = np.sin(np.linspace(0.0, 20.0, 2001))
+    behind = play(wave, 0.2)
+    assert np.max(behind[500:]) == pytest.approx(0.9, abs=1e-4)
+    assert np.max(np.abs(behind - wave)) <= 0.1 + 1e-12
+
+
+def test_every_model_can_be_made_and_says_what_it_is():
+    time = np.arange(0.0, 5.0, 0.01)
+    names = ["vx", "road_wheel_angle", "steering_command", "yaw_rate", "throttle", "brake"]
+    data = DataSet((Log("all", "train", time, {name: np.sin(time) for name in names}),), wheelbase=2.7)
+    for kind in MODELS:
+        model = make_model(ModelSpec(kind), data, {})
+        assert model.title
+        assert all(info.low <= info.guess <= info.high for info in model.parameters)
+        assert len({info.name for info in model.parameters}) == len(model.parameters)
+        assert model.derived({info.name: info.guess for info in model.parameters}) is not None
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        (ModelSpec("singel_track"), "did you mean 'single_track'"),
+        (ModelSpec("single_track", {"tyres": "fialla"}), "did you mean 'fiala'"),
+        (ModelSpec("single_track", {"tires": "fiala"}), "model.tires"),
+        (ModelSpec("single_track", {"outputs": ["vy"]}), "map its column"),
+        (ModelSpec("single_track", {"outputs": ["vx"]}), "has no output 'vx'"),
+        (ModelSpec("longitudinal", {"drive": "throttle"}), "throttle"),
+        (ModelSpec("longitudinal", {"brake": "hand"}), "model.brake"),
+        (ModelSpec("steering"), "steering_wheel_angle or steering_command"),
+        (ModelSpec("joint_loop"), "steering_command"),
+    ],
+)
+def test_a_model_that_cannot_be_made_says_why(spec, words):
+    with pytest.raises(ConfigError, match=words) as caught:
+        make_model(spec, lateral_data(), {})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("choice", "words"),
+    [
+        (Choice(low=2.0, high=1.0), "is not below high"),
+        (Choice(low=1e3, high=2e3, guess=5e3), "lies outside"),
+        (Choice(fixed=1.0, guess=2.0), "is fixed"),
+        (Choice(fixed=-1.0), "must be positive"),
+        (Choice(guess=float("nan")), "finite"),
+        (Choice(prior=(9e4, -1.0)), "sigma must be positive"),
+        (Choice(prior=(9e4, 1.0), high=1e4), "prior mean"),
+    ],
+)
+def test_choices_that_contradict_themselves_are_refused(choice, words):
+    with pytest.raises(ConfigError, match=words):
+        choose(single_track().parameters, {"yaw_inertia": choice})
+
+
+def test_all_faults_of_the_choices_come_together():
+    with pytest.raises(ConfigError) as caught:
+        choose(single_track().parameters, {"yaw_inertai": Choice(), "mass": Choice(fixed=-1.0)})
+    assert "did you mean 'yaw_inertia'" in str(caught.value)
+    assert "parameters.mass" in str(caught.value)

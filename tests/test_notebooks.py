@@ -1,0 +1,83 @@
+"""The notebooks run from top to bottom, warnings are errors, and no output is stored."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+nbclient = pytest.importorskip("nbclient")
+nbformat = pytest.importorskip("nbformat")
+pytest.importorskip("ipykernel")
+
+FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+
+SLOW: set[str] = set()
+"""Names that take longer than 40 s."""
+
+LONGEST_CELL = 45
+"""Lines; a file that a cell writes counts as well."""
+
+STRICT = """\
+import warnings
+warnings.simplefilter("error")
+warnings.filterwarnings("ignore", category=PendingDeprecationWarning, module="ipykernel")  # when it is shut down
+"""
+
+
+def _marked(path: Path) -> Any:
+    marks = [pytest.mark.slow] if path.stem in SLOW else []
+    return pytest.param(path, id=path.stem, marks=marks)
+
+
+def run_notebook(path: Path, folder: Path) -> Any:
+    """The notebook with its outputs; its kernel works in a folder of its own."""
+    notebook = nbformat.read(path, as_version=4)
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(STRICT))
+    client = nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
+    )
+    client.execute(env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "IPYTHONDIR": str(folder / "ipython")})
+    return notebook
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook client; the kernel's own are errors
+@pytest.mark.parametrize("path", [_marked(path) for path in NOTEBOOKS])
+def test_a_notebook_runs_from_top_to_bottom(path: Path, tmp_path: Path):
+    notebook = run_notebook(path, tmp_path)
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert all(cell.execution_count for cell in cells if cell.source.strip())
+    kinds = {key for cell in cells for output in cell.outputs for key in output.get("data", {})}
+    assert kinds & {"image/png", "text/html"}, "it shows no picture, table or view"
+    told = [output.text for cell in cells for output in cell.outputs if output.get("name") == "stderr"]
+    assert told == []
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_stored_without_outputs_and_in_short_cells(path: Path):
+    text = path.read_text(encoding="utf-8")
+    notebook = json.loads(text)
+    nbformat.validate(nbformat.reads(text, as_version=4))
+    assert notebook["metadata"].get("kernelspec", {}).get("name") == "python3"
+    for cell in notebook["cells"]:
+        lines = "".join(cell["source"]).splitlines()
+        assert len(lines) <= LONGEST_CELL, f"a cell of {len(lines)} lines: {lines[0]}"
+        assert not any(line.startswith(("!pip", "%pip")) for line in lines)
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+
+
+def test_notebooks_are_numbered_in_their_order_and_lead_to_one_another():
+    numbers = [int(path.stem.partition("_")[0]) for path in NOTEBOOKS]
+    assert numbers == sorted(set(numbers))
+    for path in NOTEBOOKS:
+        notebook = json.loads(path.read_text(encoding="utf-8"))
+        first = "".join(notebook["cells"][0]["source"])
+        assert first.startswith(f"# {int(path.stem[:2])}. "), "the title begins with the number"
+        text = "".join(line for cell in notebook["cells"] if cell["cell_type"] == "markdown" for line in cell["source"])
+        for target in [part.partition(")")[0] for part in text.split("](")[1:]]:
+            if "://" not in target:
+                assert (path.parent / target).exists(), f"{path.name}: {target}"

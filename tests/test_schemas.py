@@ -1,0 +1,130 @@
+"""JSON Schemas: what is shipped is valid, what readers refuse is not, every number says its unit."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from mirdrake.cli import main
+from mirdrake.errors import ConfigError
+from mirdrake.schemas import KINDS, make_schema
+from mirdrake.yaml_tree import parse_tree
+
+jsonschema = pytest.importorskip("jsonschema")
+
+ROOT = Path(__file__).resolve().parent.parent
+GLOBS = {
+    "vehicle": "models/*/vehicle.yaml",
+    "control": "models/*/control.yaml",
+    "sensors": "models/*/sensors.yaml",
+    "variant": "models/*/variants/*.yaml",
+    "figures": "models/*/published_figures.yaml",
+    "presets": "models/sensors/*.yaml",
+    "prop": "models/props/*/prop.yaml",
+    "world": "worlds/*.yaml",
+    "diagram": "diagrams/*.yaml",
+}
+FILES = [(kind, path) for kind, pattern in GLOBS.items() for path in sorted(ROOT.glob(pattern))]
+
+
+def faults(kind: str, data: Any) -> list[str]:
+    validator = jsonschema.Draft202012Validator(make_schema(kind))
+    return [f"{list(fault.absolute_path)}: {fault.message[:200]}" for fault in validator.iter_errors(data)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_schema_is_one(kind):
+    schema = make_schema(kind)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    references = set(re.findall(r'"#/\$defs/([^"]+)"', json.dumps(schema)))
+    assert references <= set(schema.get("$defs", {})), "a reference leads nowhere"
+
+
+@pytest.mark.parametrize(
+    ("kind", "path"), FILES, ids=[f"{kind}-{path.parent.name}-{path.stem}" for kind, path in FILES]
+)
+def test_what_is_shipped_is_valid(kind, path):
+    data, _ = parse_tree(path.read_text("utf-8"), path.name)
+    assert faults(kind, data) == []
+
+
+def test_each_kind_of_shipped_file_was_tried():
+    assert {kind for kind, _ in FILES} == set(GLOBS)
+    assert set(GLOBS) <= set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "path"),
+    [
+        ("diagram", "{world: empty, vehicles: {ego: {model: bolt}}, duratoin: 3 s}", "duratoin"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: bolt}}, control: {ego: {kind: path_trackin}}}", "ego"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: bolt}}, control: {ego: {kind: constant, sped: 3}}}", "ego"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: bolt}}, systems: {a: {kind: gain}}}", "a"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: bolt}}, plant: {contact: pont}}", "pont"),
+        ("world", "{mirdrake: world/1, name: x, ground: {mu: slippery}}", "mu"),
+        ("world", "{mirdrake: world/2, name: x}", "world/1"),
+        ("sensors", "{mounts: {a: {preset: sick_lms291}}}", "a"),
+        ("sensors", "{mounts: {a: {preset: sick_lms291, frame: f, colour: red}}}", "a"),
+        ("variant", "{description: x, vehicle: {tires: {}}}", "tires"),
+        ("study", "{diagram: x, metrics: [ego.distance_m]}", "parameters"),
+        ("data", "{mirdrake: data/1}", "logs"),
+    ],
+)
+def test_what_readers_refuse_is_not_valid(kind, text, path):
+    found = faults(kind, yaml.safe_load(text))
+    assert found
+    assert path in " ".join(found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("diagram", "{world: {name: empty, seed: 3}, vehicles: {ego: {model: bolt, speed: 36 km/h}}}"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: b}}, control: {ego: {kind: 'm:C', gain: 3}}}"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: b}}, systems: {a: {kind: 'm:C', x: 3}}}"),
+        ("diagram", "{world: empty, vehicles: {ego: {model: b}}, systems: {a: {kind: low_pass, time_constant: 5 ms}}}"),
+        ("world", "{mirdrake: world/1, name: x, params: {m: 0.3}, ground: {mu: $m}}"),
+        ("sensors", "{mounts: {imu: {kind: imu, frame: f, rate: 9, gyro_noise: 0.1 deg/s, acceleration_noise: {white: 2 mg}}}}"),
+        ("data", "{mirdrake: data/1, channels: {vx: Speed}, logs: [{file: a.csv, end: 3 min}]}"),
+        ("world", "{mirdrake: world/1, name: x, tracks: {a: {csv: a.csv, width: 3}}}"),
+        ("variant", "{description: x, vehicle: {brakes: {abs: true}, powertrain: {traction: false}}}"),
+        ("sensors", "{mounts: {a: {preset: mine_of_my_own, frame: f, rate: 5}}}"),
+    ],
+)
+def test_short_forms_and_own_classes_are_valid(kind, text):
+    assert faults(kind, yaml.safe_load(text)) == []
+
+
+@pytest.mark.parametrize("kind", ["control", "diagram", "study"])
+def test_numbers_of_a_format_say_their_unit(kind):
+    schema = make_schema(kind)
+    bare = [
+        f"{name}.{key}"
+        for name, part in schema.get("$defs", {}).items()
+        for key, value in part.get("properties", {}).items()
+        if value.get("type") in {"number", "integer"} and not re.search(r"\[.+\]", value.get("description", ""))
+    ]
+    assert bare == []
+
+
+def test_the_verb_lists_prints_and_writes(tmp_path, capsys):
+    assert main(["schema"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(KINDS)
+    assert main(["schema", "diagram"]) == 0
+    printed = capsys.readouterr().out
+    assert json.loads(printed) == make_schema("diagram")
+    assert main(["schema", "--out", str(tmp_path / "schemas")]) == 0
+    assert {path.stem for path in (tmp_path / "schemas").glob("*.json")} == set(KINDS)
+    assert (tmp_path / "schemas" / "diagram.json").read_text("utf-8") == printed
+    lines = capsys.readouterr().out.splitlines()
+    assert all("# yaml-language-server: $schema=file:///" in line for line in lines)
+    assert main(["schema", "diagramm"]) == 2
+    assert "no schema for 'diagramm'; did you mean 'diagram'?" in capsys.readouterr().err
+
+
+def test_an_unknown_kind_is_told():
+    with pytest.raises(ConfigError, match="did you mean 'world'"):
+        make_schema("worlds")

@@ -1,0 +1,241 @@
+"""Gains of a tuning result into control.yaml: what changes, what is refused, and that it is written whole or not."""
+
+import json
+import shutil
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mirdrake.cli import tune_apply
+from mirdrake.errors import ConfigError, RunError
+from mirdrake.tuning.apply import plan_apply
+from mirdrake.tuning.result_folder import read_result
+from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.spec import Pid
+from tests.tuning_sample import result_data
+
+ROOT = Path(__file__).resolve().parent.parent
+DAY = date(2026, 3, 1)
+LINE = "tuned 2026-03-01: study sample, candidate searched, sha256 0123456789abcdef, cost 0.6046 (baseline 2.17)"
+
+
+@pytest.fixture
+def vehicle(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(ROOT / "models" / "unior", tmp_path / "unior"))
+
+
+def _result(tmp_path: Path, vehicle: str | Path, **changes: Any) -> Path:
+    folder = tmp_path / "result"
+    folder.mkdir(exist_ok=True)
+    (folder / "tuning.json").write_text(json.dumps(result_data(str(vehicle)) | changes))
+    return folder
+
+
+def _run(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
+    import argparse
+
+    parser = argparse.ArgumentParser()
+    tune_apply.add_arguments(parser)
+    assert tune_apply.run(parser.parse_args([str(word) for word in words])) == 0
+    return capsys.readouterr().out
+
+
+def test_only_the_gains_change_and_a_line_says_where_they_are_from(tmp_path: Path, vehicle: Path) -> None:
+    before = (vehicle / "control.yaml").read_text()
+    change = plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
+    wanted = before.replace("  kind: pid\n", f"  # {LINE}\n  kind: pid\n", 1)
+    wanted = wanted.replace("  kp: 1.38  ", "  kp: 3.54082  ").replace(
+        "  ki: 1.38           # N m/rad\n", "  ki: 2.74938           # N m/rad\n  kd: 0.0\n"
+    )
+    assert change.after == wanted
+    assert (vehicle / "control.yaml").read_text() == before  # not yet
+
+
+def test_the_written_vehicle_loads_with_the_gains_and_a_second_time_nothing_happens(
+    tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = _result(tmp_path, vehicle)
+    first = _run(capsys, folder)
+    assert "+  kp: 3.54082 " in first
+    assert "-  kp: 1.38 " in first
+    control = load_vehicle(str(vehicle)).control.wheel_speed
+    assert isinstance(control, Pid)
+    assert (control.kp, control.ki, control.kd) == (3.54082, 2.74938, 0.0)
+    bytes_after = (vehicle / "control.yaml").read_bytes()
+    assert "nothing to do" in _run(capsys, folder)
+    assert (vehicle / "control.yaml").read_bytes() == bytes_after
+
+
+def test_a_later_study_takes_the_place_of_the_line_of_an_earlier_one(tmp_path: Path, vehicle: Path) -> None:
+    plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY).write()
+    change = plan_apply(read_result(_result(tmp_path, vehicle)), candidate="lambda", today=date(2026, 4, 2))
+    assert change.after.count("# tuned ") == 1
+    assert "# tuned 2026-04-02: study sample, candidate lambda" in change.after
+
+
+def test_a_dry_run_shows_and_does_not_write(tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (vehicle / "control.yaml").read_bytes()
+    text = _run(capsys, _result(tmp_path, vehicle), "--dry-run")
+    assert "+  kp: 3.54082 " in text
+    assert "not written" in text
+    assert (vehicle / "control.yaml").read_bytes() == before
+
+
+def test_another_kind_of_controller_takes_the_gains_and_loses_what_it_does_not_know(
+    tmp_path: Path, vehicle: Path
+) -> None:
+    loop = result_data("x")["loop"]
+    loop["settings"] = {"steering.kind": "pid", "steering.filter": 0.02}
+    loop["gains"] = {name: {"unit": "", "path": f"steering.{name}"} for name in ("kp", "ki", "kd")}
+    change = plan_apply(read_result(_result(tmp_path, vehicle, loop=loop)), today=DAY)
+    lines = change.after.splitlines()
+    tail = lines[lines.index("steering:") :]
+    assert tail == [
+        "steering:", f"  # {LINE}", "  kind: pid", "  filter: 0.02", "  kp: 3.54082", "  ki: 2.74938", "  kd: 0.0",
+    ]  # fmt: skip
+    change.write()
+    assert load_vehicle(str(vehicle)).control.steering.kind == "pid"
+
+
+def test_a_variant_with_a_loop_of_its_own_has_it_written_there(tmp_path: Path, vehicle: Path) -> None:
+    loop = result_data("x")["loop"] | {"settings": {}}
+    loop["gains"] = {name: {"unit": "", "path": f"wheel_speed.{name}"} for name in ("kp", "ki")}
+    candidates = [{"name": "searched", "gains": {"kp": 1.25, "ki": 0.75}, "feasible": True, "status": "ok"}]
+    folder = _result(tmp_path, f"{vehicle}@handling", loop=loop, candidates=candidates)
+    before = (vehicle / "variants" / "handling.yaml").read_text()
+    assert "wheel_speed: {kind: pedals" in before
+    change = plan_apply(read_result(folder), today=DAY)
+    assert change.path == vehicle / "variants" / "handling.yaml"
+    change.write()
+    control = load_vehicle(f"{vehicle}@handling").control.wheel_speed
+    assert (control.kind, control.kp, control.ki) == ("pedals", 1.25, 0.75)  # type: ignore[union-attr]
+    assert load_vehicle(str(vehicle)).control.wheel_speed.kind == "pid"
+
+
+def _changed_candidate(**changes: Any) -> list[dict[str, Any]]:
+    return [one | (changes if one["name"] == "searched" else {}) for one in result_data("x")["candidates"]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"candidates": _changed_candidate(feasible=False, reason="Ms 1.9 over 1.6")},
+            "tuning.json: candidate 'searched' does not meet the constraints of the study (Ms 1.9 over 1.6); choose "
+            "another with --candidate",
+        ),
+        (
+            {"candidates": _changed_candidate(status="unstable", reason="it swings")},
+            "tuning.json: candidate 'searched' is unstable (it swings); choose another with --candidate",
+        ),
+        (
+            {"best": None},
+            "tuning.json: best: the study found no candidate that meets its constraints; name another",
+        ),
+        ({"best": "lamda"}, "tuning.json: no candidate 'lamda'; did you mean 'lambda'?"),
+        ({"mirdrake": "tuning/1"}, "tuning.json: mirdrake: is 'tuning/1'; 'tuning-result/1' is expected"),
+        (
+            {"candidates": _changed_candidate(gains={"kp": None})},
+            "tuning.json: candidate 'searched': kp is None, not a finite number",
+        ),
+        (
+            {"candidates": _changed_candidate(gains={"kq": 1.0})},
+            "tuning.json: loop.gains.kq: has no place in control.yaml",
+        ),
+        (
+            {"candidates": _changed_candidate(gains={"kp": -4.0})},
+            "wheel_speed.kp: -4.0 is not allowed; it should be greater than or equal to 0",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_and_the_file_stays(
+    tmp_path: Path, vehicle: Path, changes: dict[str, Any], message: str
+) -> None:
+    before = (vehicle / "control.yaml").read_bytes()
+    with pytest.raises(ConfigError) as caught:
+        plan_apply(read_result(_result(tmp_path, vehicle, **changes)), today=DAY).write()
+    assert message in str(caught.value)
+    assert (vehicle / "control.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("kind: pid", "kind: servo\n  gain: 3", "control.yaml:13: wheel_speed.kp: unknown field"),
+        ("  kp: 1.38 ", "  kp: [1.38] ", "control.yaml:12: wheel_speed.kp: a list is not"),
+        ("wheel_speed:", "wheel_spede:", "control.yaml:10: wheel_spede: unknown field"),
+        ("rate: 100", "rate: 100\n\trate", "control.yaml:3: not valid YAML: a tab stands here"),
+    ],
+)
+def test_a_file_that_was_changed_so_that_it_does_not_load_is_refused(
+    tmp_path: Path, vehicle: Path, old: str, new: str, message: str
+) -> None:
+    path = vehicle / "control.yaml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ConfigError) as caught:
+        plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
+    assert message in str(caught.value)
+    assert path.read_text() == text.replace(old, new)
+
+
+def test_gains_of_a_pid_do_not_go_into_what_has_become_a_servo(tmp_path: Path, vehicle: Path) -> None:
+    path = vehicle / "control.yaml"
+    text = path.read_text().replace("kind: pid", "kind: servo\n  gain: 3")
+    path.write_text("\n".join(line for line in text.split("\n") if not line.startswith(("  kp: 1.38", "  ki: 1.38"))))
+    loop = result_data("x")["loop"] | {"settings": {}}
+    with pytest.raises(ConfigError, match=r"control.yaml:11: wheel_speed.kind: is servo, which has no kp; the study"):
+        plan_apply(read_result(_result(tmp_path, vehicle, loop=loop)), today=DAY)
+
+
+def test_a_file_that_changes_between_look_and_write_is_left_alone(tmp_path: Path, vehicle: Path) -> None:
+    change = plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
+    path = vehicle / "control.yaml"
+    path.write_text(change.before + "# by someone else\n")
+    with pytest.raises(RunError, match="has changed in the meantime; run it again"):
+        change.write()
+    assert path.read_text().endswith("# by someone else\n")
+
+
+def test_the_file_keeps_its_mode_and_its_line_ends(tmp_path: Path, vehicle: Path) -> None:
+    path = vehicle / "control.yaml"
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    path.chmod(0o640)
+    plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY).write()
+    after = path.read_bytes()
+    assert after.count(b"\r\n") == after.count(b"\n")
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert [one.name for one in vehicle.glob("*.tmp")] == []
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "no such folder; give the folder that mirdrake tune has written"),
+        (lambda path: path.mkdir(), "not a tuning result (it has no tuning.json); is the study finished?"),
+        (
+            lambda path: (path.mkdir(), (path / "tuning.json").write_text("{\n 'a'")),
+            "tuning.json:2: not valid JSON: Expecting property name enclosed in double quotes; run the study again",
+        ),
+        (
+            lambda path: (path.mkdir(), (path / "tuning.json").write_text('{"mirdrake": "tuning-result/1"}')),
+            "tuning.json: name: is missing; run the study again",
+        ),
+    ],
+)
+def test_a_folder_that_is_no_result_is_told_so(tmp_path: Path, make: Any, message: str) -> None:
+    make(tmp_path / "result")
+    with pytest.raises(ConfigError) as caught:
+        read_result(tmp_path / "result")
+    assert message in str(caught.value)
+
+
+def test_failures_of_the_monte_carlo_and_unmet_criteria_are_told(tmp_path: Path, vehicle: Path) -> None:
+    spread = {"runs": 40, "candidates": {"searched": {"failures": 3, "figures": {}, "low": 0.01, "high": 0.2}}}
+    unmet = [{"what": "Ms", "value": 1.7, "limit": 1.6, "met": False}]
+    folder = _result(tmp_path, vehicle, robustness=spread, acceptance=unmet)
+    notes = plan_apply(read_result(folder), today=DAY).notes
+    assert notes == ("not met by the study: Ms", "3 of 40 runs of the Monte Carlo failed with these gains")

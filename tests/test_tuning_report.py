@@ -1,0 +1,196 @@
+"""The report of a tuning study, from a real small study of a textbook loop: what it says equals what was found."""
+
+import html
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from mirdrake.errors import ConfigError
+from mirdrake.report.tuning import FIGURES, render_tuning, write_tuning_report
+from mirdrake.report.words import tell
+from mirdrake.tuning.result_folder import TABLES, TuningResult, read_result
+from tests.tuning_sample import result_data, write_sample
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_sample(tmp_path_factory.mktemp("study") / "result", runs=20, trials=30, cells=(9, 8))
+
+
+@pytest.fixture(scope="module")
+def page(sample: Path) -> str:
+    return write_tuning_report(sample).read_text()
+
+
+class _Tables(HTMLParser):
+    """The texts of all cells: table, row, cell."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tables: list[list[list[str]]] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in {"td", "th"}:
+            self.tables[-1][-1].append("")
+        if tag not in {"meta", "link", "rect", "path", "br"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        while self.open and self.open.pop() != tag:
+            pass
+
+    def handle_data(self, data: str) -> None:
+        if any(tag in {"td", "th"} for tag in self.open):
+            self.tables[-1][-1][-1] += data
+
+
+def _tables(page: str) -> list[list[list[str]]]:
+    reader = _Tables()
+    reader.feed(page)
+    return reader.tables
+
+
+def test_the_verdict_comes_first_and_is_that_of_the_figures(sample: Path, page: str) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    by_name = {one["name"]: one for one in data["candidates"]}
+    change = 100.0 * (1.0 - by_name[data["best"]]["cost"] / by_name[data["baseline"]]["cost"])
+    heading = html.unescape(re.search(r"<h1>(.*?)</h1>", page).group(1))  # type: ignore[union-attr]
+    assert heading == f"Textbook wheel: every criterion is met; {change:.0f} % less IAE than the baseline"
+    assert page.index("<h1>") < page.index("Acceptance") < page.index("Response") < page.index("All candidates")
+    assert page.count('<span class="verdict good">met</span>') == len(data["acceptance"]) == 4
+
+
+def test_every_candidate_is_in_the_table_with_all_its_figures(sample: Path, page: str) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Found by", "Verdict"])
+    names = [one["name"] for one in data["candidates"]]
+    assert len(table) == len(names) + 1
+    assert [len(row) for row in table] == [3 + 3 + 1 + len(FIGURES)] * len(table)
+    for row, one in zip(table[1:], data["candidates"], strict=True):
+        assert row[0].startswith(one["name"])
+        if one["status"] == "ok":
+            wanted = [one["gains"][name] for name in ("kp", "ki", "kd")] + [one["cost"]]
+            wanted += [one["figures"][name] for name in FIGURES]
+            assert row[3:] == ["–" if value is None else tell(value) for value in wanted]
+        else:
+            assert row[2] == "unstable"
+            assert set(row[6:]) == {"–"}
+
+
+def test_the_robustness_table_has_the_figures_of_the_study(sample: Path, page: str) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    table = next(rows for rows in _tables(page) if rows[0][:2] == ["Candidate", "Failed"])
+    for row in table[2:]:
+        one = data["robustness"]["candidates"][row[0]]
+        assert row[1] == f"{one['failures']} of 20"
+        assert row[2] == f"{100.0 * one['low']:.1f} to {100.0 * one['high']:.1f} %"
+        iae = one["figures"]["iae"]
+        assert row[3:6] == ["–" if iae[key] is None else tell(iae[key]) for key in ("median", "p95", "worst")]
+    assert [row[0] for row in table[2:]] == list(data["robustness"]["candidates"])
+    assert table[3][1:3] == ["20 of 20", "83.2 to 100.0 %"]  # published gains: (0.025)^(1/20) = 0.8316
+
+
+def test_it_opens_without_a_network_and_every_id_is_unique(page: str) -> None:
+    outside = re.findall(
+        r"""(?:src|href|xlink:href)=["'](?!#|data:)[^"']*|@import|url\(\s*["']?(?!#|data:)[^)]*""", page
+    )
+    assert outside == []
+    assert "http" not in re.sub(r"<pre>.*?</pre>", "", page, flags=re.DOTALL)
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    for used in re.findall(r"url\(#([^)]+)\)", page):
+        assert used in ids
+    assert page.count("<svg") == 7
+    assert "#0101" not in page  # every reserved colour has become a variable of the page
+    assert "#0102" not in page
+    for name in set(re.findall(r"var\(--([a-z0-9]+)\)", page)):
+        assert f"--{name}:" in page, name
+
+
+def test_the_same_result_gives_the_same_bytes(sample: Path, page: str) -> None:
+    assert render_tuning(read_result(sample)) == page
+
+
+def test_units_are_those_of_the_loop(page: str) -> None:
+    table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Found by", "Verdict"])
+    head = table[0]
+    assert head[3:8] == ["kpN m s/rad", "kiN m/rad", "kdN m s²/rad", "Cost\u00a0", "IAErad"]
+    assert {"ITAErad s", "ISE(rad/s)² s", "RMS jerkrad/s³", "Peak effortN m", "Phase margin°"} <= set(head)
+
+
+def test_a_name_with_markup_is_text(tmp_path: Path) -> None:
+    data = result_data("car")
+    data["candidates"][2]["name"] = data["best"] = "<script>alert(1)</script>"
+    text = render_tuning(TuningResult(tmp_path, data))
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert(1)" in text
+
+
+@pytest.mark.parametrize("lost", [("responses", "frequency"), ("trials", "map", "monte_carlo"), TABLES])
+def test_without_some_of_the_tables_the_rest_is_shown(
+    sample: Path, tmp_path: Path, page: str, lost: tuple[str, ...]
+) -> None:
+    for path in sample.glob("*.*"):
+        if path.stem not in lost and path.suffix != ".html":
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    text = write_tuning_report(tmp_path).read_text()
+    pictures = {"responses": 1, "trials": 2, "frequency": 2, "map": 1, "monte_carlo": 1}
+    assert text.count("<svg") == page.count("<svg") - sum(pictures[name] for name in lost)
+    assert "All candidates" in text
+
+
+def test_an_unstable_baseline_is_told(sample: Path) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    data["baseline"] = "published"
+    text = render_tuning(TuningResult(sample.parent, data))
+    assert "the baseline is unstable, the best has IAE" in text
+    assert "is unstable: a pole of the closed loop is in the right half plane." in text
+
+
+def test_no_feasible_candidate_is_said_and_shown(sample: Path) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    data |= {"best": None, "best_rule": None, "acceptance": []}
+    text = render_tuning(TuningResult(sample.parent, data))
+    assert "no candidate meets the constraints; searched comes nearest" in text
+
+
+@pytest.mark.parametrize(("constant", "missing"), [(["kp", "ms"], ["ki"]), (["ki"], ["iae", "settling_time"])])
+def test_columns_that_never_change_or_have_no_number_break_no_chart(
+    sample: Path, tmp_path: Path, constant: list[str], missing: list[str]
+) -> None:
+    trials = pd.read_parquet(sample / "trials.parquet")
+    trials[constant] = 1.0
+    trials[missing] = float("nan")
+    trials.to_parquet(tmp_path / "trials.parquet", index=False)
+    (tmp_path / "tuning.json").write_bytes((sample / "tuning.json").read_bytes())
+    assert "All candidates" in write_tuning_report(tmp_path).read_text()
+
+
+def test_a_schedule_is_shown(sample: Path) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    data["schedule"] = [{"speed": v, "gains": {"kp": v, "ki": 2.0 * v, "kd": 0.0}} for v in (5.0, 15.0, 25.0)]
+    tables = _tables(render_tuning(TuningResult(sample.parent, data)))
+    table = next(rows for rows in tables if rows[0][0] == "Speed")
+    assert table[2] == ["15.0\u00a0m/s", "15.0", "30.0", "0"]
+
+
+def test_a_damaged_table_is_told_in_one_line(sample: Path, tmp_path: Path) -> None:
+    (tmp_path / "tuning.json").write_bytes((sample / "tuning.json").read_bytes())
+    (tmp_path / "map.parquet").write_bytes(b"PAR1 nonsense")
+    with pytest.raises(ConfigError, match=r"map.parquet: cannot be read: "):
+        write_tuning_report(tmp_path)
+
+
+def test_the_documentation_defines_every_figure_of_the_report() -> None:
+    text = (Path(__file__).resolve().parent.parent / "docs" / "tuning.md").read_text()
+    for label, _ in FIGURES.values():
+        assert f"**{label}**" in text, label
