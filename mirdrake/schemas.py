@@ -140,7 +140,7 @@ def _add_to_diagram(schema: Json) -> None:
     world = properties["world"]
     about = {"description": world.pop("description")} if "description" in world else {}
     properties["world"] = {"anyOf": [{"type": "string"}, dict(world)], **about}
-    driver = properties["control"]["additionalProperties"] if "additionalProperties" in properties["control"] else {}
+    driver = properties["control"].get("additionalProperties", {})
     for option in (driver, *properties["control"].get("patternProperties", {}).values()):
         if "oneOf" in option:
             option["oneOf"].append({"type": "string"})

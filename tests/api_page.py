@@ -32,8 +32,7 @@ def public_names(module: str) -> list[tuple[str, str]]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     listed: list[str] | None = None
     for node in tree.body:
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if any(isinstance(target, ast.Name) and target.id == "__all__" for target in targets):
+        if isinstance(node, ast.Assign) and "__all__" in _targets(node):
             listed = ast.literal_eval(node.value)
     own = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
     names = listed if listed is not None else [name for name in own if not name.startswith("_")]
@@ -48,7 +47,8 @@ def summary(module: str) -> str:
 def names_of_mirdrake() -> dict[str, str]:
     """Public name of the package -> module it comes from."""
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
-    home = next(node.value for node in tree.body if isinstance(node, ast.Assign) and _targets(node) == ["_HOME"])
+    tables = [node for node in tree.body if isinstance(node, ast.Assign)]
+    (home,) = [table.value for table in tables if _targets(table) == ["_HOME"]]
     found: dict[str, str] = ast.literal_eval(home)
     return found
 

@@ -22,8 +22,8 @@ OFFSET = {"yaw_rate": 0.002, "lateral_acceleration": -0.05, "vy": 0.02}
 
 
 def steering(t):
-    """Steps and a sweep to 2 Hz [rad]."""
-    return 0.02 * np.sin(2.0 * pi * (0.2 + 0.03 * t) * t) + 0.02 * np.clip(40.0 * np.sin(0.9 * t), -1.0, 1.0)
+    """Rounded steps and a sweep to 2 Hz [rad]: samples at 100 Hz joined by straight lines are nearly the same."""
+    return 0.02 * np.sin(2.0 * pi * (0.2 + 0.03 * t) * t) + 0.02 * np.tanh(6.0 * np.sin(0.9 * t))
 
 
 def speed(t):
@@ -49,12 +49,18 @@ def exact(duration=30.0, step=0.01):
         ]
 
     time = np.arange(0.0, duration - 1e-9, step)
-    x = solve_ivp(rates, (0.0, duration), [0.0, 0.0, steering(0.0)], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    x = solve_ivp(
+        rates, (0.0, duration), [0.0, 0.0, steering(0.0)], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02
+    ).y
     slope = np.array([rates(t, x[:, k])[0] for k, t in enumerate(time)])
     v = speed(time)
     return time, {
-        "vx": v, "vy": x[0], "yaw_rate": x[1], "lateral_acceleration": slope + v * x[1], "road_wheel_angle": steering(time),
-    }  # fmt: skip
+        "vx": v,
+        "vy": x[0],
+        "yaw_rate": x[1],
+        "lateral_acceleration": slope + v * x[1],
+        "road_wheel_angle": steering(time),
+    }
 
 
 def lateral_log(seed=0, *, name="drive", use="train", duration=30.0, channels=("yaw_rate", "lateral_acceleration")):

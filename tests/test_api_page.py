@@ -5,6 +5,7 @@ from importlib import import_module
 import pytest
 
 import mirdrake
+import mirdrake.gym  # here, as Gymnasium sets an environment variable when it is imported
 from tests.api_page import MODULES, ROOT, names_of_mirdrake, public_names, summary, write_page
 
 PAGE = ROOT / "docs" / "api.md"

@@ -155,7 +155,7 @@ FAULTS = [
 @pytest.mark.parametrize(("change", "message"), FAULTS)
 def test_a_fault_names_its_line(tmp_path, change, message):
     assert change[0] in STUDY
-    path = write(tmp_path, STUDY.replace(*change, 1))
+    path = write(tmp_path, STUDY.replace(change[0], change[1], 1))
     with pytest.raises(ConfigError, match=message) as caught:
         identify(load_identification(path), path.parent)
     assert "study.yaml" in str(caught.value)

@@ -39,7 +39,8 @@ def run_notebook(path: Path, folder: Path) -> Any:
     client = nbclient.NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     )
-    client.execute(env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "IPYTHONDIR": str(folder / "ipython")})
+    environment = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}  # pictures in the page
+    client.execute(env=environment | {"OPENBLAS_NUM_THREADS": "1", "IPYTHONDIR": str(folder / "ipython")})
     return notebook
 
 

@@ -51,7 +51,10 @@ VARIANTS = [
     Variant("linear", relaxation=True),
     BRUSH,
     Variant("brush", relaxation=True, actuators=True),
+    Variant("linear", roll=True),
+    Variant("brush", relaxation=True, actuators=True, roll=True),
 ]
+ROLLING = replace(CAR, roll_mass=1300.0, roll_height=0.45, roll_inertia=400.0, roll_stiffness=60e3, roll_damping=2500.0)
 
 
 def names_of(port):
@@ -133,6 +136,63 @@ def test_yaw_rate_and_sideslip_on_a_circle_are_those_of_the_textbook(speed):
     sideslip = 1.5 * yaw_rate / speed + rear_slip
     against = 1.5 / 2.7 * speed * yaw_rate * steering - yaw_rate * sideslip * speed
     assert steady["drive"] == pytest.approx(1500.0 * against, rel=1e-4)
+
+
+def test_a_rolling_car_leans_out_of_the_turn_and_turns_as_a_flat_one():
+    """φ (K - ms g h) = ms h ay, R. Rajamani, section 15.2."""
+    steady = find_steady_state(ROLLING, Variant("linear", roll=True), speed=20.0, steering=0.01)
+    lateral = steady["lateral_acceleration"]
+    lean = 1300.0 * 0.45 * lateral / (60e3 - 1300.0 * GRAVITY * 0.45)
+    assert lateral > 1.0
+    assert steady["roll"] == pytest.approx(lean, rel=1e-9)
+    assert steady["roll_rate"] == pytest.approx(0.0, abs=1e-12)
+    flat = find_steady_state(CAR, LINEAR, speed=20.0, steering=0.01)
+    assert steady["yaw_rate"] == pytest.approx(flat["yaw_rate"], rel=1e-9)
+    ride = Ride(ROLLING, Variant("linear", roll=True), steering=0.01, drive=steady["drive"], vx=20.0).at(8.0)
+    assert (ride["roll"], ride["wx"]) == pytest.approx((lean, 0.0), rel=1e-3, abs=1e-6)
+
+
+def test_roll_slip_of_an_axle_is_a_softer_axle_in_a_steady_turn():
+    gain = 1300.0 * 0.45 / (60e3 - 1300.0 * GRAVITY * 0.45)  # rad s²/m
+    for name, slip, stiffness, share in (("rear", 0.1, 110e3, 1.2 / 2.7), ("front", -0.2, 90e3, 1.5 / 2.7)):
+        softness = 1.0 / stiffness + slip * gain / (1500.0 * share)  # F / C = F / C0 + ε φ, with F = m ay share
+        soft = replace(CAR, **{f"{name}_stiffness": 1.0 / softness})
+        leaning = replace(ROLLING, **{f"{name}_roll_slip": slip})
+        found = [
+            find_steady_state(car, variant, speed=25.0, steering=1e-3)["yaw_rate"]
+            for car, variant in ((leaning, Variant("linear", roll=True)), (soft, LINEAR))
+        ]
+        assert found[0] == pytest.approx(found[1], rel=2e-4), name
+
+
+@pytest.mark.parametrize("mass", [1300.0, 1500.0])
+def test_a_rolling_car_without_grip_swings_about_its_centre_of_mass(mass):
+    """Nothing holds its axles: the car as a whole stays, the sprung part and the rest swing against each other."""
+    loose = replace(ROLLING, roll_mass=mass, roll_damping=0.0, front_stiffness=1e-6, rear_stiffness=1e-6)
+    linear = linearize_single_track(loose, Variant("linear", roll=True), speed=20.0)
+    arm = mass * 0.45
+    inertia = 400.0 + mass * 0.45**2 - arm**2 / 1500.0
+    frequency = np.sqrt((60e3 - arm * GRAVITY) / inertia)
+    assert np.abs(linear.eigenvalues().imag).max() == pytest.approx(frequency, rel=1e-9)
+    ride = Ride(loose, Variant("linear", roll=True), vx=20.0, roll=0.02, step=0.002).at(pi / frequency)
+    assert ride["roll"] == pytest.approx(-0.02, rel=1e-5)
+    moved = arm / 1500.0 * 0.04  # the road's point goes the way that keeps the centre of all masses in its place
+    assert ride["y"] == pytest.approx(-moved, rel=1e-3)
+
+
+def test_the_roll_of_a_vehicle_is_that_of_its_springs_and_tyres():
+    vehicle = load_vehicle("bolt@handling")
+    rolling, flat = estimate_parameters(vehicle, roll=True), estimate_parameters(vehicle)
+    springs = [(28000.0, 12000.0), (27000.0, 17000.0)]
+    track = vehicle.geometry.front_track
+    stiffness = sum(0.5 * track**2 / (1.0 / (k + 2.0 * bar) + 1.0 / 2e5) for k, bar in springs)
+    assert rolling.roll_stiffness == pytest.approx(stiffness, rel=1e-6)
+    assert rolling.roll_mass == rolling.mass
+    assert rolling.roll_height == rolling.com_height
+    assert 0.5 * track**2 * 3800.0 > rolling.roll_damping > 0.4 * 0.5 * track**2 * 3800.0
+    assert rolling.front_stiffness > flat.front_stiffness
+    assert 0.0 < rolling.front_roll_slip < 0.2
+    assert flat.front_roll_slip == 0.0
 
 
 def test_an_understeering_car_has_its_largest_yaw_gain_at_the_characteristic_speed():
@@ -328,8 +388,13 @@ POINTS = [(15.0, 0.05), (-6.0, 0.2), (1.7, 0.3), (0.3, -0.1), (12.0, 0.6)]  # fr
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize(("speed", "steering"), POINTS)
 def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(variant, speed, steering):
-    car = replace(LOSSES, com_height=0.5, servo_gain=300.0, front_drive=0.7, gravity_x=-0.3, gravity_y=0.2)
+    car = replace(
+        LOSSES, com_height=0.5, servo_gain=300.0, front_drive=0.7, gravity_x=-0.3, gravity_y=0.2,
+        roll_mass=1300.0, roll_height=0.45, roll_inertia=400.0, roll_stiffness=60e3, roll_damping=2500.0,
+        front_roll_slip=0.1, rear_roll_slip=-0.2,
+    )  # fmt: skip
     start = {"yaw": 0.4, "vx": speed, "vy": 0.1, "yaw_rate": 0.2, "front_slip": 0.02, "rear_slip": -0.01}
+    start |= {"roll": 0.03, "roll_rate": -0.2}
     x = [{"steering": steering, **start}.get(name, 0.5) for name in state_names(variant)]
     u = [steering, 900.0, 700.0, *([0.1, speed + 0.5] if variant.actuators else [])]
     model = SingleTrack(car, variant)
@@ -455,6 +520,12 @@ def test_what_makes_no_sense_is_refused():
         make_single_track(vehicle, tyres="brus")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="kinematic tyres have no slip"):
         make_single_track(vehicle, tyres="kinematic", relaxation=True)
+    with pytest.raises(ConfigError, match="leave out roll, or use linear tyres"):
+        SingleTrack(CAR, Variant("kinematic", roll=True))
+    with pytest.raises(ConfigError, match="with roll: it has no suspension"):
+        make_single_track(vehicle, roll=True)
+    with pytest.raises(ConfigError, match=r"roll_stiffness must be above .* 5736\.89 N m/rad"):
+        replace(ROLLING, roll_stiffness=5000.0)
     with pytest.raises(ConfigError, match="either parameters or stiffnesses"):
         make_single_track(vehicle, parameters=CAR, rear_stiffness=1e5)
     with pytest.raises(ConfigError, match="delay must be a multiple of the period"):
@@ -543,3 +614,8 @@ def test_a_delay_shifts_the_response():
     assert prompt["wz"][10] > 0.02
     np.testing.assert_allclose(late["wz"][5:50], prompt["wz"][:45], rtol=0.01, atol=1e-4)
     assert times[5] == pytest.approx(0.1)
+
+
+def test_a_centre_of_mass_below_the_road_is_told():
+    with pytest.raises(ConfigError, match=r"of 'catvehicle@published': the centre of mass is 0\.\d+ m below the road"):
+        estimate_parameters(load_vehicle("catvehicle@published"))

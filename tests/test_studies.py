@@ -96,8 +96,8 @@ if __name__ == "__main__":
 @pytest.mark.slow
 def test_two_dask_workers_on_loopback_give_the_same_rows(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    (tmp_path / "dask.py").write_text(_DASK, encoding="utf-8")  # by itself: Dask changes os.environ
-    command = [sys.executable, str(tmp_path / "dask.py"), json.dumps(study()), str(tmp_path / "out")]
+    (tmp_path / "cluster.py").write_text(_DASK, encoding="utf-8")  # by itself: Dask changes os.environ
+    command = [sys.executable, str(tmp_path / "cluster.py"), json.dumps(study()), str(tmp_path / "out")]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     subprocess.run(command, check=True, timeout=300, env=environment, cwd=tmp_path)
     assert load_results(tmp_path / "out").arrow.equals(run_study(study(), workers=0).arrow)
@@ -215,6 +215,23 @@ def test_workers_outlive_what_they_are_given() -> None:
             hang.result(timeout=60)
         assert refused.exception(timeout=60) is not None
         assert fine.result(timeout=60) == 3
+    finally:
+        workers.shutdown(cancel_futures=True)
+
+
+def _build_much() -> int:
+    """As if this process had built as many diagrams as one may; its number."""
+    from mirdrake.studies import job, workers
+
+    job._here.builds = workers.MOST_BUILDS
+    return os.getpid()
+
+
+def test_a_worker_that_has_built_much_makes_room_for_another() -> None:
+    workers = Workers(1, limit=60.0)
+    try:
+        first, second, third = (workers.submit(call).result(timeout=60) for call in (os.getpid, _build_much, os.getpid))
+        assert first == second != third
     finally:
         workers.shutdown(cancel_futures=True)
 

@@ -50,6 +50,9 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
   mirdrake manoeuvre braking bolt       standard manoeuvres, and a handling report; --list shows them
   mirdrake validate bolt                simulated against published figures of the real car, side by side
+  mirdrake tune studies/bolt_speed.yaml find gains for a loop, with margins and Monte Carlo; tune apply writes them
+  mirdrake identify study.yaml          parameters from recorded drives; identify check LOG looks at a log first
+  mirdrake study study.yaml             many variations of a diagram over all cores, resumable
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
 Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of

@@ -49,24 +49,22 @@ def run(options: argparse.Namespace) -> int:
     if options.more:
         again = argparse.ArgumentParser(prog="mirdrake tune", usage=argparse.SUPPRESS)
         add_arguments(again)
-        options = again.parse_args([options.study, *_given(options), *options.more])
+        options = again.parse_args([*_given(options), *options.more, options.study])
     return _tune(options)
 
 
 def _given(options: argparse.Namespace) -> list[str]:
     """Options that stood before the study, as words."""
     words = [f"--set={value}" for value in options.set] + (["--quiet"] if options.quiet else [])
-    for name in ("workers", "scheduler", "out"):
-        if getattr(options, name) is not None:
-            words.append(f"--{name}={getattr(options, name)}")
-    return words
+    given = {name: getattr(options, name) for name in ("workers", "scheduler", "out")}
+    return words + [f"--{name}={value}" for name, value in given.items() if value is not None]
 
 
 def _tune(options: argparse.Namespace) -> int:
     from mirdrake.tuning.spec import load_tuning
 
     spec = load_tuning(options.study, overrides=options.set)
-    from mirdrake.tuning.tune import Stopped, tune
+    from mirdrake.tuning.tune import StoppedError, tune
 
     folder = options.out or Path("runs") / f"tune-{spec.name}"
     bar = _Bar(talks=not options.quiet and sys.stderr.isatty())
@@ -77,7 +75,7 @@ def _tune(options: argparse.Namespace) -> int:
         executor = client.get_executor()
     try:
         result = tune(spec, out=folder, executor=executor, workers=options.workers, progress=bar)
-    except Stopped as stop:
+    except StoppedError as stop:
         bar.end()
         print(str(stop), file=sys.stderr)
         return 130

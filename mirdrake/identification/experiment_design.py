@@ -68,12 +68,19 @@ def longitudinal_manoeuvres(speed: float) -> dict[str, dict[str, Array]]:
     levels = 0.3 + 0.3 * (t // 12.0 % 2.0)
     return {
         "coast-down": {"throttle": zero, "brake": zero, "vx": np.full(len(t), speed)},
-        "throttle steps": {"throttle": levels * np.maximum(wave, 0.0), "brake": zero, "vx": np.full(len(t), 0.3 * speed)},
+        "throttle steps": {"throttle": levels * np.maximum(wave, 0.0), "brake": zero, "vx": 0.3 * speed + zero},
         "brake steps": {
             "throttle": 0.6 * np.maximum(wave, 0.0), "brake": 0.5 * levels * np.maximum(-wave, 0.0) * (t % 6.0 < 1.0),
             "vx": np.full(len(t), 0.7 * speed),
         },
     }  # fmt: skip
+
+
+def lists_manoeuvres(model: Model) -> bool:
+    """Whether there are manoeuvres for a model here."""
+    if model.kind == "longitudinal":
+        return set(model.inputs) <= {"throttle", "brake"}
+    return model.kind in {"kinematic", "single_track", "single_track_roll"}
 
 
 def rank(

@@ -1,4 +1,4 @@
-"""What a fit gives: parameters with intervals and verdicts, fits per channel, traces; saved to a folder and read back."""
+"""What a fit gives: parameters with intervals and verdicts, fits per channel, traces; saved and read back."""
 
 import json
 import math
@@ -142,7 +142,7 @@ class Fit:
 
     def table(self) -> str:
         """Parameters, fits, combinations, advice and notes as plain text."""
-        rows = [("parameter", "value", "95 % interval", "unit", "given", "verdict")]
+        rows: list[tuple[str, ...]] = [("parameter", "value", "95 % interval", "unit", "given", "verdict")]
         for one in self.parameters:
             span = "" if one.kind == "fixed" else f"{_number(one.low)} … {_number(one.high)}"
             rows.append((one.name, _number(one.value), span, one.unit, _number(one.given, ""), one.verdict))

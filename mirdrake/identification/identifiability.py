@@ -86,12 +86,14 @@ def _judge(
     odd = not least <= value <= most
     if bound is not None:
         verdict: Verdict = "not identifiable"
-        words = f"stands at its {'lower' if bound == 'low' else 'upper'} bound of {info.low if bound == 'low' else info.high:.4g} {info.unit}"
+        side, edge = ("lower", info.low) if bound == "low" else ("upper", info.high)
+        words = f"stands at its {side} bound of {edge:.4g} {info.unit}"
     elif not span <= WEAK:
         verdict, words = "not identifiable", f"known to {_percent(one, sigma)} only"
     elif odd and (model_error or span > IDENTIFIED):
         verdict = "not identifiable"
-        words = f"{value:.4g} {info.unit} has no physical meaning (usual: {least:.4g} to {most:.4g}); the model is bent to the log"
+        words = f"{value:.4g} {info.unit} has no physical meaning (usual: {least:.4g} to {most:.4g}); "
+        words += "the model is bent to the log"
     elif span > IDENTIFIED:
         verdict, words = "weakly identified", f"known to {_percent(one, sigma)}"
     else:
@@ -106,7 +108,9 @@ def _judge(
         apart = abs(one.to_scaled(one.given) - scaled) if one.given > 0.0 or not one.logarithmic else math.inf
         if apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0)):
             verdict = "contradicts the given value"
-            words += f"; the given {one.given:.4g} {info.unit} lies outside of the interval; neither is proven wrong by this"
+            words += (
+                f"; the given {one.given:.4g} {info.unit} lies outside of the interval; neither is proven wrong by this"
+            )
     if one.kind == "prior" and one.prior is not None:
         shrunk = sigma * one.slope(value) / one.prior[1]
         words += f"; its prior holds it, the log adds {'little' if shrunk > 0.9 else 'to it'}" if shrunk > 0.5 else ""
@@ -123,7 +127,11 @@ def _percent(one: Unknown, sigma: float) -> str:
 
 
 def combinations(
-    model: Model, unknowns: Sequence[Unknown], values: Mapping[str, float], covariance: Array, judged: Sequence[FittedParameter]
+    model: Model,
+    unknowns: Sequence[Unknown],
+    values: Mapping[str, float],
+    covariance: Array,
+    judged: Sequence[FittedParameter],
 ) -> tuple[str, ...]:
     """What is identified where single parameters are not: named combinations of the model, then eigenvectors."""
     poor = {one.name for one in judged if one.verdict in {"not identifiable", "weakly identified"}}
@@ -135,13 +143,11 @@ def combinations(
     slopes = {name: np.zeros(len(free)) for name in base}
     for i, one in enumerate(free):
         scaled = one.to_scaled(values[one.info.name])
-        up, down = (
-            model.derived({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4)
-        )
+        up, down = (model.derived({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4))
         for name in base:
             slopes[name][i] = (up[name][0] - down[name][0]) / 2e-4
     for name, (value, unit) in base.items():
-        sigma = float(np.sqrt(max(slopes[name] @ covariance @ slopes[name], 0.0)))
+        sigma = float(np.sqrt(max(float(slopes[name] @ covariance @ slopes[name]), 0.0)))
         touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[name]) > 1e-12)}
         if touched & poor and sigma < 0.15 * abs(value):
             texts.append(f"{name}: {value:.4g} ± {1.96 * sigma:.2g} {unit}")

@@ -79,11 +79,14 @@ class OnlineFilter:
         settings: noise.
     """
 
-    def __init__(self, car: SingleTrackParameters, *, ratio: float = 1.0, settings: OnlineSettings | None = None) -> None:
+    def __init__(
+        self, car: SingleTrackParameters, *, ratio: float = 1.0, settings: OnlineSettings | None = None
+    ) -> None:
         self._car, self._set = car, settings or OnlineSettings()
         s = self._set
         self.mean = np.array([0.0, 0.0, 0.0, np.log(ratio), 0.0])
         self.covariance = np.diag(np.square([0.5, 0.2, *s.start]))
+        self._before: tuple[float, float] | None = None  # steering and speed of the last sample
         self._noise = np.diag(np.square([s.vy, s.spin, s.factor, s.factor, s.offset]))
         self._seen = np.diag(np.square([s.yaw_rate, s.lateral_acceleration]))
 
@@ -111,6 +114,8 @@ class OnlineFilter:
             lateral: measured lateral acceleration of the centre of mass [m/s²]; NaN: not there.
         """
         s, car = self._set, self._car
+        last_steer, last_v = self._before or (steer, v)
+        self._before = steer, v
         if v < s.least_speed:  # kinematic: vy and yaw rate follow, parameters wait
             self.mean[1] = yaw_rate if np.isfinite(yaw_rate) else self.mean[1]
             self.mean[0] = car.rear_length * self.mean[1]
@@ -122,14 +127,16 @@ class OnlineFilter:
         fast = 1.5 * (car.front_stiffness + car.rear_stiffness) / (car.mass * v)
         many = max(1, int(np.ceil(step * fast / 0.7)))
         h = step / many
-        for _ in range(many):
-            side, turn = self._motion(x, steer, v)
-            first = side - x[1] * v
+        for k in range(many):
+            part, v_then = (k + 0.5) / many, max(0.5 * (v + last_v), s.least_speed)
+            steer_then = last_steer + part * (steer - last_steer)
+            side, turn = self._motion(x, steer_then, v_then)
+            first = side - x[1] * v_then
             y = x.copy()
             y[0] += h * first
             y[1] += h * turn
-            side2, turn2 = self._motion(y, steer, v)
-            x[0] += 0.5 * h * (first + side2 - y[1] * v)
+            side2, turn2 = self._motion(y, steer_then, v_then)
+            x[0] += 0.5 * h * (first + side2 - y[1] * v_then)
             x[1] += 0.5 * h * (turn + turn2)
         mean = x @ _MEAN
         off = x - mean[:, None]

@@ -91,12 +91,13 @@ def render_identification(result: Identification) -> str:
     """The text of the page; see :func:`write_identification`."""
     fit, check = result.fit, result.check
     free = [one for one in fit.parameters if one.kind != "fixed"]
-    good = sum(one.verdict == "identified" for one in free)
+    against = sum(one.verdict == "contradicts the given value" for one in free)
+    good = sum(one.verdict == "identified" for one in free) + against
     held = [one for one in fit.channels if one.part == "validation"]
     trained = [one for one in fit.channels if one.part == "train"]
     condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
     tiles = [
-        ("Parameters", f"{good} of {len(free)}", "identified"),
+        ("Parameters", f"{good} of {len(free)}", f"identified; {against} against the given value"),
         ("Fit, trained on", _least(trained), _least_of(trained)),
         ("Fit, held out", _least(held), _least_of(held)),
         ("Condition", condition, "number of the information; above 1000 some combination is loose"),

@@ -11,18 +11,17 @@ import pandas as pd
 
 from mirdrake.logs import write_file
 from mirdrake.report.figures import drawing_style
+from mirdrake.report.tuning_axes import Shown
 from mirdrake.report.tuning_charts import (
-    Shown,
     draw_bode,
     draw_distribution,
-    draw_front,
     draw_map,
     draw_nyquist,
-    draw_parallel,
     draw_responses,
     draw_schedule,
     map_gains,
 )
+from mirdrake.report.tuning_trials import draw_front, draw_parallel
 from mirdrake.report.words import clock, spoken, tell
 from mirdrake.tuning.result_folder import TuningResult, read_result
 

@@ -2,56 +2,35 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from mirdrake.report.figures import thin, to_svg
-from mirdrake.report.svg import SCALE_STEPS, THEME, embed_svg
+from mirdrake.report.figures import thin
+from mirdrake.report.svg import SCALE_STEPS, THEME
+from mirdrake.report.tuning_axes import (
+    HALF,
+    SCALE,
+    WIDE,
+    Array,
+    Shown,
+    add_axes,
+    colour_bounds,
+    embed,
+    label,
+    make_log,
+    new_figure,
+)
 from mirdrake.report.words import tell
-from mirdrake.studies.fronts import find_knee, pareto_front
 
-Array = NDArray[np.float64]
-
-WIDE, HALF = 1000.0, 480.0  # [px]
-_LEFT, _RIGHT, _TOP, _BOTTOM = 60.0, 14.0, 12.0, 44.0  # [px]
 _POINTS = 600
 _CELL: dict[str, Any] = {"edgecolors": "face", "linewidth": 0.6}  # closes the seams between cells
-_SCALE = [THEME[f"scale{step}"] for step in range(SCALE_STEPS)]
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A candidate in the charts.
-
-    Attributes:
-        name: of the candidate.
-        role: what the reader is told it is.
-        colour: a key of THEME.
-        dashed: whether its line is.
-    """
-
-    name: str
-    role: str
-    colour: str
-    dashed: bool = False
-
-    @property
-    def style(self) -> dict[str, Any]:
-        """Of its line."""
-        return {
-            "color": THEME[self.colour],
-            "linestyle": "dashed" if self.dashed else "solid",
-            "linewidth": 1.4 if self.dashed else 1.9,
-        }
 
 
 def draw_responses(
@@ -65,9 +44,9 @@ def draw_responses(
         units: of output and effort.
         limits: names of the candidates that set the vertical range, if any of them are there.
     """
-    figure = _figure(WIDE, 520.0)
-    top = _axes(figure, (0.0, 0.44, 1.0, 0.56))
-    low = _axes(figure, (0.0, 0.0, 1.0, 0.44))
+    figure = new_figure(WIDE, 520.0)
+    top = add_axes(figure, (0.0, 0.44, 1.0, 0.56))
+    low = add_axes(figure, (0.0, 0.0, 1.0, 0.44))
     first = True
     ranges: dict[str, list[float]] = {"output": [], "effort": []}
     for one in shown:
@@ -91,10 +70,10 @@ def draw_responses(
             least, most = min(ranges[key]), max(ranges[key])
             room = 0.06 * (most - least) or 1.0
             axes.set_ylim(least - room, most + room)
-        _label(axes, "Time [s]" if axes is low else "", f"{key.capitalize()} [{unit}]")
+        label(axes, "Time [s]" if axes is low else "", f"{key.capitalize()} [{unit}]")
     top.tick_params(labelbottom=False)
     low.set_xlim(top.get_xlim())
-    return _embed(figure, "resp", "Output and effort of the candidates over time")
+    return embed(figure, "resp", "Output and effort of the candidates over time")
 
 
 def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, float]]], max_ms: float | None) -> Markup:
@@ -111,16 +90,16 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
     stable = _grid(table, "stable", x, y) > 0.5
     cost = np.where(stable, _grid(table, "cost", x, y), np.nan)
     cost[~np.isfinite(cost)] = np.nan
-    figure = _figure(WIDE, 420.0)
-    axes = _axes(figure, (0.0, 0.0, 0.84, 1.0))
+    figure = new_figure(WIDE, 420.0)
+    axes = add_axes(figure, (0.0, 0.0, 0.84, 1.0))
     logs = (_is_log(x), _is_log(y))
     edges = (_edges(x, logs[0]), _edges(y, logs[1]))
     axes.pcolormesh(*edges, np.where(stable, np.nan, 1.0), cmap=ListedColormap([THEME["grid"]]), **_CELL)
     finite = cost[np.isfinite(cost)]
     if len(finite):
-        bounds = _bounds(finite)
+        bounds = colour_bounds(finite)
         axes.pcolormesh(
-            *edges, np.clip(cost, bounds[0], bounds[-1]), cmap=ListedColormap(_SCALE),
+            *edges, np.clip(cost, bounds[0], bounds[-1]), cmap=ListedColormap(SCALE),
             norm=BoundaryNorm(bounds, SCALE_STEPS), **_CELL,
         )  # fmt: skip
         _scale_bar(figure, bounds)
@@ -135,7 +114,7 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
     axes.set_ylim(edges[1][0], edges[1][-1])
     for axis, name, log in (("x", x_name, logs[0]), ("y", y_name, logs[1])):
         if log:
-            _log(axes, axis)
+            make_log(axes, axis)
         getattr(axes, f"set_{axis}label")(name)
     for one, gains in marks:
         at = float(gains.get(x_name, math.nan)), float(gains.get(y_name, math.nan))
@@ -150,7 +129,7 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
                 color=THEME["ink"],
                 fontsize=12.0,
             )
-    return _embed(figure, "map", f"Cost over {x_name} and {y_name}, with the edge of stability")
+    return embed(figure, "map", f"Cost over {x_name} and {y_name}, with the edge of stability")
 
 
 def map_gains(table: pd.DataFrame) -> tuple[str, str]:
@@ -159,94 +138,10 @@ def map_gains(table: pd.DataFrame) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def draw_front(
-    trials: pd.DataFrame, x: tuple[str, str], y: tuple[str, str], marks: Sequence[tuple[Shown, tuple[float, float]]]
-) -> Markup:
-    """Two figures of all trials against one another, the front of those that none beats in both, and its knee.
-
-    Args:
-        trials: with both figures.
-        x: column and label of the horizontal axis.
-        y: of the vertical one.
-        marks: candidates and where they are.
-    """
-    values = trials[[x[0], y[0]]].to_numpy(dtype=float)
-    keep = np.isfinite(values).all(axis=1)
-    values, allowed = values[keep], trials["feasible"].to_numpy(dtype=bool)[keep]
-    figure = _figure(HALF, 360.0)
-    axes = _axes(figure, (0.0, 0.0, 1.0, 1.0))
-    axes.plot(*values[~allowed].T, marker="o", markersize=3.6, markerfacecolor="none", linestyle="none",
-              markeredgecolor=THEME["edge"], markeredgewidth=0.9)  # fmt: skip
-    axes.plot(
-        *values[allowed].T, marker="o", markersize=3.8, markeredgewidth=0.0, linestyle="none", color=THEME["own2"]
-    )
-    if len(values):
-        front = values[pareto_front(values)]
-        front = front[np.argsort(front[:, 0])]
-        axes.plot(*front.T, color=THEME["ink"], linewidth=1.3, drawstyle="steps-post")
-        knee = front[find_knee(front)]
-        axes.plot(*knee, marker="D", markersize=9.0, color=THEME["own3"], linestyle="none", zorder=4)
-        axes.annotate("knee", knee, xytext=(9, 7), textcoords="offset points", color=THEME["own3"], fontsize=12.0)
-        _trim(axes, values, front, [at for _, at in marks])
-    for one, at in marks:
-        if all(map(math.isfinite, at)):
-            axes.plot(*at, marker="o", markersize=9.0, markerfacecolor="none", markeredgewidth=2.6,
-                      markeredgecolor=THEME[one.colour], linestyle="none", zorder=5)  # fmt: skip
-    _label(axes, x[1], y[1])
-    return _embed(figure, "front", f"{y[1]} against {x[1]}")
-
-
-def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs: Sequence[bool]) -> Markup:
-    """A line per trial through its gains and figures, coloured by cost; what is not feasible is grey.
-
-    Args:
-        trials: with the columns, cost and feasible.
-        columns: names and labels, from left to right.
-        logs: whether an axis is logarithmic.
-    """
-    rows = trials[np.isfinite(trials[[name for name, _ in columns]].to_numpy(dtype=float)).all(axis=1)]
-    rows = rows[np.isfinite(rows["cost"].to_numpy(dtype=float))].sort_values("cost", ascending=False)
-    figure = _figure(HALF, 360.0)
-    axes = figure.add_axes((30.0 / HALF, 62.0 / 360.0, (HALF - 60.0) / HALF, (360.0 - 96.0) / 360.0))
-    axes.set_axis_off()
-    if len(rows) > 300:
-        rows = pd.concat([rows.iloc[:: max(1, len(rows) // 200)], rows.tail(100)]).drop_duplicates()
-    scaled = []
-    for place, ((name, label), log) in enumerate(zip(columns, logs, strict=True)):
-        values = rows[name].to_numpy(dtype=float)
-        log = log and bool((values > 0.0).all())
-        inside = np.log10(values) if log else values
-        # The worst tenth of a figure runs into the top, so that the rest is told apart.
-        low, high = float(inside.min()), float(inside.max() if log else np.quantile(inside, 0.9))
-        scaled.append(np.clip((inside - low) / ((high - low) or 1.0), 0.0, 1.0))
-        ends = (10.0**low, 10.0**high) if log else (low, high)
-        more = "≥ " if not log and float(inside.max()) > high else ""
-        axes.plot([place, place], [0.0, 1.0], color=THEME["muted"], linewidth=1.0)
-        for height, text, where in ((-0.03, tell(ends[0]), "top"), (1.03, more + tell(ends[1]), "bottom")):
-            axes.text(place, height, text, ha="center", va=where, color=THEME["muted"], fontsize=11.0)
-        axes.text(place, -0.14, label, ha="center", va="top", fontsize=12.0)
-    lines = np.array(scaled).T
-    feasible = rows["feasible"].to_numpy(dtype=bool)
-    good = rows["cost"].to_numpy(dtype=float)[feasible]
-    bounds = _bounds(good) if len(good) else np.zeros(0)
-    for line, kept, cost in zip(lines, feasible, rows["cost"].to_numpy(dtype=float), strict=True):
-        if not kept:
-            axes.plot(line, color=THEME["grid"], linewidth=0.9, zorder=1.0)
-            continue
-        step = int(np.clip(np.searchsorted(bounds, cost, side="right") - 1, 0, SCALE_STEPS - 1))
-        axes.plot(line, color=_SCALE[step], linewidth=1.1, zorder=2.0)
-    if len(rows):
-        best = np.flatnonzero(feasible)[-1] if feasible.any() else len(rows) - 1
-        axes.plot(lines[best], color=THEME["main"], linewidth=2.6, zorder=3.0)
-    axes.set_xlim(-0.1, len(columns) - 0.9)
-    axes.set_ylim(-0.02, 1.02)
-    return _embed(figure, "parallel", "Gains and figures of all trials as parallel coordinates")
-
-
 def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
     """Magnitude and phase of the open loop, crossovers as dots."""
-    figure = _figure(HALF, 460.0)
-    top, low = _axes(figure, (0.0, 0.46, 1.0, 0.54)), _axes(figure, (0.0, 0.0, 1.0, 0.54))
+    figure = new_figure(HALF, 460.0)
+    top, low = add_axes(figure, (0.0, 0.46, 1.0, 0.54)), add_axes(figure, (0.0, 0.0, 1.0, 0.54))
     for one in shown:
         w, value = curve_of(table, one.name)
         if not len(w):
@@ -259,9 +154,9 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
         for k in crossing[-1:]:
             for axes, values in ((top, size), (low, phase)):
                 axes.plot(w[k], values[k], marker="o", markersize=6.0, color=THEME[one.colour], linestyle="none")
-    _log(top, "x")
-    _log(low, "x")
-    _log(top, "y")
+    make_log(top, "x")
+    make_log(low, "x")
+    make_log(top, "y")
     top.axhline(1.0, color=THEME["muted"], linewidth=1.0)
     low.axhline(-180.0, color=THEME["muted"], linewidth=1.0)
     least, most = top.get_ylim()
@@ -270,10 +165,10 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
     low.set_ylim(max(least, -400.0), min(most, 120.0))
     low.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 4.5, 9]))
     low.set_xlim(top.get_xlim())
-    _label(top, "", "Open loop |L| [1]")
-    _label(low, "Frequency [rad/s]", "Phase [°]")
+    label(top, "", "Open loop |L| [1]")
+    label(low, "Frequency [rad/s]", "Phase [°]")
     top.tick_params(labelbottom=False)
-    return _embed(figure, "bode", "Bode diagram of the open loop")
+    return embed(figure, "bode", "Bode diagram of the open loop")
 
 
 def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, margins: Mapping[str, Any]) -> Markup:
@@ -285,8 +180,8 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
         max_ms: whose circle is drawn.
         margins: of the last one of `shown`: gain_margin [1], phase_margin_deg [°].
     """
-    figure = _figure(HALF, 460.0)
-    axes = _axes(figure, (0.0, 0.0, 1.0, 1.0))
+    figure = new_figure(HALF, 460.0)
+    axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
     turn = np.linspace(0.0, 2.0 * math.pi, 181)
     axes.plot(np.cos(turn), np.sin(turn), color=THEME["grid"], linewidth=1.3)
     radius = 1.0 / max_ms
@@ -312,17 +207,17 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
             axes.annotate(f"1/{gain:.2g}", (-1.0 / gain, 0.0), xytext=(2, 8), textcoords="offset points", fontsize=12.0)
     axes.axhline(0.0, color=THEME["muted"], linewidth=0.8, zorder=1.0)
     axes.axvline(0.0, color=THEME["muted"], linewidth=0.8, zorder=1.0)
-    _label(axes, "Re L", "Im L")
+    label(axes, "Re L", "Im L")
     box = axes.get_window_extent()
     axes.set_xlim(-2.6, 1.1)
     axes.set_ylim(-2.2, -2.2 + 3.7 * box.height / box.width)  # circles are round
-    return _embed(figure, "nyquist", "Nyquist diagram of the open loop with the circle of Ms")
+    return embed(figure, "nyquist", "Nyquist diagram of the open loop with the circle of Ms")
 
 
-def draw_distribution(table: pd.DataFrame, figure_name: str, label: str, shown: Sequence[Shown]) -> Markup:
+def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: Sequence[Shown]) -> Markup:
     """Share of the Monte Carlo's runs that are not worse than so much; a run that failed never counts."""
-    figure = _figure(WIDE, 300.0)
-    axes = _axes(figure, (0.0, 0.0, 1.0, 1.0))
+    figure = new_figure(WIDE, 300.0)
+    axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
     tops = []
     for one in shown:
         rows = table[table["candidate"] == one.name]
@@ -340,14 +235,14 @@ def draw_distribution(table: pd.DataFrame, figure_name: str, label: str, shown: 
     axes.axhline(100.0, color=THEME["muted"], linewidth=0.8)
     if len(tops) > 1 and max(tops) > 6.0 * min(tops):  # one far worse would hide the others
         axes.set_xlim(0.0, 6.0 * min(tops))
-    _label(axes, label, "Share of the runs [%]")
-    return _embed(figure, "spread", f"Distribution of {label} over the Monte Carlo")
+    label(axes, title, "Share of the runs [%]")
+    return embed(figure, "spread", f"Distribution of {title} over the Monte Carlo")
 
 
 def draw_schedule(schedule: Sequence[Mapping[str, Any]], gains: Mapping[str, str]) -> Markup:
     """Gains over speed, each over its largest."""
-    figure = _figure(WIDE, 260.0)
-    axes = _axes(figure, (0.0, 0.0, 1.0, 1.0))
+    figure = new_figure(WIDE, 260.0)
+    axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
     speeds = [float(row["speed"]) for row in schedule]
     for number, name in enumerate(gains):
         values = np.array([float(row["gains"].get(name) or 0.0) for row in schedule])
@@ -356,8 +251,8 @@ def draw_schedule(schedule: Sequence[Mapping[str, Any]], gains: Mapping[str, str
             axes.plot(speeds, values / np.abs(values).max(), color=colour, marker="o", markersize=5.0)
             axes.annotate(name, (speeds[-1], values[-1] / np.abs(values).max()), xytext=(6, 4),
                           textcoords="offset points", color=colour)  # fmt: skip
-    _label(axes, "Speed [m/s]", "Gain over its largest [1]")
-    return _embed(figure, "schedule", "Gains over speed")
+    label(axes, "Speed [m/s]", "Gain over its largest [1]")
+    return embed(figure, "schedule", "Gains over speed")
 
 
 def curve_of(table: pd.DataFrame, name: str) -> tuple[Array, NDArray[np.complex128]]:
@@ -369,47 +264,6 @@ def curve_of(table: pd.DataFrame, name: str) -> tuple[Array, NDArray[np.complex1
 
 
 # --- the inner parts --------------------------------------------------------------------------------------------------
-
-
-def _figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0)
-
-
-def _axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
-    """Axes inside a part of the figure, with room for their labels."""
-    width, height = 72.0 * figure.get_figwidth(), 72.0 * figure.get_figheight()
-    left, bottom, wide, high = box[0] * width, box[1] * height, box[2] * width, box[3] * height
-    return figure.add_axes(
-        (
-            (left + _LEFT) / width,
-            (bottom + _BOTTOM) / height,
-            (wide - _LEFT - _RIGHT) / width,
-            (high - _BOTTOM - _TOP) / height,
-        )
-    )
-
-
-def _label(axes: Axes, x: str, y: str) -> None:
-    axes.grid(color=THEME["grid"], linewidth=1.0)
-    axes.set_xlabel(x, labelpad=3.0)
-    axes.set_ylabel(y)
-    axes.yaxis.set_label_coords(-(_LEFT - 12.0) / axes.get_window_extent().width, 0.5)
-
-
-def _log(axes: Axes, axis: str) -> None:
-    getattr(axes, f"set_{axis}scale")("log")
-    one = axes.xaxis if axis == "x" else axes.yaxis
-    low, high = getattr(axes, f"get_{axis}lim")()
-    narrow = low > 0.0 and math.log10(high / low) < 1.7
-    one.set_major_locator(LogLocator(10.0, subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=8))
-    one.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    one.set_minor_formatter(NullFormatter())
-
-
-def _embed(figure: Figure, prefix: str, text: str) -> Markup:
-    return Markup(
-        embed_svg(to_svg(figure), f"{prefix}-", attributes={"class": "plot", "role": "img", "aria-label": text})
-    )
 
 
 def _grid(table: pd.DataFrame, name: str, x: Array, y: Array) -> Array:
@@ -444,17 +298,10 @@ def _edge_lines(stable: NDArray[np.bool_], x: Array, y: Array) -> list[tuple[lis
     return lines
 
 
-def _bounds(values: Array) -> Array:
-    """Borders of the colours: as many values in each, from the best to the worst."""
-    bounds = np.quantile(values, np.linspace(0.0, 1.0, SCALE_STEPS + 1))
-    least = 1e-9 * max(abs(float(bounds[-1])), 1e-12)
-    return np.asarray(np.maximum.accumulate(bounds + least * np.arange(len(bounds))))
-
-
 def _scale_bar(figure: Figure, bounds: Array) -> None:
     axes = figure.add_axes((0.872, 0.14, 0.022, 0.78))
     for step in range(SCALE_STEPS):
-        axes.fill_between([0.0, 1.0], step, step + 1, color=_SCALE[step], linewidth=0.0)
+        axes.fill_between([0.0, 1.0], step, step + 1, color=SCALE[step], linewidth=0.0)
     axes.set_ylim(0, SCALE_STEPS)
     axes.set_xlim(0, 1)
     axes.set_xticks([])
@@ -462,15 +309,3 @@ def _scale_bar(figure: Figure, bounds: Array) -> None:
     axes.yaxis.tick_right()
     axes.set_yticks(range(SCALE_STEPS + 1), [tell(float(value)) for value in bounds])
     axes.set_title("Cost", fontsize=12.0, color=THEME["muted"], loc="left")
-
-
-def _trim(axes: Axes, values: Array, front: Array, marks: Sequence[tuple[float, float]]) -> None:
-    """Frame the front, the better of the trials, and marks that are not far off."""
-    for place, name in ((0, "x"), (1, "y")):
-        low = float(values[:, place].min())
-        high = max(float(np.quantile(values[:, place], 0.8)), float(front[:, place].max()) if len(front) < 50 else low)
-        high = min(high, low + 6.0 * (float(np.median(values[:, place])) - low) or high)
-        near = [at[place] for at in marks if math.isfinite(at[place]) and at[place] < low + 4.0 * (high - low)]
-        low, high = min([low, *near]), max([high, *near])
-        room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
-        getattr(axes, f"set_{name}lim")(low - room, high + room)

@@ -1,30 +1,17 @@
 """Worker processes that run cases, and outlive whatever a case does to them."""
 
-import os
-import re
-import signal
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import connection, get_context
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Self
 
 from mirdrake.errors import RunError
+from mirdrake.studies.processes import WorkerProcess, worker_start
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.worker import run_folder, serve
-from mirdrake.yaml_io import shown
-
-STARTING = 120.0
-"""Wall time that a worker may take to start [s]."""
-
-_LAST_WORDS = re.compile(r"Failure at |Fatal Python error|terminate called|what\(\):|Assertion .* failed|Error: ")
-_FRAME = re.compile(r'\s*File "(?P<file>.*)", line (?P<line>\d+) in (?P<name>.*)')
 
 
 def time_limit(case: Case) -> float:
@@ -33,15 +20,9 @@ def time_limit(case: Case) -> float:
 
 
 @dataclass
-class _Worker:
-    process: BaseProcess
-    pipe: connection.Connection
-    log: Path
+class _Worker(WorkerProcess):
     ready: bool = False
     case: int | None = None
-    since: float = field(default_factory=time.monotonic)
-    deadline: float = field(default_factory=lambda: time.monotonic() + STARTING)
-    offset: int = 0
 
 
 class Pool:
@@ -71,7 +52,7 @@ class Pool:
 
     def __exit__(self, *details: object) -> None:
         for worker in self._workers:
-            _kill(worker)
+            worker.kill()
         self._workers.clear()
         self._logs.cleanup()
 
@@ -102,7 +83,7 @@ class Pool:
         log = Path(self._logs.name) / f"{self._started}.log"
         arguments = (theirs, str(log), self._folder, self._keep_all)
         process = context.Process(target=serve, args=arguments, daemon=True, name=f"mirdrake worker {self._started}")
-        with _without_main(), _one_thread(), _without_interrupts():
+        with worker_start():
             process.start()
         theirs.close()
         return _Worker(process, mine, log)
@@ -114,13 +95,12 @@ class Pool:
             worker.pipe.send(cases[index])
         except OSError:  # it died while it had nothing to do
             waiting.append(index)
-            _kill(worker)
+            worker.kill()
             self._workers.remove(worker)
             return 0
         limit = self._timeout if self._timeout is not None else time_limit(cases[index])
-        worker.case, worker.since = index, time.monotonic()
-        worker.deadline = worker.since + limit
-        worker.offset = worker.log.stat().st_size if worker.log.exists() else 0
+        worker.case = index
+        worker.begin(limit)
         return 1
 
     def _wait(self) -> list[_Worker]:
@@ -150,11 +130,8 @@ class Pool:
         if message is not None:
             worker.ready = True
             return None
-        late = time.monotonic() >= worker.deadline
-        if not late:
-            worker.process.join(timeout=5.0)
-        reason = _hung(worker) if late and worker.process.is_alive() else _died(worker)
-        _kill(worker)
+        reason = worker.why_lost()
+        worker.kill()
         self._workers.remove(worker)
         if worker.case is None:
             raise RunError(f"the worker processes of the suite cannot start: {reason}")
@@ -162,77 +139,3 @@ class Pool:
         wall = round(time.monotonic() - worker.since, 3)
         folder = run_folder(case, self._folder)
         return worker.case, Result(case.name, "error", reason, wall=wall, folder=folder, digest=case.digest())
-
-
-def _kill(worker: _Worker) -> None:
-    worker.pipe.close()
-    if worker.process.is_alive():
-        worker.process.kill()
-    worker.process.join()
-    worker.process.close()
-
-
-def _hung(worker: _Worker) -> str:
-    """Why a worker that does not answer is given up: how long it took, and where it is."""
-    waited = f"no end after {worker.deadline - worker.since:g} s of wall time"
-    if worker.process.pid is not None and hasattr(signal, "SIGUSR1"):
-        os.kill(worker.process.pid, signal.SIGUSR1)
-        time.sleep(0.2)
-    frames = [match for match in map(_FRAME.match, _said(worker)) if match]
-    if not frames:
-        return waited
-    return f"{waited}; it was in {frames[0]['name']} of {shown(Path(frames[0]['file']))}:{frames[0]['line']}"
-
-
-def _died(worker: _Worker) -> str:
-    """Why a worker process ended: its signal or exit code, and its last words."""
-    code = worker.process.exitcode
-    name = signal.Signals(-code).name if code is not None and code < 0 else ""
-    ended = f"the process was ended by {name}" if name else f"the process ended with exit code {code}"
-    words = [line.strip() for line in _said(worker) if line.strip()]
-    told = next((line for line in words if _LAST_WORDS.search(line)), "")
-    return f"{ended}: {told[:300]}" if told else ended
-
-
-def _said(worker: _Worker) -> list[str]:
-    """The lines that a worker printed since its case began."""
-    try:
-        with worker.log.open("rb") as file:
-            file.seek(worker.offset)
-            return file.read(200_000).decode(errors="replace").splitlines()
-    except OSError:
-        return []
-
-
-@contextmanager
-def _without_main() -> Iterator[None]:
-    """Start a process that does not import the program again: a user's script needs no ``if __name__ == ...``."""
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Start a process that does not know Ctrl-C, which is for the suite: it ends its workers."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Start a process whose linear algebra keeps to one thread: there are as many processes as cores already."""
-    before = {name: os.environ.get(name) for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")}
-    os.environ |= {name: "1" for name, value in before.items() if value is None}
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)

@@ -1,17 +1,13 @@
 """The worker process of a suite: runs one case after the other, and knows nothing of the others."""
 
-import faulthandler
 import math
-import os
 import random
 import shutil
-import signal
 import sys
-import threading
 import time
 from contextlib import suppress
 from dataclasses import replace
-from multiprocessing import connection, parent_process
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +19,7 @@ from mirdrake.errors import MirdrakeError, RunError, WorldError
 from mirdrake.logs import Run, load_run
 from mirdrake.requirements import Finding, Observation, observe, parse_requirement
 from mirdrake.simulation import Simulation
+from mirdrake.studies.processes import settle_in
 from mirdrake.suites.cases import VEHICLE, Case, Result, Verdict
 from mirdrake.suites.sketch import make_sketch
 from mirdrake.worlds import World
@@ -40,14 +37,7 @@ def serve(pipe: connection.Connection, log: str, folder: Path | None, keep_all: 
         folder: of the suite; None writes nothing.
         keep_all: keep the run folders of cases that passed, too.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the suite, which ends its workers
-    stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    for number in (1, 2):
-        os.dup2(stream, number)
-    os.close(stream)
-    faulthandler.enable(all_threads=False)
-    faulthandler.register(signal.SIGUSR1, all_threads=False)  # asked for when it hangs
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    settle_in(log)
     pipe.send("ready")
     while True:
         try:
@@ -62,13 +52,6 @@ def serve(pipe: connection.Connection, log: str, folder: Path | None, keep_all: 
             stream_.flush()
         _forget(before, Path(case.diagram.get("folder") or "."))
         pipe.send(result)
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
 
 
 def _forget(before: set[str], folder: Path) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from mirdrake.controllers.pid import PidGains
 from mirdrake.errors import MirdrakeError
@@ -93,16 +94,16 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
                 f"Ziegler-Nichols step {form}",
                 "rule",
                 "step response rule, from the identified model",
-                lambda form=form: ziegler_nichols_step(first, form),
-            )  # type: ignore[misc]
-        yield "SIMC", "rule", "Skogestad's rule, closed-loop time equal to the dead time", lambda: simc(first)
+                partial(ziegler_nichols_step, first, form),
+            )
+        yield "SIMC", "rule", "Skogestad's rule, closed-loop time equal to the dead time", partial(simc, first)
         for form in forms:
-            yield (f"AMIGO {form}", "rule", "AMIGO rule, made for Ms 1.4", lambda form=form: amigo(first, form))  # type: ignore[misc]
+            yield (f"AMIGO {form}", "rule", "AMIGO rule, made for Ms 1.4", partial(amigo, first, form))
         yield (
             f"lambda {wide:.3g} s",
             "rule",
             "lambda tuning, closed-loop time of three dead times",
-            lambda: lambda_tuning(first, wide),
+            partial(lambda_tuning, first, wide),
         )
     if found.relay is not None and found.first is not None:
         relay = found.relay
@@ -111,9 +112,7 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
                 f"Ziegler-Nichols relay {form}",
                 "rule",
                 "frequency response rule, from the relay's limit cycle",
-                lambda form=form: ziegler_nichols_ultimate(  # type: ignore[misc]
-                    relay.ultimate_gain, relay.ultimate_period, form
-                ),
+                partial(ziegler_nichols_ultimate, relay.ultimate_gain, relay.ultimate_period, form),
             )
     if found.inertial is not None:
         gain, delay = found.inertial[0], found.inertial[1] + half
@@ -122,22 +121,20 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
                 f"SIMC inertia {times:g}",
                 "rule",
                 f"Skogestad's rule for a double integrator, closed-loop time of {times:g} dead times",
-                lambda times=times: simc_double_integrator(gain, delay, closed_loop_time=times * delay),
-            )  # type: ignore[misc]
+                partial(simc_double_integrator, gain, delay, closed_loop_time=times * delay),
+            )
         yield (
             "Ziegler-Nichols PID",
             "rule",
             "frequency response rule, at the model's own ultimate point",
-            lambda: _ultimate(main),
+            partial(_ultimate, main),
         )
     for derivative, form in ((False, "PI"), (True, "PID")):
         yield (
             f"shaped {form}",
             "shaped",
             f"largest integral gain for which Ms stays below {bound:g}",
-            lambda derivative=derivative: maximize_integral_gain(  # type: ignore[misc]
-                main, max_sensitivity=bound, derivative=derivative
-            ),
+            partial(maximize_integral_gain, main, max_sensitivity=bound, derivative=derivative),
         )
     crossover = 0.35 / max(main.delay, 1e-3)
     for derivative, form in ((False, "PI"), (True, "PID")):
@@ -145,9 +142,7 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
             f"phase margin {form}",
             "shaped",
             f"60° of phase margin at {crossover:.3g} rad/s",
-            lambda derivative=derivative: design_for_phase_margin(  # type: ignore[misc]
-                main, crossover, derivative=derivative
-            ),
+            partial(design_for_phase_margin, main, crossover, derivative=derivative),
         )
 
 

@@ -181,8 +181,10 @@ def _scaled(pair: tuple[float, float], scale: float) -> tuple[float, float]:
 
 
 def _pedals(bench: PlantBench) -> Identified:
-    """Pedals: the law turns an acceleration into them through the powertrain's own curves, so that what is left is an
-    integrator behind the lag and delay of the actuators.
+    """Pedals, from the data of the vehicle.
+
+    The law turns an acceleration into pedals through the powertrain's own curves, so that what is left is an integrator
+    behind the lag and delay of the actuators.
     """
     spec, control = bench.spec, bench.part.vehicle.control
     throttle = bench.part.vehicle.spec.actuators.throttle

@@ -2,10 +2,10 @@
 
 ::
 
-    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► models ── make_designs ─► rules, shaping
-                                                                           │                          │ tried on the plant
-                                                                           ▼                          ▼
-                          search on the reduced model ── refined on the plant, corners ─► best ── Monte Carlo ─► result
+    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► models ── make_designs ─► rules
+                                                                         │                         │ tried on the plant
+                                                                         ▼                         ▼
+                        search on the reduced model ── refined on the plant, corners ─► best ── Monte Carlo ─► result
 
 The baseline ``published`` is 100, 0.01, 10 in the units of the joint: see :data:`mirdrake.tuning.spec.PUBLISHED`.
 A study that was stopped goes on where it was when it is called again with the same folder.
@@ -58,7 +58,7 @@ Progress = Callable[[str, int, int, float], None]
 """Called with the stage, what is done, of how much, and the time left in it [s]; nan if it is not known."""
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """Ctrl-C; what is done is kept in the folder."""
 
 
@@ -96,7 +96,7 @@ def tune(
     Raises:
         ConfigError, ModelError, WorldError: the study, its vehicle or its world has faults.
         RunError: the folder belongs to something else, or the plant cannot be measured.
-        Stopped: Ctrl-C; call again to go on.
+        StoppedError: Ctrl-C; call again to go on.
     """
     spec = make_tuning(study)
     began = time.monotonic()
@@ -112,7 +112,7 @@ def tune(
     try:
         return _Study(spec, loop, folder, key, executor, workers, tell, began).run(data)
     except KeyboardInterrupt:
-        raise Stopped(f"{folder}: stopped; call again to go on") from None
+        raise StoppedError(f"{folder}: stopped; call again to go on") from None
 
 
 def _open(folder: Path, key: str) -> TuningResult | None:
@@ -210,7 +210,7 @@ class _Study:
             "best_rule": pool.design.name if pool is not None else None,
             "schedule": self._schedule(space, winner),
             "robustness": None if robust is None else robust.data(),
-            "acceptance": accept(baseline, pool, winner, robust, self.constraints),
+            "acceptance": accept(baseline, pool, winner, robust, self.constraints, self.loop.course),
             "wall_s": round(time.monotonic() - self.began, 1),
         }
         return write_result(self.folder, plain(result), tables)
@@ -466,6 +466,7 @@ def accept(
     winner: Candidate,
     robust: Robustness | None,
     constraints: Mapping[str, float],
+    course: Mapping[str, Any],
 ) -> list[dict[str, Any]]:
     """What a tuned loop shall reach, and whether it does.
 
@@ -474,9 +475,10 @@ def accept(
     """
     figures = winner.trial.figures
     rows: list[dict[str, Any]] = []
-    before, now = baseline.trial.figures.get("iae", math.inf), figures.get("iae", math.inf)
+    before, now = _iae(baseline, course), _iae(winner, course)
     share = now / before if math.isfinite(before) and before > 0.0 else 0.0 if math.isfinite(now) else math.inf
-    rows.append({"what": "IAE over that of the baseline", "value": share, "limit": 0.5, "met": share <= 0.5})
+    words = "" if baseline.trial.status == "ok" else ", which is unstable"
+    rows.append({"what": f"IAE over that of the baseline{words}", "value": share, "limit": 0.5, "met": share <= 0.5})
     for name, limit in constraints.items():
         value = figures.get(name, math.nan)
         more = name in ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
@@ -492,6 +494,15 @@ def accept(
              "limit": rule.trial.cost, "met": winner.trial.feasible and met}
         )  # fmt: skip
     return [{**row, "met": bool(row["met"])} for row in rows]
+
+
+def _iae(one: Candidate, course: Mapping[str, Any]) -> float:
+    """IAE of a candidate, of one that is unstable that of its response as far as it goes; inf if it has none."""
+    if "iae" in one.trial.figures or one.response is None:
+        return one.trial.figures.get("iae", math.inf)
+    part = one.response[one.response["t"] >= course["step_time"] - 1e-9]
+    error = (part["reference"] - part["output"]).abs().to_numpy()
+    return float(np.sum(0.5 * (error[1:] + error[:-1]) * np.diff(part["t"].to_numpy())))
 
 
 def _baseline_words(spec: TuningSpec) -> str:

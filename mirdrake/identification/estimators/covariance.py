@@ -40,17 +40,17 @@ def long_run(series: Array, groups: list[slice]) -> Array:
             cross = white[lag:].T @ white[:-lag]
             one += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
         total += one
-    return colour[:, None] * total * colour[None, :]
+    return np.asarray(colour[:, None] * total * colour[None, :])
 
 
 def inflation(series: Array, groups: list[slice]) -> Array:
     """Variance of the sum over that of independent samples, by column (p)."""
-    return np.asarray(np.diag(long_run(series, groups)) / np.maximum(np.sum((series - series.mean(axis=0)) ** 2, axis=0), 1e-300))
+    return np.asarray(
+        np.diag(long_run(series, groups)) / np.maximum(np.sum((series - series.mean(axis=0)) ** 2, axis=0), 1e-300)
+    )
 
 
-def block_bootstrap(
-    information: list[Array], scores: list[Array], prior: Array, count: int, seed: int = 0
-) -> Array:
+def block_bootstrap(information: list[Array], scores: list[Array], prior: Array, count: int, seed: int = 0) -> Array:
     """Shifts of the estimate when blocks of the data are drawn with replacement (count, p).
 
     One Gauss-Newton step each: the model is not run again.

@@ -1,5 +1,7 @@
 """From logs to the drives that models are fitted to: even steps, no gaps in the inputs."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,7 +55,9 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Drive], list[str]]
     for name in (*model.inputs, *model.outputs):
         values = log.channels.get(name)
         if values is None:
-            raise ConfigError(f"log {log.name}: has no channel '{name}', which model {model.kind} needs; map its column")
+            raise ConfigError(
+                f"log {log.name}: has no channel '{name}', which model {model.kind} needs; map its column"
+            )
         good = np.isfinite(values)
         if good.mean() < 0.2:
             raise ConfigError(
@@ -72,7 +76,8 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Drive], list[str]]
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     if len(even) > 20 * len(time):
         raise ConfigError(f"log {log.name}: its times have gaps that are longer than what is between them; cut it up")
-    inputs, whole = {}, np.ones(len(even), dtype=bool)
+    inputs: dict[str, Array] = {}
+    whole: NDArray[np.bool_] = np.ones(len(even), dtype=bool)
     for name in model.inputs:
         inputs[name], near = _resampled(time, channels[name], even, LONGEST_GAP)
         whole &= near
@@ -86,7 +91,7 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Drive], list[str]]
         even = even[:rows].reshape(-1, many).mean(axis=1)
         inputs = {name: values[:rows].reshape(-1, many).mean(axis=1) for name, values in inputs.items()}
         outputs = {name: values[:rows].reshape(-1, many).mean(axis=1) for name, values in outputs.items()}
-        whole = whole[:rows].reshape(-1, many).all(axis=1)
+        whole = np.asarray(whole[:rows].reshape(-1, many).all(axis=1))
         step *= many
         notes.append(f"log {log.name}: means of {many} samples, {1.0 / step:.4g} Hz")
     drives = []
@@ -123,7 +128,7 @@ def _resampled(time: Array, values: Array, even: Array, gap: float) -> tuple[Arr
 def _pieces(drive: Drive, length: float | None) -> list[Drive]:
     if length is None:
         return [drive]
-    rows = max(int(round(length / drive.step)), LEAST)
+    rows = max(round(length / drive.step), LEAST)
     count = max(drive.size // rows, 1)
     edges = [k * rows for k in range(count)] + [drive.size]
     return [
@@ -133,5 +138,5 @@ def _pieces(drive: Drive, length: float | None) -> list[Drive]:
             {name: values[first:last] for name, values in drive.inputs.items()},
             {name: values[first:last] for name, values in drive.outputs.items()},
         )
-        for first, last in zip(edges[:-1], edges[1:], strict=True)
+        for first, last in pairwise(edges)
     ]  # fmt: skip

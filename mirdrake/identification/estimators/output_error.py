@@ -16,10 +16,12 @@ from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.profile import profiles_of
 from mirdrake.identification.estimators.solve import Solution, solve
+from mirdrake.identification.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import combinations, judge
 from mirdrake.identification.models.base import Array, Drive, Model, ModelSpec
 from mirdrake.identification.models.registry import make_model
+from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.parameters import Choice, Unknown, choose
 from mirdrake.identification.validation import input_correlation, nrmse, whiteness
 
@@ -54,7 +56,7 @@ def fit(
         raise ConfigError(f"parameters: all of model {made.kind} are fixed; there is nothing to fit, free one")
     drives, notes = make_drives(made, data.train, options.shooting)
     problem = Problem(made, drives, unknowns, first_noise(made, drives), options.offsets, options.continuity)
-    if problem.samples <= 3 * problem.size:
+    if problem.samples <= 10 * problem.size:
         raise ConfigError(
             f"data: {problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
         )
@@ -85,11 +87,12 @@ def check_logs(data: DataSet) -> None:
 
 
 def first_noise(model: Model, drives: Sequence[Drive]) -> dict[str, float]:
-    """A tenth of what each output moves: noise before the first fit."""
+    """A part of what each output moves, glitches left aside: noise before the first fit."""
     found = {}
     for name in model.outputs:
         values = np.concatenate([drive.outputs[name] for drive in drives])
-        found[name] = max(0.1 * float(np.nanstd(values)), 1e-9)
+        low, high = np.nanpercentile(values, (5.0, 95.0))
+        found[name] = max(0.03 * float(high - low), 1e-3 * float(np.nanstd(values)), 1e-9)
     return found
 
 
@@ -111,7 +114,11 @@ def describe(
     scale = np.where(sigmas > 0.0, sigmas, 1.0)
     own = np.sqrt(np.maximum(np.diag(solution.white), 1e-300))
     correlation = solution.white / own[:, None] / own[None, :]
-    wide = solution.covariance * np.outer(scale, scale) / np.outer(*(2 * [np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))]))
+    wide = (
+        solution.covariance
+        * np.outer(scale, scale)
+        / np.outer(*(2 * [np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))]))
+    )
     values_ = np.linalg.eigvalsh(correlation)
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     channels, traces = try_model(data, solution)
@@ -121,16 +128,22 @@ def describe(
     if error:
         most = float(np.max(solution.inflation))
         told.append(
-            f"the residuals are not white: intervals are those of correlated residuals, up to {max(most, 1.0) ** 0.5:.2g} "
-            "times those of white ones"
+            "the residuals are not white: intervals are those of correlated residuals, "
+            f"up to {max(most, 1.0) ** 0.5:.2g} times those of white ones"
         )
-    assumed = [one.info.name for one in unknowns if one.kind == "fixed" and one.source.startswith(("assumed", "half of"))]
+    assumed = [
+        one.info.name for one in unknowns if one.kind == "fixed" and one.source.startswith(("assumed", "half of"))
+    ]
     if {"front_length", "rear_length", "mass"} & set(assumed):
         told.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
     told += [one.info.source for one in unknowns if one.info.source.startswith("not given")]
     advice = dict.fromkeys(
-        model.remedy(frozenset({one.name})) for one in judged if one.verdict in {"not identifiable", "weakly identified"}
+        model.remedy(frozenset({one.name}))
+        for one in judged
+        if one.verdict in {"not identifiable", "weakly identified"}
     )
+    if advice:
+        advice = dict.fromkeys([*advice, *best_manoeuvre(solution)])
     profiles = profiles_of(solution, options) if options.profile else {}
     how = f"output error, {options.loss} loss"
     if options.shooting is not None:
@@ -140,6 +153,24 @@ def describe(
         combinations(model, unknowns, values, wide, judged), tuple(advice), tuple(told), data.digest,
         versions={package: version(package) for package in ("numpy", "scipy")},
     )  # fmt: skip
+
+
+def best_manoeuvre(solution: Solution) -> list[str]:
+    """The manoeuvre that would shrink the intervals most, in a sentence; none for models without a list of them."""
+    problem, model = solution.problem, solution.problem.model
+    speeds = [drive.channels(name) for drive in problem.drives for name in SPEED if name in drive.names]
+    if not speeds or not lists_manoeuvres(model):
+        return []
+    top = max(float(np.nanpercentile(values, 98.0)) for values in speeds)
+    if top < 0.2:
+        return []
+    known = np.asarray(np.linalg.inv(solution.covariance), dtype=np.float64)
+    values = problem.values(solution.z)
+    best = rank(model, problem.unknowns, values, problem.sigmas, known=known, speed=top)[0]
+    return [
+        f"of the standard manoeuvres at up to {top:.3g} m/s, '{best.name}' would help most: standard deviations "
+        f"would be {best.d_gain:.2g} times those of now, in the mean"
+    ]
 
 
 def try_model(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...], dict[str, pd.DataFrame]]:
@@ -164,9 +195,7 @@ def try_model(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...]
     return tuple(channels), traces
 
 
-def held_out(
-    model: Model, log: Log, unknowns: Sequence[Unknown], problem: Problem
-) -> list[tuple[Drive, Array]]:
+def held_out(model: Model, log: Log, unknowns: Sequence[Unknown], problem: Problem) -> list[tuple[Drive, Array]]:
     """Drives of a log and what the model shows, from fitted first states and offsets."""
     drives, _ = make_drives(model, (log,))
     again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)

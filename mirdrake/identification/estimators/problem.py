@@ -55,10 +55,10 @@ class Problem:
             for i, name in enumerate(self.model.outputs)
             if self.offsets and self.model.offset_scale(name) > 0.0
         ]
-        self._masks, self._measured = [], []
+        self.masks, self._measured = [], []
         for drive in self.drives:
             values = np.array([drive.outputs[name] for name in self.model.outputs])
-            self._masks.append(np.isfinite(values))
+            self.masks.append(np.isfinite(values))
             self._measured.append(np.where(np.isfinite(values), values, 0.0))
 
     @property
@@ -67,9 +67,14 @@ class Problem:
         return len(self.free) + len(self.sensors) + len(self.drives) * len(self.model.states)
 
     @property
+    def measured(self) -> int:
+        """Number of residuals of measurements, with those that are zero because nothing was measured."""
+        return int(sum(mask.size for mask in self.masks))
+
+    @property
     def samples(self) -> int:
         """Number of measured values."""
-        return int(sum(mask.sum() for mask in self._masks))
+        return int(sum(mask.sum() for mask in self.masks))
 
     def bounds(self) -> tuple[Array, Array]:
         """Of the unknowns."""
@@ -141,7 +146,7 @@ class Problem:
             return np.full(self.rows, np.nan)
         parts = []
         noise = np.array([self.sigmas[name] for name in self.model.outputs])
-        for run, drive, mask, seen in zip(runs, self.drives, self._masks, self._measured, strict=True):
+        for run, drive, mask, seen in zip(runs, self.drives, self.masks, self._measured, strict=True):
             off = (run.y + self._offsets_of(z, drive)[:, None] - seen) / noise[:, None]
             parts.append(np.where(mask, off, 0.0).T.ravel())
         parts += self._gaps(z, runs)
@@ -150,7 +155,7 @@ class Problem:
     @property
     def rows(self) -> int:
         """Number of residuals."""
-        return sum(mask.size for mask in self._masks) + len(self._joints()) * len(self.model.states) + self._prior_rows
+        return self.measured + len(self._joints()) * len(self.model.states) + self._prior_rows
 
     def jacobian(self, z: Array) -> Array:
         """Derivatives of the residuals (rows, unknowns)."""
@@ -160,7 +165,7 @@ class Problem:
             return found * np.nan
         free, size, at = len(self.free), len(self.model.states), 0
         noise = np.array([self.sigmas[name] for name in self.model.outputs])
-        for k, (run, drive, mask) in enumerate(zip(runs, self.drives, self._masks, strict=True)):
+        for k, (run, drive, mask) in enumerate(zip(runs, self.drives, self.masks, strict=True)):
             shown = mask.T.ravel()[:, None]
             block = found[at : at + mask.size]
             block[:, :free] = np.moveaxis(run.by_parameters / noise[:, None, None], 0, 1).reshape(mask.size, free)
@@ -231,10 +236,11 @@ class Problem:
         for i, name in enumerate(self.model.outputs):
             off = np.concatenate([
                 (trace[i] - seen[i])[mask[i]]
-                for trace, seen, mask in zip(traces, self._measured, self._masks, strict=True)
+                for trace, seen, mask in zip(traces, self._measured, self.masks, strict=True)
             ])  # fmt: skip
-            most = np.percentile(np.abs(off), 99.0) if len(off) else 1.0
-            found[name] = float(np.sqrt(np.mean(np.minimum(np.abs(off), most) ** 2)))
+            away = np.abs(off)
+            most = 6.0 * float(np.median(away)) if len(off) else 1.0
+            found[name] = float(np.sqrt(np.mean(np.minimum(away, most) ** 2))) or 1e-9
         return found
 
 

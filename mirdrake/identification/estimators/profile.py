@@ -22,6 +22,7 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
     found = {}
     problem = solution.problem
     quick = replace(options, iterations=15)
+    least = solve(problem, quick, solution.z, passes=1).cost
     for i, one in enumerate(problem.free):
         name = one.info.name
         sigma = min(float(np.sqrt(solution.covariance[i, i])), _WIDEST)
@@ -44,6 +45,6 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
                 other = solve(part, quick, np.delete(solution.z, i), passes=1)
             except RunError:
                 continue
-            rows.append((value, 2.0 * max(other.cost - solution.cost, 0.0) / widened))
+            rows.append((value, 2.0 * max(other.cost - least, 0.0) / widened))
         found[name] = pd.DataFrame(sorted(rows), columns=["value", "cost"])
     return found

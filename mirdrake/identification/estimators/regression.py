@@ -46,6 +46,7 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
         y: (n).
         X: (n, p).
         groups: rows that follow one another in time.
+        robust: whether large residuals weigh less.
 
     Raises:
         ConfigError: fewer rows than it takes, or columns that are not independent.
@@ -108,7 +109,11 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
     unit = "N" if mass else "N/kg"
     columns = [np.ones(len(speed)), speed, square] if linear else [np.ones(len(speed)), square]
     found = regress(-change * factor, np.column_stack(columns), groups)
-    names = [("A", unit), ("B", f"{unit} s/m"), ("C", f"{unit} s^2/m^2")] if linear else [("A", unit), ("C", f"{unit} s^2/m^2")]
+    names = (
+        [("A", unit), ("B", f"{unit} s/m"), ("C", f"{unit} s^2/m^2")]
+        if linear
+        else [("A", unit), ("C", f"{unit} s^2/m^2")]
+    )
     text = f"over {window:g} s windows from {speed.min():.3g} to {speed.max():.3g} m/s"
     return _fit(data, "coast-down, F = A + B v + C v²", f"regression {text}", names, found)
 
@@ -122,7 +127,7 @@ def _coasting(log: Log, window: float) -> Array:
     for pedal in ("throttle", "brake"):
         if pedal in grid.channels:
             free &= grid.channels[pedal] < 0.01
-    many = max(int(round(window / grid.step)), 4)
+    many = max(round(window / grid.step), 4)
     found = []
     x = (np.arange(many) - 0.5 * (many - 1)) * grid.step
     for first in range(0, len(v) - many + 1, many):
@@ -154,7 +159,7 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
         v, r, angle = (gaussian_filter1d(grid.channels[name], width) for name in (forward, rate, steer))
         slow = gaussian_filter1d(np.abs(np.gradient(angle, grid.step)), width)
         good = (v > 3.0) & (np.abs(v * r) < highest) & (slow <= max(float(np.percentile(slow, 80.0)), 1e-9))
-        many = max(int(round(0.2 / grid.step)), 1)
+        many = max(round(0.2 / grid.step), 1)
         rows = np.flatnonzero(good)[::many]
         ys.append(angle[rows])
         xs.append(np.column_stack((length * r[rows] / v[rows], v[rows] * r[rows], np.ones(len(rows)))))
@@ -163,11 +168,19 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
     found = regress(np.concatenate(ys), np.concatenate(xs), groups)
     ratio = found.values[0]
     # K = b1 / b0 and the bias at the wheels = b2 / b0, by the delta method.
-    turn = np.array([[1.0, 0.0, 0.0], [-found.values[1] / ratio**2, 1.0 / ratio, 0.0], [-found.values[2] / ratio**2, 0.0, 1.0 / ratio]])
+    turn = np.array(
+        [
+            [1.0, 0.0, 0.0],
+            [-found.values[1] / ratio**2, 1.0 / ratio, 0.0],
+            [-found.values[2] / ratio**2, 0.0, 1.0 / ratio],
+        ]
+    )
     values = np.array([ratio, found.values[1] / ratio, found.values[2] / ratio])
     found = Regression(values, turn @ found.covariance @ turn.T, found.residual, found.condition)
     names = [("steering_ratio", "1"), ("understeer_gradient", "rad s^2/m"), ("steering_bias", "rad")]
-    return _fit(data, "steady turns, δ = ratio (L r / v + K ay + bias)", "regression of quasi-steady samples", names, found)
+    return _fit(
+        data, "steady turns, δ = ratio (L r / v + K ay + bias)", "regression of quasi-steady samples", names, found
+    )
 
 
 def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], found: Regression) -> Fit:

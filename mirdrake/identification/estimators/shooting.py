@@ -61,7 +61,7 @@ def cut(model: Model, drive: Drive, p: Mapping[str, float]) -> Shots:
     length = min(max(int(np.ceil(n**0.5)), 20), _LONGEST, n)
     count = -(-n // length)
     substeps = max(1, int(np.ceil(drive.step / model.fine - 1e-9)))
-    times = np.arange(count * length * 2 * substeps + 1) * (drive.step / (2 * substeps))
+    times = np.asarray(np.arange(count * length * 2 * substeps + 1) * (drive.step / (2 * substeps)), dtype=np.float64)
     rows = np.minimum(np.arange(count) * length, n - 1)
     return Shots(drive, count, length, substeps, times, model.start(p, drive, rows))
 

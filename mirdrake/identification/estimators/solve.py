@@ -1,5 +1,6 @@
 """Least squares over a problem, noise weights in turns with it, and the covariance of what comes out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,20 +58,53 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *
         first = problem.residuals(z)
         if not np.isfinite(first).all():
             raise RunError(
-                f"model {problem.model.kind}: runs away from the guess; give guesses or bounds that are nearer to the vehicle"
+                f"model {problem.model.kind}: runs away from the guess; "
+                "give guesses or bounds that are nearer to the vehicle"
             )
         result = least_squares(
             problem.residuals, z, jac=problem.jacobian, bounds=(low, high), method="trf", x_scale=1.0,
-            loss=options.loss if turn else "soft_l1", f_scale=_ROBUST[options.loss] if turn else 3.0,
-            max_nfev=options.iterations, xtol=1e-7, ftol=1e-8 if turn else 1e-5, gtol=1e-8,
+            loss=robust(options.loss if turn or passes == 1 else "soft_l1", problem.measured), f_scale=1.0,
+            max_nfev=options.iterations, xtol=1e-7, ftol=1e-8 if turn or passes == 1 else 1e-5, gtol=1e-8,
         )  # fmt: skip
         z = result.x
+        if passes == 1:
+            break
         before = problem.sigmas
         problem = replace(problem, sigmas={name: max(s, 1e-9) for name, s in problem.spread(z).items()})
         if turn and all(abs(problem.sigmas[name] / before[name] - 1.0) < 0.02 for name in before):
             break
     assert result is not None
     return _finish(problem, options, z, float(result.cost), str(result.message))
+
+
+def robust(loss: str, measured: int) -> Callable[[Array], Array]:
+    """Loss of squared residuals with two derivatives (3, n): robust for what was measured, quadratic for priors.
+
+    Args:
+        loss: "huber", "soft_l1" or "linear".
+        measured: how many of the residuals, the first ones, were measured.
+    """
+    width = _ROBUST[loss] ** 2
+
+    def rho(squares: Array) -> Array:
+        found = np.stack((squares, np.ones_like(squares), np.zeros_like(squares)))
+        if loss == "linear":
+            return found
+        z = squares[:measured] / width
+        if loss == "huber":
+            far = z > 1.0
+            root = np.sqrt(np.where(far, z, 1.0))
+            found[0, :measured] = width * np.where(far, 2.0 * root - 1.0, z)
+            found[1, :measured] = np.where(far, 1.0 / root, 1.0)
+            found[2, :measured] = np.where(far, -0.5 / root**3, 0.0) / width
+        else:
+            root = np.sqrt(1.0 + z)
+            found[0, :measured] = 2.0 * width * (root - 1.0)
+            found[1, :measured] = 1.0 / root
+            found[2, :measured] = -0.5 / root**3 / width
+        return found
+
+    return rho
 
 
 def _inside(z: Array, low: Array, high: Array) -> Array:
@@ -100,7 +134,7 @@ def _inverse(matrix: Array) -> Array:
 def _at_least(noise: Array, least: Array) -> Array:
     """Long-run noise, in no direction below what white residuals give: correlation that helps is not believed."""
     values, vectors = np.linalg.eigh(noise - least)
-    return least + (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, message: str) -> Solution:
@@ -111,7 +145,7 @@ def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, 
     for i, one in enumerate(problem.free):
         near = 1e-3 * max(min(one.to_scaled(one.info.high) - one.to_scaled(one.info.low), 2.0), 1e-6)
         bound.append("low" if z[i] - low[i] < near else "high" if high[i] - z[i] < near else None)
-    data = sum(mask.size for mask in problem._masks)
+    data = problem.measured
     weights = _weights(residuals, options.loss)
     weights[data:] = 1.0
     inner = jacobian * np.sqrt(weights)[:, None]
@@ -121,10 +155,10 @@ def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, 
     # What belongs to one sample is added up over the outputs, then followed in time.
     scores, groups, at, begin = [], [], 0, 0
     blocks, rights = [], []
-    for drive, mask in zip(problem.drives, problem._masks, strict=True):
+    for drive, mask in zip(problem.drives, problem.masks, strict=True):
         part = slice(at, at + mask.size)
-        one = jacobian[part] * (weights[part] * residuals[part])[:, None]
-        each = one.reshape(drive.size, len(mask), -1).sum(axis=1)
+        score = jacobian[part] * (weights[part] * residuals[part])[:, None]
+        each = score.reshape(drive.size, len(mask), -1).sum(axis=1)
         scores.append(each)
         groups.append(slice(begin, begin + drive.size))
         length = max(int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step)), 10)

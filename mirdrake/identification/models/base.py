@@ -59,7 +59,16 @@ class Drive:
     @property
     def time(self) -> Array:
         """Of the samples (n) [s]."""
-        return self.start + self.step * np.arange(self.size)
+        return np.asarray(self.start + self.step * np.arange(self.size), dtype=np.float64)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Its channels."""
+        return frozenset((*self.inputs, *self.outputs))
+
+    def channels(self, name: str) -> Array:
+        """Samples of an input or output (n)."""
+        return self.inputs[name] if name in self.inputs else self.outputs[name]
 
     def at(self, name: str, times: Array, delay: float = 0.0) -> Array:
         """An input channel between its samples.
@@ -120,7 +129,7 @@ class Model(ABC):
 
     @abstractmethod
     def observe(self, x: Array, u: Array, p: Values) -> Array:
-        """What the sensors of :attr:`outputs` show (outputs, …), for arguments as of :meth:`rates` or with more axes."""
+        """What the sensors of :attr:`outputs` show (outputs, …); arguments as of :meth:`rates`, or with more axes."""
 
     @abstractmethod
     def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
@@ -191,7 +200,7 @@ def second_order(values: Array, step: float, frequency: float, damping: float) -
     adj = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
     numerator = [b1[0], b0[0] - (adj @ b1)[0], -(adj @ b0)[0]]
     denominator = [1.0, -trace, det]
-    return np.asarray(lfilter(numerator, denominator, values - values[0])) + values[0]
+    return np.asarray(lfilter(numerator, denominator, values - values[0]) + values[0])
 
 
 def channel_of(offered: set[str], names: tuple[str, ...], what: str, kind: str) -> str:

@@ -67,15 +67,21 @@ class LongitudinalModel(Model):
         self._speed = channel_of(offered, SPEED, "the speed", self.kind)
         self._grade = "grade" in offered
         self.inputs = tuple(
-            name
-            for name in (_DRIVE.get(drive, ""), _BRAKE.get(brake, ""), "grade" if self._grade else "")
-            if name
+            name for name in (_DRIVE.get(drive, ""), _BRAKE.get(brake, ""), "grade" if self._grade else "") if name
         )
         self.states, self.state_scales = ("vx",), (1.0,)
         self.outputs = pick_outputs(offered, [self._speed, "longitudinal_acceleration"], outputs, self.kind)
-        self.through = frozenset({
-            "drive_force", "drive_delay", "drive_lag", "brake_force", "brake_delay", "brake_lag", "wheel_radius",
-        })  # fmt: skip
+        self.through = frozenset(
+            {
+                "drive_force",
+                "drive_delay",
+                "drive_lag",
+                "brake_force",
+                "brake_delay",
+                "brake_lag",
+                "wheel_radius",
+            }
+        )
         self.parameters = self._make(given)
 
     def _make(self, given: Mapping[str, float]) -> tuple[Parameter, ...]:
@@ -83,35 +89,108 @@ class LongitudinalModel(Model):
         mass = given.get("mass", 1.0)
         force, per = ("N/kg", " per kg") if bare else ("N", "")
         found = [
-            Parameter("mass", "1" if bare else "kg", "of the vehicle", mass, 1e-3, 1e6,
-                      source="not given: forces are per kilogram" if bare else ""),
-            Parameter("rotating_mass", "1" if bare else "kg", "of what turns, reduced to the road" + per, 0.0, 0.0,
-                      mass, scale=0.05 * mass),
-            Parameter("rolling_resistance", "1", "rolling resistance over weight", 0.01, 0.0, 0.5, True, 0.005, usual=6.0),
-            Parameter("drag", f"{force} s^2/m^2", "drag over speed squared, half the density of air times the drag area",
-                      2.5e-4 * mass, 0.0, 0.05 * mass, True, 2e-4 * mass, usual=6.0),
-            Parameter("viscous_resistance", f"{force} s/m", "resistance over speed", 0.0, -0.1 * mass, 0.5 * mass,
-                      scale=2e-3 * mass, usual=6.0),
+            Parameter(
+                "mass",
+                "1" if bare else "kg",
+                "of the vehicle",
+                mass,
+                1e-3,
+                1e6,
+                source="not given: forces are per kilogram" if bare else "",
+            ),
+            Parameter(
+                "rotating_mass",
+                "1" if bare else "kg",
+                "of what turns, reduced to the road" + per,
+                0.0,
+                0.0,
+                mass,
+                scale=0.05 * mass,
+            ),
+            Parameter(
+                "rolling_resistance", "1", "rolling resistance over weight", 0.01, 0.0, 0.5, True, 0.005, usual=6.0
+            ),
+            Parameter(
+                "drag",
+                f"{force} s^2/m^2",
+                "drag over speed squared, half the density of air times the drag area",
+                2.5e-4 * mass,
+                0.0,
+                0.05 * mass,
+                True,
+                2e-4 * mass,
+                usual=6.0,
+            ),
+            Parameter(
+                "viscous_resistance",
+                f"{force} s/m",
+                "resistance over speed",
+                0.0,
+                -0.1 * mass,
+                0.5 * mass,
+                scale=2e-3 * mass,
+                usual=6.0,
+            ),
             Parameter("slope", "1", "slope of the road that is not in 'grade'", 0.0, -0.3, 0.3, scale=0.005, usual=4.0),
-        ]  # fmt: skip
+        ]
         if self._drive == "throttle":
             found += [
-                Parameter("drive_force", force, "at full throttle, when slow", 4.0 * mass, 0.01 * mass, 50.0 * mass, True, usual=1.0),
-                Parameter("drive_power", force.replace("N", "W"), "at full throttle, when fast", 80.0 * mass, 0.01 * mass, 5e3 * mass, True, usual=1.5),
-            ]  # fmt: skip
+                Parameter(
+                    "drive_force",
+                    force,
+                    "at full throttle, when slow",
+                    4.0 * mass,
+                    0.01 * mass,
+                    50.0 * mass,
+                    True,
+                    usual=1.0,
+                ),
+                Parameter(
+                    "drive_power",
+                    force.replace("N", "W"),
+                    "at full throttle, when fast",
+                    80.0 * mass,
+                    0.01 * mass,
+                    5e3 * mass,
+                    True,
+                    usual=1.5,
+                ),
+            ]
         elif self._drive == "torque":
             found.append(Parameter("wheel_radius", "m", "of the driven wheels", 0.33, 0.01, 2.0, usual=0.3))
         if self._brake == "pedal":
-            found.append(Parameter("brake_force", force, "at full pedal", 8.0 * mass, 0.05 * mass, 50.0 * mass, True, usual=1.0))
+            found.append(
+                Parameter("brake_force", force, "at full pedal", 8.0 * mass, 0.05 * mass, 50.0 * mass, True, usual=1.0)
+            )
         elif self._brake == "torque" and self._drive != "torque":
             found.append(Parameter("wheel_radius", "m", "of the wheels", 0.33, 0.01, 2.0, usual=0.3))
         for name, kind in (("drive", self._drive), ("brake", self._brake)):
             if kind != "none":
                 pedal = kind in {"throttle", "pedal"}
                 found += [
-                    Parameter(f"{name}_delay", "s", f"dead time of the {name}", 0.05 if pedal else 0.0, -0.1, 1.0, pedal, 0.05, usual=4.0),
-                    Parameter(f"{name}_lag", "s", f"time constant of the {name}", 0.1 if pedal else 0.0, 0.0, 2.0, pedal, 0.05, usual=6.0),
-                ]  # fmt: skip
+                    Parameter(
+                        f"{name}_delay",
+                        "s",
+                        f"dead time of the {name}",
+                        0.05 if pedal else 0.0,
+                        -0.1,
+                        1.0,
+                        pedal,
+                        0.05,
+                        usual=4.0,
+                    ),
+                    Parameter(
+                        f"{name}_lag",
+                        "s",
+                        f"time constant of the {name}",
+                        0.1 if pedal else 0.0,
+                        0.0,
+                        2.0,
+                        pedal,
+                        0.05,
+                        usual=6.0,
+                    ),
+                ]
         return tuple(found)
 
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
@@ -149,9 +228,9 @@ class LongitudinalModel(Model):
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """Speed and acceleration."""
-        return np.stack([
-            self._acceleration(x, u, p) if name == "longitudinal_acceleration" else x[0] for name in self.outputs
-        ])  # fmt: skip
+        return np.stack(
+            [self._acceleration(x, u, p) if name == "longitudinal_acceleration" else x[0] for name in self.outputs]
+        )
 
     def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
         """The speed as measured."""
@@ -166,7 +245,12 @@ class LongitudinalModel(Model):
         """Resistance at 20 m/s, and what a full pedal gives."""
         m = p["mass"]
         rolling = p["rolling_resistance"] * GRAVITY
-        found = {"resistance over mass at 20 m/s": (rolling + 400.0 * p["drag"] / m + 20.0 * p["viscous_resistance"] / m, "m/s^2")}
+        found = {
+            "resistance over mass at 20 m/s": (
+                rolling + 400.0 * p["drag"] / m + 20.0 * p["viscous_resistance"] / m,
+                "m/s^2",
+            )
+        }
         if "brake_force" in p:
             found["deceleration of a full pedal, with rolling resistance"] = (p["brake_force"] / m + rolling, "m/s^2")
             found["brake delay and lag together"] = (p["brake_delay"] + p["brake_lag"], "s")

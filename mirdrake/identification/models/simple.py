@@ -56,11 +56,30 @@ class KinematicModel(_Direct):
         length = wheelbase or given.get("wheelbase", 2.7)
         known = wheelbase is not None or "wheelbase" in given or self._steer != "road_wheel_angle"
         self.parameters = (
-            Parameter("wheelbase", "m", "front to rear axle", length, 0.02, 20.0, not known, usual=1.0,
-                      source="given with the data" if wheelbase else "" if "wheelbase" in given else "assumed"),
-            Parameter("understeer", "s^2/m", "K in L + K v²: understeer gradient of an angle", 0.0, -0.05, 0.2, False, 0.002, usual=4.0),
+            Parameter(
+                "wheelbase",
+                "m",
+                "front to rear axle",
+                length,
+                0.02,
+                20.0,
+                not known,
+                usual=1.0,
+                source="given with the data" if wheelbase else "" if "wheelbase" in given else "assumed",
+            ),
+            Parameter(
+                "understeer",
+                "s^2/m",
+                "K in L + K v²: understeer gradient of an angle",
+                0.0,
+                -0.05,
+                0.2,
+                False,
+                0.002,
+                usual=4.0,
+            ),
             *steering_parameters(self._steer),
-        )  # fmt: skip
+        )
         self.through = NAMES
 
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
@@ -81,7 +100,9 @@ class KinematicModel(_Direct):
 
     def remedy(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
-        return "do step steers" if names & {"steering_delay", "steering_lag"} else "turn slowly and fast, left and right"
+        return (
+            "do step steers" if names & {"steering_delay", "steering_lag"} else "turn slowly and fast, left and right"
+        )
 
 
 class SteeringModel(_Direct):
@@ -111,7 +132,8 @@ class SteeringModel(_Direct):
         channel_of(offered, ("road_wheel_angle",), "the angle of the wheels", self.kind)
         self.inputs, self.outputs, self.through = (self._steer,), ("road_wheel_angle",), NAMES
         self.parameters = tuple(
-            Parameter(**{**vars(info), "free": info.name != "steering_backlash"}) for info in steering_parameters(self._steer)
+            Parameter(**{**vars(info), "free": info.name != "steering_backlash"})
+            for info in steering_parameters(self._steer)
         )
 
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
@@ -121,7 +143,7 @@ class SteeringModel(_Direct):
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """Angle of the wheels."""
         del p
-        return (u[0] + 0.0 * x[0])[None]
+        return np.asarray((u[0] + 0.0 * x[0])[None])
 
     def remedy(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
@@ -166,9 +188,16 @@ class JointLoopModel(_Direct):
             Parameter("natural_frequency", "rad/s", "of the loop", 15.0, 0.1, 1e3, True, usual=1.5),
             Parameter("damping_ratio", "1", "of the loop", 0.8, 0.02, 20.0, True, usual=1.0),
             Parameter("delay", "s", "dead time", 0.02, 0.0, 1.0, True, 0.05, usual=4.0),
-            Parameter("inertia", "kg m^2", "of the joint, for the gains of its servo", inertia or 1.0, 1e-9, 1e6,
-                      source="" if inertia else "not given: servo gains are per unit of inertia"),
-        )  # fmt: skip
+            Parameter(
+                "inertia",
+                "kg m^2",
+                "of the joint, for the gains of its servo",
+                inertia or 1.0,
+                1e-9,
+                1e6,
+                source="" if inertia else "not given: servo gains are per unit of inertia",
+            ),
+        )
         self.through = frozenset({"gain", "offset", "natural_frequency", "damping_ratio", "delay"})
 
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
@@ -180,7 +209,7 @@ class JointLoopModel(_Direct):
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """The joint."""
         del p
-        return (u[0] + 0.0 * x[0])[None]
+        return np.asarray((u[0] + 0.0 * x[0])[None])
 
     def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Gains of the servo, and how late the loop is."""

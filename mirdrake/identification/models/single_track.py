@@ -19,6 +19,7 @@ Below the speed v1 = 0.2 sqrt(g L) the car goes where its wheels point, from 3 v
 Without a mass, stiffnesses and inertia are per kilogram: that is all that motion tells.
 """
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -96,39 +97,114 @@ class SingleTrackModel(Model):
         name = "cornering stiffness of the {} axle, both tyres" + per
         found = [
             Parameter(
-                "mass", "1" if bare else "kg", "of the vehicle", mass, 1e-3, 1e6,
+                "mass",
+                "1" if bare else "kg",
+                "of the vehicle",
+                mass,
+                1e-3,
+                1e6,
                 source="not given: stiffness and inertia are per kilogram" if bare else "",
             ),
             Parameter("front_length", "m", "centre of mass to front axle", front, 0.01, 20.0, source=said),
             Parameter("rear_length", "m", "centre of mass to rear axle", rear, 0.01, 20.0, source=said),
-            Parameter("cornering_stiffness_front", stiff, name.format("front"), _CORNERING * loads[0],
-                      0.3 * loads[0], 500.0 * loads[0], True, usual=1.0),
-            Parameter("cornering_stiffness_rear", stiff, name.format("rear"), _CORNERING * loads[1],
-                      0.3 * loads[1], 500.0 * loads[1], True, usual=1.0),
-            Parameter("yaw_inertia", inert, "about the vertical" + per, mass * front * rear,
-                      0.05 * mass * front * rear, 20.0 * mass * front * rear, True, usual=0.7),
+            Parameter(
+                "cornering_stiffness_front",
+                stiff,
+                name.format("front"),
+                _CORNERING * loads[0],
+                0.3 * loads[0],
+                500.0 * loads[0],
+                True,
+                usual=1.0,
+            ),
+            Parameter(
+                "cornering_stiffness_rear",
+                stiff,
+                name.format("rear"),
+                _CORNERING * loads[1],
+                0.3 * loads[1],
+                500.0 * loads[1],
+                True,
+                usual=1.0,
+            ),
+            Parameter(
+                "yaw_inertia",
+                inert,
+                "about the vertical" + per,
+                mass * front * rear,
+                0.05 * mass * front * rear,
+                20.0 * mass * front * rear,
+                True,
+                usual=0.7,
+            ),
             *steering_parameters(self._steer),
-            Parameter("accelerometer_ahead", "m", "accelerometer before the centre of mass", 0.0,
-                      -10.0, 10.0, "lateral_acceleration" in self.outputs, 0.2 * (front + rear), usual=1.5),
-            Parameter("velocity_ahead", "m", "place of the measured vy before the centre of mass", 0.0,
-                      -10.0, 10.0, "vy" in self.outputs, 0.2 * (front + rear), usual=1.5),
-        ]  # fmt: skip
+            Parameter(
+                "accelerometer_ahead",
+                "m",
+                "accelerometer before the centre of mass",
+                0.0,
+                -10.0,
+                10.0,
+                "lateral_acceleration" in self.outputs,
+                0.2 * (front + rear),
+                usual=1.5,
+            ),
+            Parameter(
+                "velocity_ahead",
+                "m",
+                "place of the measured vy before the centre of mass",
+                0.0,
+                -10.0,
+                10.0,
+                "vy" in self.outputs,
+                0.2 * (front + rear),
+                usual=1.5,
+            ),
+        ]
         if self._tyres != "linear":
-            for axle in ("front", "rear"):
-                found.append(Parameter(f"friction_{axle}", "1", f"largest force over load, {axle}", 0.9, 0.05, 3.0, True, usual=0.7))
+            found += [
+                Parameter(f"friction_{axle}", "1", f"largest force over load, {axle}", 0.9, 0.05, 3.0, True, usual=0.7)
+                for axle in ("front", "rear")
+            ]
         if self._tyres == "magic_formula":
             for axle in ("front", "rear"):
                 found.append(Parameter(f"shape_{axle}", "1", f"shape factor C, {axle}", 1.4, 1.0, 2.5, usual=0.3))
-                found.append(Parameter(f"curvature_{axle}", "1", f"curvature factor E, {axle}", 0.0, -10.0, 0.99, scale=0.5, usual=2.0))
+                found.append(
+                    Parameter(
+                        f"curvature_{axle}", "1", f"curvature factor E, {axle}", 0.0, -10.0, 0.99, scale=0.5, usual=2.0
+                    )
+                )
         if self._roll:
             found += [
-                Parameter("roll_gain", "rad s^2/m", "roll angle over lateral acceleration", 0.01, 1e-4, 0.1, True, usual=1.0),
+                Parameter(
+                    "roll_gain", "rad s^2/m", "roll angle over lateral acceleration", 0.01, 1e-4, 0.1, True, usual=1.0
+                ),
                 Parameter("roll_frequency", "rad/s", "natural frequency of roll", 9.0, 1.0, 60.0, True, usual=0.7),
                 Parameter("roll_damping", "1", "damping ratio of roll", 0.3, 0.02, 3.0, True, usual=1.0),
-                Parameter("roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
-                Parameter("accelerometer_height", "m", "accelerometer over the roll axis", 0.0, -5.0, 5.0, scale=0.3, usual=2.0),
-                Parameter("accelerometer_tilt", "1", "1: it leans with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3, usual=2.0),
-            ]  # fmt: skip
+                Parameter(
+                    "roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0
+                ),
+                Parameter(
+                    "accelerometer_height",
+                    "m",
+                    "accelerometer over the roll axis",
+                    0.0,
+                    -5.0,
+                    5.0,
+                    scale=0.3,
+                    usual=2.0,
+                ),
+                Parameter(
+                    "accelerometer_tilt",
+                    "1",
+                    "1: it leans with the body, 0: it is levelled",
+                    0.0,
+                    -1.0,
+                    2.0,
+                    scale=0.3,
+                    usual=2.0,
+                ),
+            ]
         return tuple(found)
 
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
@@ -143,28 +219,33 @@ class SingleTrackModel(Model):
         a, b, m = p["front_length"], p["rear_length"], p["mass"]
         slips = (np.arctan((x[0] + a * x[1]) / v) - delta, np.arctan((x[0] - b * x[1]) / v))
         loads = (m * (GRAVITY / (a + b)) * b, m * (GRAVITY / (a + b)) * a)
-        forces = [self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), slips, loads, strict=True)]
+        forces = [
+            self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), slips, loads, strict=True)
+        ]
         return forces[0], forces[1], delta
 
     def _force(self, axle: str, slip: Array, load: Any, p: Values) -> Array:
         stiffness = p[f"cornering_stiffness_{axle}"]
         if self._tyres == "linear":
-            return -stiffness * slip
+            return np.asarray(-stiffness * slip)
         peak = p[f"friction_{axle}"] * load
         if self._tyres == "fiala":
             tangent = np.tan(slip)
             share = stiffness * np.abs(tangent) / (3.0 * peak)
             stuck = np.minimum(share, 1.0)
-            return -stiffness * tangent * (1.0 - stuck + stuck * stuck / 3.0) / np.maximum(share, 1.0)
+            return np.asarray(-stiffness * tangent * (1.0 - stuck + stuck * stuck / 3.0) / np.maximum(share, 1.0))
         shape, bend = p[f"shape_{axle}"], p[f"curvature_{axle}"]
         slope = stiffness / (shape * peak) * slip
-        return -peak * np.sin(shape * np.arctan(slope - bend * (slope - np.arctan(slope))))
+        return np.asarray(-peak * np.sin(shape * np.arctan(slope - bend * (slope - np.arctan(slope)))))
 
     def _accelerations(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
         """Lateral acceleration of the centre of mass [m/s²] and yaw acceleration [rad/s²]."""
         front, rear, delta = self._forces(x, u, p)
         front = front * np.cos(delta)
-        side, turn = (front + rear) / p["mass"], (p["front_length"] * front - p["rear_length"] * rear) / p["yaw_inertia"]
+        side, turn = (
+            (front + rear) / p["mass"],
+            (p["front_length"] * front - p["rear_length"] * rear) / p["yaw_inertia"],
+        )
         vx, low = u[1], self._v1
         part = (vx * vx - low * low) / (8.0 * low * low)
         if np.min(part) >= 1.0:
@@ -215,7 +296,11 @@ class SingleTrackModel(Model):
         spin = v * delta / (a + b)
         seen = drive.outputs.get("yaw_rate")
         if seen is not None:
-            spin = np.where(np.isfinite(seen[rows]), seen[rows], spin)
+            near = np.clip(rows, 3, drive.size - 4)[:, None] + np.arange(-3, 4)  # a glitch is no state
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # nothing but gaps
+                middle = np.nanmedian(seen[near], axis=1)
+            spin = np.where(np.isfinite(middle), middle, spin)
         side = b * spin - m * a * v * v * spin / ((a + b) * p["cornering_stiffness_rear"])
         found = [side, spin]
         if self._roll:
@@ -253,7 +338,9 @@ class SingleTrackModel(Model):
     def remedy(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         stiff = {"cornering_stiffness_front", "cornering_stiffness_rear"}
-        if names & {"friction_front", "friction_rear"} or any(name.startswith(("shape", "curvature")) for name in names):
+        if names & {"friction_front", "friction_rear"} or any(
+            name.startswith(("shape", "curvature")) for name in names
+        ):
             return "drive a ramp of the steering to the limit of the tyres"
         if "steering_ratio" in names:
             return "do slow turns and fast turns: the ratio shows at walking pace, the stiffness at speed"

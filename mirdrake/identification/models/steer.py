@@ -20,14 +20,41 @@ def steering_parameters(channel: str) -> tuple[Parameter, ...]:
     low, high = (0.3, 3.0) if wheels else (0.02, 100.0)
     return (
         Parameter(
-            "steering_ratio", unit, f"{channel} over the angle of the front wheels", _RATIO[channel], low, high,
-            free=not wheels, usual=1.0, source="the channel is the angle of the wheels" if wheels else "",
+            "steering_ratio",
+            unit,
+            f"{channel} over the angle of the front wheels",
+            _RATIO[channel],
+            low,
+            high,
+            free=not wheels,
+            usual=1.0,
+            source="the channel is the angle of the wheels" if wheels else "",
         ),
-        Parameter("steering_offset", "rad", "angle of the wheels at zero of the channel", 0.0, -0.2, 0.2, True, 0.01, usual=5.0),
+        Parameter(
+            "steering_offset",
+            "rad",
+            "angle of the wheels at zero of the channel",
+            0.0,
+            -0.2,
+            0.2,
+            True,
+            0.01,
+            usual=5.0,
+        ),
         Parameter("steering_delay", "s", "dead time of the steering", 0.02, -0.1, 0.5, True, 0.05, usual=2.0),
         Parameter("steering_lag", "s", "time constant of the steering", 0.0, 0.0, 1.0, False, 0.05, usual=2.0),
-        Parameter("steering_backlash", "rad", "play, as angle of the wheels from end to end", 0.0, 0.0, 0.1, False, 0.002, usual=5.0),
-    )  # fmt: skip
+        Parameter(
+            "steering_backlash",
+            "rad",
+            "play, as angle of the wheels from end to end",
+            0.0,
+            0.0,
+            0.1,
+            False,
+            0.002,
+            usual=5.0,
+        ),
+    )
 
 
 def steering_angle(p: Mapping[str, float], drive: Drive, channel: str, times: Array) -> Array:

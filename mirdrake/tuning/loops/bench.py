@@ -1,4 +1,4 @@
-"""The full plant as a bench: trials, and a process for experiments. Built once; gains and conditions go to a Context."""
+"""The full plant as a bench: trials and experiments. Built once; gains and conditions go to a Context."""
 
 import math
 from collections.abc import Mapping

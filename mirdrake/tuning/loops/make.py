@@ -24,7 +24,7 @@ _TORQUE = {
     "pedals": {"kp": "1/s", "ki": "1/s²"},
 }
 SLOPE = 0.6
-"""Slope of the speed's set-point [m/s²]: what one driven axle can give on a road with friction 0.3 that climbs by 5°."""
+"""Slope of the speed's set-point [m/s²]: one driven axle can give it at a friction of 0.3 on a climb of 5°."""
 
 EVEN = {"wheel_speed": 10.0, "speed": 10.0, "steering": 3.0}
 """Speed of the car before the step [m/s], unless the file says; a small car takes less."""
@@ -190,7 +190,7 @@ def _model(spec: TuningSpec) -> str:
     from mirdrake.diagram_spec import _absolute
 
     name, mark, variant = str(spec.vehicle).partition("@")
-    return name if spec.folder is None else f"{_absolute(name, _path(spec))}{mark}{variant}"
+    return str(spec.vehicle) if spec.folder is None else f"{_absolute(name, _path(spec))}{mark}{variant}"
 
 
 def _world(spec: TuningSpec) -> str:

@@ -26,6 +26,7 @@ from mirdrake.studies.knobs import GAINS, find_knobs
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.spec import DiagramLoop, TuningSpec
+from mirdrake.worlds import load_world
 from mirdrake.yaml_io import where
 
 LOOK = 0.2
@@ -77,8 +78,8 @@ def make_signal_loop(spec: TuningSpec) -> LoopSpec:
         output_unit="" if own else "m",
         effort_unit="" if own else "rad",
         course={
-            "step": 1.0 if test.step is None else test.step,
-            "step_time": test.step_time,
+            "step": (1.0 if own else 0.5) if test.step is None else test.step,
+            "step_time": test.step_time if own else 0.0,
             "load": 0.0,
             "load_time": test.duration,
             "duration": test.duration,
@@ -132,10 +133,14 @@ def _path_loop(spec: TuningSpec) -> DiagramLoop:  # noqa: ARG001
 
 def _path_diagram(spec: TuningSpec) -> dict[str, Any]:
     world = "test_track" if spec.world == "empty" else spec.world
+    starts = load_world(world, where=where(spec, "world")).starts
+    start = next(iter(starts.values()))
+    aside = 0.5 if spec.test.step is None else spec.test.step
+    place = {"x": start.x - aside * math.sin(start.yaw), "y": start.y + aside * math.cos(start.yaw), "yaw": start.yaw}
     return {
         "name": spec.name,
         "world": world,
-        "vehicles": {"ego": {"model": str(spec.vehicle)}},
+        "vehicles": {"ego": {"model": str(spec.vehicle), "start": place, "speed": spec.test.speed or 5.0}},
         "control": {"ego": {"kind": "path_tracking", "speed": spec.test.speed or 5.0}},
         "plant": {"contact": "point", **spec.plant.model_dump(exclude_unset=True)},
         "duration": spec.test.duration,

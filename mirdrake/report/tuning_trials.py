@@ -1,0 +1,110 @@
+"""Charts of the trials of a tuning study: the Pareto front of two figures, and parallel coordinates."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from mirdrake.report.svg import SCALE_STEPS, THEME
+from mirdrake.report.tuning_axes import HALF, SCALE, Array, Shown, add_axes, colour_bounds, embed, label, new_figure
+from mirdrake.report.words import tell
+from mirdrake.studies.fronts import find_knee, pareto_front
+
+
+def draw_front(
+    trials: pd.DataFrame, x: tuple[str, str], y: tuple[str, str], marks: Sequence[tuple[Shown, tuple[float, float]]]
+) -> Markup:
+    """Two figures of all trials against one another, the front of those that none beats in both, and its knee.
+
+    Args:
+        trials: with both figures.
+        x: column and label of the horizontal axis.
+        y: of the vertical one.
+        marks: candidates and where they are.
+    """
+    values = trials[[x[0], y[0]]].to_numpy(dtype=float)
+    keep = np.isfinite(values).all(axis=1)
+    values, allowed = values[keep], trials["feasible"].to_numpy(dtype=bool)[keep]
+    figure = new_figure(HALF, 360.0)
+    axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
+    axes.plot(*values[~allowed].T, marker="o", markersize=3.6, markerfacecolor="none", linestyle="none",
+              markeredgecolor=THEME["edge"], markeredgewidth=0.9)  # fmt: skip
+    axes.plot(
+        *values[allowed].T, marker="o", markersize=3.8, markeredgewidth=0.0, linestyle="none", color=THEME["own2"]
+    )
+    if len(values):
+        front = values[pareto_front(values)]
+        front = front[np.argsort(front[:, 0])]
+        axes.plot(*front.T, color=THEME["ink"], linewidth=1.3, drawstyle="steps-post")
+        knee = front[find_knee(front)]
+        axes.plot(*knee, marker="D", markersize=9.0, color=THEME["own3"], linestyle="none", zorder=4)
+        axes.annotate("knee", knee, xytext=(9, 7), textcoords="offset points", color=THEME["own3"], fontsize=12.0)
+        _trim(axes, values, front, [at for _, at in marks])
+    for one, at in marks:
+        if all(map(math.isfinite, at)):
+            axes.plot(*at, marker="o", markersize=9.0, markerfacecolor="none", markeredgewidth=2.6,
+                      markeredgecolor=THEME[one.colour], linestyle="none", zorder=5)  # fmt: skip
+    label(axes, x[1], y[1])
+    return embed(figure, "front", f"{y[1]} against {x[1]}")
+
+
+def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs: Sequence[bool]) -> Markup:
+    """A line per trial through its gains and figures, coloured by cost; what is not feasible is grey.
+
+    Args:
+        trials: with the columns, cost and feasible.
+        columns: names and labels, from left to right.
+        logs: whether an axis is logarithmic.
+    """
+    rows = trials[np.isfinite(trials[[name for name, _ in columns]].to_numpy(dtype=float)).all(axis=1)]
+    rows = rows[np.isfinite(rows["cost"].to_numpy(dtype=float))].sort_values("cost", ascending=False)
+    figure = new_figure(HALF, 360.0)
+    axes = figure.add_axes((30.0 / HALF, 62.0 / 360.0, (HALF - 60.0) / HALF, (360.0 - 96.0) / 360.0))
+    axes.set_axis_off()
+    if len(rows) > 300:
+        rows = pd.concat([rows.iloc[:: max(1, len(rows) // 200)], rows.tail(100)]).drop_duplicates()
+    scaled = []
+    for place, ((name, title), log) in enumerate(zip(columns, logs, strict=True)):
+        values = rows[name].to_numpy(dtype=float)
+        log = log and bool((values > 0.0).all())
+        inside = np.log10(values) if log else values
+        # The worst tenth of a figure runs into the top, so that the rest is told apart.
+        low, high = float(inside.min()), float(inside.max() if log else np.quantile(inside, 0.9))
+        scaled.append(np.clip((inside - low) / ((high - low) or 1.0), 0.0, 1.0))
+        ends = (10.0**low, 10.0**high) if log else (low, high)
+        more = "≥ " if not log and float(inside.max()) > high else ""
+        axes.plot([place, place], [0.0, 1.0], color=THEME["muted"], linewidth=1.0)
+        for height, text, where in ((-0.03, tell(ends[0]), "top"), (1.03, more + tell(ends[1]), "bottom")):
+            axes.text(place, height, text, ha="center", va=where, color=THEME["muted"], fontsize=11.0)
+        axes.text(place, -0.14, title, ha="center", va="top", fontsize=12.0)
+    lines = np.array(scaled).T
+    feasible = rows["feasible"].to_numpy(dtype=bool)
+    good = rows["cost"].to_numpy(dtype=float)[feasible]
+    bounds = colour_bounds(good) if len(good) else np.zeros(0)
+    for line, kept, cost in zip(lines, feasible, rows["cost"].to_numpy(dtype=float), strict=True):
+        if not kept:
+            axes.plot(line, color=THEME["grid"], linewidth=0.9, zorder=1.0)
+            continue
+        step = int(np.clip(np.searchsorted(bounds, cost, side="right") - 1, 0, SCALE_STEPS - 1))
+        axes.plot(line, color=SCALE[step], linewidth=1.1, zorder=2.0)
+    if len(rows):
+        best = np.flatnonzero(feasible)[-1] if feasible.any() else len(rows) - 1
+        axes.plot(lines[best], color=THEME["main"], linewidth=2.6, zorder=3.0)
+    axes.set_xlim(-0.1, len(columns) - 0.9)
+    axes.set_ylim(-0.02, 1.02)
+    return embed(figure, "parallel", "Gains and figures of all trials as parallel coordinates")
+
+
+def _trim(axes: Axes, values: Array, front: Array, marks: Sequence[tuple[float, float]]) -> None:
+    """Frame the front, the better of the trials, and marks that are not far off."""
+    for place, name in ((0, "x"), (1, "y")):
+        low = float(values[:, place].min())
+        high = max(float(np.quantile(values[:, place], 0.8)), float(front[:, place].max()) if len(front) < 50 else low)
+        high = min(high, low + 6.0 * (float(np.median(values[:, place])) - low) or high)
+        near = [at[place] for at in marks if math.isfinite(at[place]) and at[place] < low + 4.0 * (high - low)]
+        low, high = min([low, *near]), max([high, *near])
+        room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+        getattr(axes, f"set_{name}lim")(low - room, high + room)

@@ -1,0 +1,62 @@
+"""``mirdrake tune``."""
+
+from pathlib import Path
+
+import pytest
+
+from mirdrake.cli import main
+
+SHORT = """\
+mirdrake: tuning/1
+vehicle: bolt
+loop: {loop}
+test: {{duration: 4, load_time: 3.5, step: 1}}
+search: {{trials: 6, confirm: 1}}
+constraints: {{overshoot_percent: 20, ms: 1.8}}
+robustness: {{runs: 0}}
+"""
+
+
+def write(folder: Path, text: str) -> str:
+    path = folder / "study.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = write(tmp_path, SHORT.format(loop="sped"))
+    assert main(["tune", study, "--out", str(tmp_path / "out")]) == 2
+    assert "study.yaml:3: loop: 'sped' is not allowed" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_options_stand_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = write(tmp_path, SHORT.format(loop="speed"))
+    out = str(tmp_path / "out")
+    for words in (
+        ["tune", study, "--set", "cost.iea=1", "--out", out, "--workers", "0"],
+        ["tune", "--set", "cost.iea=1", "--out", out, study, "--workers", "0"],
+    ):
+        assert main(words) == 2
+        assert "no figure 'iea'" in capsys.readouterr().err
+
+
+def test_a_missing_study(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", "nowhere.yaml"]) == 2
+    assert "nowhere.yaml" in capsys.readouterr().err
+
+
+def test_apply_is_dispatched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", "apply", str(tmp_path), "--dry-run"]) == 2
+    assert "not a tuning result" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_study_is_tuned_shown_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = write(tmp_path, SHORT.format(loop="speed"))
+    out = tmp_path / "out"
+    assert main(["tune", study, "--workers", "0", "--out", str(out)]) in (0, 1)
+    shown = capsys.readouterr().out
+    assert "best" in shown
+    assert "IAE over that of the baseline" in shown
+    assert (out / "tuning.html").is_file()

@@ -1,0 +1,194 @@
+"""Loops to tune: blocks against their definition, the reduced model against the plant, conditions, refusals."""
+
+import math
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.loops.base import Conditions, LoopSpec
+from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
+from mirdrake.tuning.loops.evaluate import LoopEvaluator
+from mirdrake.tuning.loops.judge import judge
+from mirdrake.tuning.loops.make import check_names, make_loop_spec
+from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
+from mirdrake.tuning.spec import TuningSpec, make_tuning
+from mirdrake.yaml_io import parse_yaml
+
+BOTH = "vehicle: bolt\nloop: speed\n"
+BOLT = {"kp": 250.0, "ki": 100.0, "kd": 20.0}
+
+
+def speed_loop(**test: Any) -> LoopSpec:
+    return make_loop_spec(make_tuning({"vehicle": "bolt", "loop": "speed", "test": {"duration": 4.0, **test}}))
+
+
+def with_model(spec: LoopSpec) -> LoopSpec:
+    """The Bolt's loop with the model that its mass gives: torque on two wheels to wheel speed."""
+    mass, radius = 1616.0, 0.3012
+    options = spec.options | {
+        "scale": 1.0 / radius, "slope": 0.6, "slope_down": 0.6, "push": mass * radius / 2, "limit": 1269.0,
+        "drag": 0.0, "weight": mass * 9.80665 * radius / 2,
+    }  # fmt: skip
+    main = {"numerator": [2.0 / (mass * radius**2)], "denominator": [1.0, 0.006], "delay": 0.06}
+    return replace(spec, options=options, models={"main": main})
+
+
+def late_output(delay: float, *, excitation: float = 0.0, load: float = 0.0) -> list[float]:
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([2.0]))
+    late = builder.AddSystem(LateActuator(1, 0.1))
+    builder.Connect(source.get_output_port(), late.u)
+    log = LogVectorOutput(late.y, builder, publish_period=0.1)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    late.set_delay(late.GetMyContextFromRoot(context), delay)
+    late.excite(late.GetMyContextFromRoot(context), [excitation])
+    late.load(late.GetMyContextFromRoot(context), [load])
+    simulator.AdvanceTo(0.95)
+    return [round(float(value), 9) for value in log.FindLog(context).data()[0]]
+
+
+def test_a_late_actuator_passes_through_without_delay() -> None:
+    assert late_output(0.0)[1:] == [2.0] * 9
+
+
+def test_a_late_actuator_is_late_by_whole_and_parts_of_periods() -> None:
+    assert late_output(0.3)[1:6] == [0.0, 0.0, 0.0, 2.0, 2.0] or late_output(0.3)[1:6] == [0.0, 0.0, 2.0, 2.0, 2.0]
+    whole, part = late_output(0.3), late_output(0.25)
+    first = whole.index(2.0)
+    assert part[first - 1] == 1.0
+    assert part[first] == 2.0
+
+
+def test_load_comes_behind_the_delay_and_excitation_before() -> None:
+    assert late_output(0.3, load=1.0)[2] == 1.0
+    assert late_output(0.3, excitation=1.0)[2] == 0.0
+    assert late_output(0.3, excitation=1.0)[-1] == 3.0
+
+
+def test_a_delay_beyond_the_longest_is_refused() -> None:
+    with pytest.raises(ConfigError, match="delay"):
+        late_output(0.6)
+
+
+def test_noise_is_where_it_shall_be() -> None:
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([1.0, 1.0]))
+    noisy = builder.AddSystem(NoisySensor(2, 0.1))
+    builder.Connect(source.get_output_port(), noisy.u)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own = noisy.GetMyMutableContextFromRoot(context)
+    noisy.set_noise(own, [1], np.array([0.5, -0.5]))
+    assert noisy.y.Eval(own).tolist() == [1.0, 1.5]
+    context.SetTime(0.1)
+    assert noisy.y.Eval(own).tolist() == [1.0, 0.5]
+    with pytest.raises(ConfigError, match="places"):
+        noisy.set_noise(own, [2], np.zeros(1))
+
+
+def course() -> dict[str, Any]:
+    return {"speed": 0.0, "step": 1.0, "step_time": 0.5, "load": 0.0, "load_time": 6.0, "duration": 10.0}
+
+
+def test_a_swing_that_stays_is_unstable_and_one_that_dies_is_not() -> None:
+    t = np.arange(0.0, 10.0, 0.02)
+    one = np.ones_like(t)
+    stays = judge(t, one, one + 0.3 * np.sin(5.0 * t), one, course=course())
+    dies = judge(t, one, one + np.exp(-0.4 * t) * np.sin(5.0 * t), one, course=course())
+    slow = judge(t, one, 1.0 - np.exp(-0.05 * t), one, course=course())
+    assert (stays.status, dies.status, slow.status) == ("unstable", "ok", "ok")
+    assert judge(t, one, np.where(t > 5.0, np.nan, 1.0), one, course=course()).status == "unstable"
+    assert judge(t, one, one, one, course=course(), others=(np.sin(5.0 * t),)).status == "unstable"
+
+
+def test_figures_of_a_first_order_response() -> None:
+    t = np.arange(0.0, 10.0, 0.001)
+    output = np.where(t < 0.5, 0.0, 1.0 - np.exp(-(t - 0.5)))
+    figures = judge(t, np.ones_like(t), output, np.zeros_like(t), course=course()).figures
+    assert figures["iae"] == pytest.approx(1.0, rel=1e-3)
+    assert figures["rise_time"] == pytest.approx(math.log(9.0), rel=1e-2)
+    assert figures["overshoot_percent"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_reduced_margins_are_those_of_an_integrator_with_delay() -> None:
+    spec = with_model(speed_loop())
+    model = spec.models["main"]
+    gain = 0.5 / (0.06 + 0.01) / model["numerator"][0]  # SIMC's gain: Ms 1.59 without integral part
+    assert find_loop_margins(spec, {"kp": gain, "ki": 0.0, "kd": 0.0})["ms"] == pytest.approx(1.59, abs=0.05)
+    assert run_reduced(spec, {"kp": 5.0 * gain, "ki": 0.0, "kd": 0.0}).status == "unstable"
+
+
+def test_reduced_model_and_plant_agree() -> None:
+    evaluate = LoopEvaluator(with_model(speed_loop()))
+    reduced, plant = evaluate(BOLT, fidelity="reduced"), evaluate(BOLT)
+    assert reduced.status == plant.status == "ok"
+    assert reduced.figures["iae"] == pytest.approx(plant.figures["iae"], rel=0.25)
+
+
+def test_conditions_change_the_context_only() -> None:
+    evaluate = pickle.loads(pickle.dumps(LoopEvaluator(with_model(speed_loop(duration=2.0)))))
+    first = evaluate(BOLT).figures["iae"]
+    for other in (Conditions(mass=1.2), Conditions(delay=0.1), Conditions(grade=0.05), Conditions(friction=0.4)):
+        assert evaluate(BOLT, other).status == "ok"
+    assert evaluate(BOLT, Conditions(grade=0.05)).figures["iae"] > 2.0 * first
+    assert evaluate(BOLT).figures["iae"] == first
+    assert evaluate({**BOLT, "kp": math.nan}).status == "unstable"
+    assert evaluate({"kq": 1.0}).status == "failed"
+
+
+def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
+    evaluate = LoopEvaluator(speed_loop(duration=6.0, step=0.0001, load=0.0), keep=True)
+    gains = {"kp": 400.0, "ki": 400.0, "kd": 0.0}
+    flat, steep = (evaluate(gains, Conditions(grade=grade)).response for grade in (0.0, 0.04))
+    assert flat is not None
+    assert steep is not None
+    rise = float(steep["effort"].iloc[-20:].mean() - flat["effort"].iloc[-20:].mean())
+    assert rise == pytest.approx(1616.0 * 9.80665 * math.sin(0.04) * 0.3012 / 2, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (BOTH + "search:\n  ranges:\n    kq: {low: 1, high: 2}", "t.yaml:5: search.ranges.kq: no gain 'kq'"),
+        (BOTH + "search:\n  ranges:\n    kp: {low: 2, high: 2}", "t.yaml:5: search.ranges.kp: the range"),
+        ("vehicle: bolt\nloop: speed\nbaseline: {kpp: 3}", "t.yaml:3: baseline.kpp: no gain"),
+        ("vehicle: bolt\nloop: speed\ncost:\n  iaee: 1", "t.yaml:4: cost.iaee: no figure 'iaee'; did you mean 'iae'"),
+        ("vehicle: blot\nloop: speed", "t.yaml:1: vehicle"),
+        ("vehicle: bolt@handling\nloop: wheel_speed", "t.yaml:2: loop: bolt@handling is driven by pedals"),
+        ("loop: speed", "needs a vehicle"),
+        (
+            "loop:\n  diagram: bolt_skidpad\n  reference: 0\n  output: ego.lateral_eror\n"
+            "  effort: ego.steering_setpoint\n  knobs: [ego.driver.damping]",
+            "t.yaml:4: loop.output: no signal 'ego.lateral_eror' is logged; did you mean 'ego.lateral_error'",
+        ),
+        (
+            "loop:\n  diagram: bolt_skidpad\n  reference: 0\n  output: ego.lateral_error\n"
+            "  effort: ego.steering_setpoint\n  knobs: [ego.driver.dampin]",
+            "t.yaml:6: loop.knobs.0: no knob 'ego.driver.dampin'",
+        ),
+    ],
+)  # fmt: skip
+def test_faults_are_told_with_file_and_line(text: str, says: str) -> None:
+    def check() -> None:
+        spec = parse_yaml(text, TuningSpec, name="t.yaml")
+        check_names(spec, make_loop_spec(spec))
+
+    with pytest.raises(ConfigError) as error:
+        check()
+    assert says in str(error.value)
+
+
+def test_a_path_is_a_loop() -> None:
+    spec = make_loop_spec(make_tuning({"vehicle": "bolt", "loop": "path", "test": {"duration": 4.0}}))
+    evaluate = LoopEvaluator(spec)
+    soft, firm = (evaluate({"ego.driver.convergence_time": time, "ego.driver.damping": 1.0}) for time in (1.5, 0.6))
+    assert firm.figures["iae"] < 0.7 * soft.figures["iae"]
