@@ -56,7 +56,7 @@ def run_in_turn(*, duration: float, repeat: int) -> dict[str, Any]:
         same turn, too (``ours_over_it``).
     """
     things = obstacles()
-    drawing: dict[str, Callable[[], Times]] = {
+    drawing: dict[str, Callable[[], Drawn]] = {
         "color_and_depth": partial(_draw_ours, duration),
         "depth": partial(_draw_ours, duration, color=False),
     }

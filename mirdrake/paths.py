@@ -1,9 +1,9 @@
-"""Where models, worlds and diagrams are found.
+"""Where models, worlds, diagrams and studies are found.
 
 A name is looked up, first match wins, as
 
 1. a path as it stands (absolute, or relative to the working directory),
-2. ``<folder>/{models,worlds,diagrams}/<name>`` in each folder of the environment variable ``MIRDRAKE_PATH``,
+2. ``<folder>/{models,worlds,diagrams,studies}/<name>`` in each folder of the environment variable ``MIRDRAKE_PATH``,
 3. the same below the working directory,
 4. the data shipped with mirdrake.
 """
@@ -17,7 +17,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def data_root() -> Path:
-    """Folder that holds models/, worlds/ and diagrams/: share/ when installed, else the checkout."""
+    """Folder that holds models/, worlds/, diagrams/ and studies/: share/ when installed, else the checkout."""
     share = _PACKAGE / "share"
     return share if share.is_dir() else _PACKAGE.parent
 
@@ -26,7 +26,7 @@ def search_folders(kind: str) -> list[Path]:
     """The existing folders in which names of one kind are looked up, first one first.
 
     Args:
-        kind: "models", "worlds" or "diagrams".
+        kind: "models", "worlds", "diagrams" or "studies".
     """
     entries = os.environ.get("MIRDRAKE_PATH", "").split(os.pathsep)
     roots = [Path(os.path.expanduser(entry)) for entry in entries if entry]
@@ -43,7 +43,7 @@ def names(kind: str) -> dict[str, Path]:
     """All names of one kind with their files (for models: their folders), sorted by name.
 
     Args:
-        kind: "models", "worlds" or "diagrams".
+        kind: "models", "worlds", "diagrams" or "studies".
     """
     found: dict[str, Path] = {}
     for folder in search_folders(kind):
@@ -60,14 +60,14 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
     """The file (for models: the folder) that a name stands for.
 
     Args:
-        kind: "models", "worlds" or "diagrams".
+        kind: "models", "worlds", "diagrams" or "studies".
         name: a bare name or a path.
         where: prefix of the error message, for example ``"drive.yaml:3: world"``.
 
     Raises:
         ConfigError: nothing has that name.
     """
-    one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram"}[kind]
+    one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram", "studies": "study"}[kind]
     prefix = f"{where}: " if where else ""
     as_path = Path(os.path.expanduser(name))  # leaves "~nobody" alone, where Path.expanduser raises
     is_yaml = as_path.suffix in {".yaml", ".yml"}

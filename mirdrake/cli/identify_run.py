@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from mirdrake.errors import RunError
+from mirdrake.paths import find
 from mirdrake.yaml_io import shown
 
 HELP = "do an identification study; 'run' may be left out"
@@ -33,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.identification.study import load_identification
     from mirdrake.simulation import default_folder
 
-    path = Path(options.study)
+    path = find("studies", options.study)
     spec = load_identification(path, overrides=options.set)
     folder = options.out or default_folder(spec.name)
     if folder.exists() and any(folder.iterdir()):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mirdrake.cli.verb import add_set
 from mirdrake.errors import ConfigError, MissingDependencyError
+from mirdrake.paths import find
 from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
@@ -58,9 +59,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError("--workers and --scheduler exclude each other; Dask's workers are started by Dask")
     from mirdrake.studies import load_study, run_study
 
-    if not Path(options.study).is_file():
-        raise ConfigError(f"{options.study}: no such file; a study file is needed, see mirdrake study --help")
-    spec = load_study(Path(options.study), overrides=options.set)
+    spec = load_study(find("studies", options.study), overrides=options.set)
     folder = options.out or Path("runs") / spec.name
     with _executor(options.scheduler) as executor:
         result = run_study(

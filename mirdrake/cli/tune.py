@@ -8,6 +8,7 @@ from typing import Any
 
 from mirdrake.cli import tune_apply
 from mirdrake.errors import MissingDependencyError
+from mirdrake.paths import find
 
 HELP = "tune the gains of a loop: identify, rules, search, robustness; apply writes them into control.yaml"
 MORE = """\
@@ -63,7 +64,7 @@ def _given(options: argparse.Namespace) -> list[str]:
 def _tune(options: argparse.Namespace) -> int:
     from mirdrake.tuning.spec import load_tuning
 
-    spec = load_tuning(options.study, overrides=options.set)
+    spec = load_tuning(find("studies", options.study), overrides=options.set)
     from mirdrake.tuning.tune import StoppedError, tune
 
     folder = options.out or Path("runs") / f"tune-{spec.name}"
@@ -91,11 +92,8 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def _report(result: Any) -> None:
-    """The page, where its writer is there."""
-    try:
-        from mirdrake.report.tuning import write_tuning_report
-    except ImportError:
-        return
+    from mirdrake.report.tuning import write_tuning_report  # Matplotlib takes half a second
+
     write_tuning_report(result.folder)
 
 
