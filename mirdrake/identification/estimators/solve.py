@@ -175,7 +175,7 @@ def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, 
     inside = measured / np.outer(size, size)
     noise = long_run(series / size, groups)
     noise *= problem.samples / max(problem.samples - problem.size, 1)
-    noise = _at_least(noise, 0.5 * inside)
+    noise = _at_least(noise, inside)
     effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
     spread = _inverse(effective + prior)[:p, :p]
     influence = series @ inverse[:, :p]
