@@ -18,11 +18,15 @@ if TYPE_CHECKING:
     from mirdrake.controllers import AckermannSteering, DiscretePid, PathTracker
     from mirdrake.diagram import load_diagram, make_diagram
     from mirdrake.errors import MirdrakeError
+    from mirdrake.identification import check_data, load_data, load_identification
+    from mirdrake.identification.identify import identify
     from mirdrake.logs import Run, load_run
     from mirdrake.plant import add_vehicle, add_world, make_plant
     from mirdrake.report import write_report
     from mirdrake.simulation import simulate
+    from mirdrake.studies import run_study
     from mirdrake.suites import collect_cases, run_suite
+    from mirdrake.tuning.tune import tune
     from mirdrake.vehicles import load_vehicle
     from mirdrake.world_checks import check_world
     from mirdrake.world_files import build_world
@@ -38,17 +42,23 @@ __all__ = [  # the order of code points, capitals first; every name also stands 
     "add_vehicle",
     "add_world",
     "build_world",
+    "check_data",
     "check_world",
     "collect_cases",
+    "identify",
     "import_world",
+    "load_data",
     "load_diagram",
+    "load_identification",
     "load_run",
     "load_vehicle",
     "load_world",
     "make_diagram",
     "make_plant",
+    "run_study",
     "run_suite",
     "simulate",
+    "tune",
     "write_report",
 ]
 
@@ -61,17 +71,23 @@ _HOME = {
     "add_vehicle": "plant",
     "add_world": "plant",
     "build_world": "world_files",
+    "check_data": "identification",
     "check_world": "world_checks",
     "collect_cases": "suites",
+    "identify": "identification.identify",
     "import_world": "world_importing",
+    "load_data": "identification",
     "load_diagram": "diagram",
+    "load_identification": "identification",
     "load_run": "logs",
     "load_vehicle": "vehicles",
     "load_world": "worlds",
     "make_diagram": "diagram",
     "make_plant": "plant",
+    "run_study": "studies",
     "run_suite": "suites",
     "simulate": "simulation",
+    "tune": "tuning.tune",
     "write_report": "report",
 }
 

@@ -19,7 +19,8 @@ PACKAGE = ROOT / "mirdrake"
 MODULES = (
     "vehicles", "vehicles.inspection", "vehicles.importing", "worlds", "plant", "tyres", "suspension", "aerodynamics",
     "powertrain", "controllers", "sensors", "signals", "diagram", "blocks", "perception", "single_track", "simulation",
-    "logs", "requirements", "testing", "gym", "manoeuvres", "studies", "tuning", "identification", "suites",
+    "logs", "requirements", "testing", "gym", "manoeuvres", "studies", "tuning", "tuning.tune", "identification",
+    "identification.identify", "suites",
     "world_checks", "world_importing", "viewer", "viewer.inline", "report", "export", "workflow", "world_files",
     "schemas",
 )  # fmt: skip
@@ -56,9 +57,9 @@ def names_of_mirdrake() -> dict[str, str]:
 def write_page(text: str) -> str:
     """A page with both lists filled in."""
     rows = ["| name | stage | module | what |", "|---|---|---|---|"]
-    for name, module in sorted(names_of_mirdrake().items(), key=lambda item: (STAGES[item[1]], item[0])):
+    for name, module in sorted(names_of_mirdrake().items(), key=lambda item: (_stage(item[1]), item[0])):
         words = dict(public_names(module)).get(name, "")
-        rows.append(f"| `{name}` | {STAGES[module]} | `mirdrake.{module}` | {words} |")
+        rows.append(f"| `{name}` | {_stage(module)} | `mirdrake.{module}` | {words} |")
     text = _fill(text, "public names", rows)
     rows = ["| stage | module | what | names |", "|---|---|---|---|"]
     for module in sorted(MODULES, key=lambda module: (STAGES.get(module.split(".")[0], 9), module)):
@@ -71,6 +72,10 @@ def _fill(text: str, mark: str, rows: list[str]) -> str:
     pattern = re.compile(rf"(<!-- {mark} -->\n)(?:\|[^\n]*\n)*")
     assert pattern.search(text), f"the page has no mark {mark}"
     return pattern.sub(lambda match: match.group(1) + "\n".join(rows) + "\n", text)
+
+
+def _stage(module: str) -> int:
+    return STAGES[module.split(".")[0]]
 
 
 def _file(module: str) -> Path:
