@@ -1,7 +1,6 @@
 """What a person sees: recording.html and report.html, opened offline in a browser without a screen."""
 
 import io
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,13 +19,7 @@ from mirdrake.viewer import FollowCamera
 from mirdrake.viewer.meshcat import chase
 from mirdrake.viewer.recording import smooth_headings
 from mirdrake.workflow import run_diagram
-
-CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
-
-needs_browser = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not (os.access(CHROMIUM, os.X_OK) and os.access(DRIVER, os.X_OK)), reason=f"needs {CHROMIUM}"),
-]
+from tests.chromium import NEEDS_BROWSER, open_browser
 
 Picture = NDArray[np.uint8]
 
@@ -49,28 +42,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Headless Chromium with software rendering and without a network."""
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--use-gl=angle",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--disable-dev-shm-usage",
-        "--window-size=900,600",
-        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
-        "--proxy-server=127.0.0.1:9",  # nobody listens there: whatever is not in the file fails to load
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    driver.set_page_load_timeout(120)
-    driver.set_script_timeout(120)
-    yield driver
-    driver.quit()
+    """Headless Chromium."""
+    with open_browser(tmp_path_factory.mktemp("chromium")) as driver:
+        yield driver
 
 
 def picture(browser: Any) -> Picture:
@@ -112,7 +86,7 @@ def frames(run: Run, browser: Any) -> Callable[[float], Picture]:
 class TestBrowser:
     """With a browser."""
 
-    pytestmark = needs_browser
+    pytestmark = NEEDS_BROWSER
 
     def test_the_recording_opens_offline_and_is_not_blank(
         self, frames: Callable[[float], Picture], browser: Any

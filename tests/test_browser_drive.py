@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import re
 import signal
 import subprocess
@@ -20,13 +19,9 @@ from PIL import Image
 from mirdrake.logs import load_run
 from mirdrake.simulation import simulate
 from mirdrake.viewer import write_recording
+from tests.chromium import NEEDS_BROWSER, open_browser
 
-CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not (os.access(CHROMIUM, os.X_OK) and os.access(DRIVER, os.X_OK)), reason=f"needs {CHROMIUM}"),
-]
+pytestmark = NEEDS_BROWSER
 
 Picture = NDArray[np.uint8]
 Told = dict[str, Any]
@@ -88,28 +83,9 @@ class Page:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Headless Chromium with software rendering."""
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--use-gl=angle",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--disable-dev-shm-usage",
-        "--hide-scrollbars",
-        "--window-size=1280,800",
-        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    driver.set_page_load_timeout(60)
-    driver.set_script_timeout(60)
-    yield driver
-    driver.quit()
+    """Headless Chromium."""
+    with open_browser(tmp_path_factory.mktemp("chromium"), width=1280, height=800, network=True) as driver:
+        yield driver
 
 
 def start(folder: Path, *arguments: str) -> tuple["subprocess.Popen[str]", str]:

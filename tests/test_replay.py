@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import re
 import threading
 import urllib.error
@@ -23,15 +22,9 @@ from mirdrake.logs import Run, load_run
 from mirdrake.simulation import simulate
 from mirdrake.viewer import replay
 from mirdrake.viewer.replay import Replay, write_replay
+from tests.chromium import NEEDS_BROWSER, open_browser
 from tests.recording_rigs import stubs
 from tests.test_recording import drive
-
-CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
-
-needs_browser = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not (os.access(CHROMIUM, os.X_OK) and os.access(DRIVER, os.X_OK)), reason=f"needs {CHROMIUM}"),
-]
 
 
 @pytest.fixture(scope="module")
@@ -122,33 +115,15 @@ def test_what_cannot_be_replayed_is_told(tmp_path: Path, capsys: pytest.CaptureF
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--use-gl=angle",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--disable-dev-shm-usage",
-        "--window-size=900,600",
-        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
-        "--proxy-server=127.0.0.1:9",  # nobody listens there
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    driver.set_page_load_timeout(120)
-    driver.set_script_timeout(120)
-    yield driver
-    driver.quit()
+    """Headless Chromium."""
+    with open_browser(tmp_path_factory.mktemp("chromium")) as driver:
+        yield driver
 
 
 class TestBrowser:
     """With a browser, and without a network."""
 
-    pytestmark = needs_browser
+    pytestmark = NEEDS_BROWSER
 
     def test_the_pictures_follow_the_recording(self, page: Path, browser: Any) -> None:
         from selenium.webdriver.support.ui import WebDriverWait
