@@ -20,7 +20,7 @@ def control(entry: str) -> Any:
 def test_entries_are_laid_over() -> None:
     changed = control("wheel_speed: {gain: 150}")
     assert changed.wheel_speed.gain == 150.0
-    assert changed.steering.stiffness == 5.0e4
+    assert changed.steering.stiffness == 5.0e7
 
 
 def test_another_kind_replaces_the_whole_entry() -> None:

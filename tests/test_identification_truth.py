@@ -1,14 +1,13 @@
-"""Identification held against truths: many noise seeds, other people's multi-body cars, the logs of a real car."""
+"""Identification held against truths: many noise seeds, other people's multi-body cars."""
 
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mirdrake.identification import DataSet, Log, check_data, load_data
-from mirdrake.identification.estimators import EstimatorOptions, fit
+from mirdrake.identification import DataSet, Log
+from mirdrake.identification.estimators import fit
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.online import filter_log
 from mirdrake.identification.parameters import Choice
@@ -20,7 +19,6 @@ from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_dat
 
 CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
 LATERAL = CAR | {"steering_lag": Choice(free=True), "accelerometer_ahead": Choice(free=False)}
-LOGS = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "bmw_m8"
 
 
 def _inside(found, truth, counts):
@@ -97,56 +95,3 @@ def test_axle_stiffnesses_of_a_multi_body_car(tmp_path):
     assert found["cornering_stiffness_front"].value == pytest.approx(axles.front_stiffness, rel=0.15)
     assert found["cornering_stiffness_rear"].value == pytest.approx(axles.rear_stiffness, rel=0.15)
     assert found.channel("yaw_rate", log="ramp").nrmse_percent >= 95.0
-
-
-# --- a real car --------------------------------------------------------------------------------------------------
-
-DATA = """
-mirdrake: data/1
-wheelbase: 2.827 m
-time: {{column: t_s, unit: s}}
-channels:
-  vx: {{column: vx_mps, unit: m/s}}
-  yaw_rate: {{column: yaw_rate_radps, unit: rad/s}}
-  lateral_acceleration: {{column: ay_mps2, unit: m/s^2}}
-  longitudinal_acceleration: {{column: ax_mps2, unit: m/s^2}}
-  steering_command: {{column: steering_signal_rad, unit: "1"}}
-  brake: {{column: brake, unit: "1"}}
-logs:
-  - {{file: {file}, start: {start} s, end: {end} s, name: log}}
-"""
-M8 = {"mass": Choice(fixed=2074.4), "front_length": Choice(fixed=1.331), "rear_length": Choice(fixed=1.496)}
-
-
-def _m8(folder, name, start, end):
-    file = LOGS / f"bmw_m8_{name}_100hz.csv"
-    if not file.exists():
-        pytest.skip("the logs of the real car are not here")
-    (folder / "data.yaml").write_text(DATA.format(file=file, start=start, end=end))
-    return check_data(load_data(folder / "data.yaml")).data
-
-
-def test_a_double_lane_change_of_a_real_car_is_followed_but_gives_no_stiffness(tmp_path):
-    found: Any = fit(_m8(tmp_path, "double_lane_change", 5.0, 15.3), ModelSpec("single_track"), parameters=M8)
-    assert found.channel("yaw_rate", part="train").nrmse_percent >= 93.0
-    for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
-        assert found[name].verdict == "not identifiable"
-        assert "step steer" in found[name].words
-    # Yaw rate is 1.37 times speed · signal / wheelbase: the ratio is the inverse.
-    ratio = found["steering_ratio"]
-    assert ratio.low < 1.0 / 1.37 < ratio.high
-
-
-def test_braking_of_a_real_car_gives_deceleration_lag_and_drag_with_intervals(tmp_path):
-    data = _m8(tmp_path, "braking", 6.3, 9.7)
-    parameters = {"mass": Choice(fixed=2074.4)}
-    options = EstimatorOptions(bootstrap=200)
-    found: Any = fit(data, ModelSpec("longitudinal", {"drive": "none"}), parameters=parameters, options=options)
-    full = found["brake_force"].value / 2074.4
-    assert 9.0 < full < 12.5
-    for name in ("brake_force", "brake_delay", "brake_lag", "drag", "rolling_resistance"):
-        assert found[name].low is not None
-        assert found[name].low < found[name].value < found[name].high or found[name].at_bound
-    assert found["drag"].verdict == "not identifiable"  # three seconds of hard braking
-    assert 0.1 < found["brake_delay"].value + found["brake_lag"].value < 0.6
-    assert found.channel("vx", part="train").nrmse_percent > 95.0

@@ -96,7 +96,7 @@ def test_every_estimate_says_how() -> None:
 
 
 def test_the_estimates_for_the_bolts_data_sheet_are_the_bolt() -> None:
-    """models/bolt: 20 and 10 kg, 2547 kg m² by its parts, 1e7 Pa, 2e5 N/m, 2538 N m, 8000 N m, 1000 N m, 200, 5e4."""
+    """models/bolt: 20 and 10 kg, 2547 kg m² by its parts, 1e7 Pa, 2e5 N/m, 2538 N m, 8000 N m, 1000 N m, 200, 5e7."""
     bolt = estimate(
         mass=1616, wheelbase=2.601, track=1.501, wheel_radius=0.3234, wheel_width=0.215, height=1.595,
         length=4.166, front_axle_share=0.56,
@@ -116,7 +116,7 @@ def test_the_estimates_for_the_bolts_data_sheet_are_the_bolt() -> None:
     assert bolt.steering_effort == pytest.approx(1000, rel=0.03)
     assert bolt.steering_rate == pytest.approx(0.5, rel=0.02)
     assert bolt.wheel_servo_gain == pytest.approx(200, rel=0.02)
-    assert bolt.steering_stiffness == pytest.approx(5e4, rel=0.02)
+    assert bolt.steering_stiffness == pytest.approx(5e7, rel=0.02)
     assert (bolt.speed_kp, bolt.speed_ki, bolt.max_correction) == (1.0, 1.0, 2.0)
 
 

@@ -86,6 +86,8 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
     check = check_data(data)
     _check_alive(check.data)
     kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
+    if kind == "plant" and spec.vehicle is not None:
+        options = {"vehicle": _vehicle_of(folder, spec.vehicle), **options}
     model_spec, asked = ModelSpec(kind, options), {**given, **_fixed_numbers(spec)}
     try:
         model = make_model(model_spec, check.data, asked)
@@ -198,8 +200,7 @@ def _load(spec: StudySpec, folder: Path, file: str) -> DataSet:
 
 def _given(spec: StudySpec, folder: Path, name: str) -> tuple[str, dict[str, float]]:
     """Name of a vehicle, and values of its files by name of the parameter."""
-    beside = folder / name
-    vehicle = load_vehicle(str(beside) if beside.is_dir() else name, where=where(spec, "vehicle"))
+    vehicle = load_vehicle(_vehicle_of(folder, name), where=where(spec, "vehicle"))
     p = estimate_parameters(vehicle)
     ratio = vehicle.spec.steering.ratio
     return vehicle.name, {
@@ -215,6 +216,11 @@ def _given(spec: StudySpec, folder: Path, name: str) -> tuple[str, dict[str, flo
         "steering_lag": p.steering_lag,
         "hand_wheel_ratio": ratio,
     }
+
+
+def _vehicle_of(folder: Path, name: str) -> str:
+    """A folder beside the study, or a name."""
+    return str(folder / name) if (folder / name).is_dir() else name
 
 
 def _check_alive(data: DataSet) -> None:

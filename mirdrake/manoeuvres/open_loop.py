@@ -30,9 +30,13 @@ class StepSteerSpec(ManoeuvreSpec):
     settle: Duration = setting(1.0, "straight ahead before the step [s]", "own", ge=0.0)
     length: Duration = setting(5.0, "after the step [s]", "own", gt=0.0)
     average: Duration = setting(1.0, "at the end, over which steady values are taken [s]", "own", gt=0.0)
+    time_step: Duration = setting(
+        0.0025, "of the plant, unless plant.time_step is given; small overshoots need it [s]", "own", scales=False, gt=0.0
+    )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """A run to find the angle, and the run that counts."""
+        rig = rig.with_step(self.time_step)
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
         angle = max(facts.steering_for(self.lateral, self.speed), 0.2 * facts.wheelbase * self.lateral / self.speed**2)

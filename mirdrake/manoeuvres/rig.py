@@ -3,7 +3,7 @@
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -111,6 +111,10 @@ class Rig:
         Both carry the load of tyres with a law and nothing else; points take half of the time.
         """
         return str(self.plant.get("contact", "hydroelastic" if self.facts.tyres == "coulomb" else "point"))
+
+    def with_step(self, time_step: float) -> "Rig":
+        """The same rig with another time step of the plant [s], unless one was asked for."""
+        return replace(self, plant={"time_step": time_step} | dict(self.plant))
 
     def line_driver(self, line: Mapping[str, Any], **settings: Any) -> dict[str, Any]:
         """A driver along a line with the vehicle's numbers; with `pedals` it presses them."""

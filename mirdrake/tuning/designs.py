@@ -24,6 +24,9 @@ from mirdrake.tuning.shaping import design_for_phase_margin, maximize_integral_g
 DIGITS = 4
 """Significant digits of gains."""
 
+SOFTER = (1.5, 2.0)
+"""Closed-loop times of SIMC besides its own [dead times]: softer, for constraints that its own does not keep."""
+
 
 @dataclass(frozen=True)
 class Design:
@@ -97,6 +100,10 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
                 partial(ziegler_nichols_step, first, form),
             )
         yield "SIMC", "rule", "Skogestad's rule, closed-loop time equal to the dead time", partial(simc, first)
+        for times in SOFTER:
+            how = f"Skogestad's rule, closed-loop time of {times:g} dead times"
+            slow = times * first.delay
+            yield f"SIMC {times:g}", "rule", how, partial(simc, first, closed_loop_time=slow)
         for form in forms:
             yield (f"AMIGO {form}", "rule", "AMIGO rule, made for Ms 1.4", partial(amigo, first, form))
         yield (
@@ -123,6 +130,13 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
                 f"Skogestad's rule for a double integrator, closed-loop time of {times:g} dead times",
                 partial(simc_double_integrator, gain, delay, closed_loop_time=times * delay),
             )
+        for times in (1.0, *SOFTER, 3.0):
+            yield (
+                f"SIMC inertia PD {times:g}",
+                "rule",
+                f"the same with closed-loop time of {times:g} dead times, without its integral part: no overshoot",
+                partial(_without_integral, gain, delay, times * delay),
+            )
         yield (
             "Ziegler-Nichols PID",
             "rule",
@@ -144,6 +158,17 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
             f"60° of phase margin at {crossover:.3g} rad/s",
             partial(design_for_phase_margin, main, crossover, derivative=derivative),
         )
+
+
+def _without_integral(gain: float, delay: float, closed_loop_time: float) -> PidGains:
+    """SIMC for a double integrator, the series form's PD part: two equal real poles, so that a step does not overshoot.
+
+    Kc (1 + τD s) with Kc = 1 / (4 gain (τc + L)²), τD = 4 (τc + L); see
+    :func:`mirdrake.tuning.rules.simc_double_integrator`.
+    """
+    total = closed_loop_time + delay
+    kp = 1.0 / (4.0 * gain * total**2)
+    return PidGains(kp, 0.0, 4.0 * total * kp)
 
 
 def _ultimate(main: TransferFunction) -> PidGains:

@@ -45,8 +45,11 @@ STUDY = "study.json"
 MAP = 13
 """Values of each gain in the map."""
 
-SCREEN = 16
-"""Draws of the Monte Carlo that the best candidate must stand before it is called so."""
+SCREEN = 6
+"""Draws of the Monte Carlo, those of the longest delay, that a candidate must stand before it is shaken whole."""
+
+POOL = 10
+"""Candidates that are shaken at most before the one that fails least is taken."""
 
 RESERVE = 1.5
 """Delay margin that candidates need, per what the delay may grow by."""
@@ -330,25 +333,40 @@ class _Study:
         return near
 
     def _best(self, fine: Trials, tried: list[Candidate]) -> Candidate | None:
-        """The cheapest candidate that keeps the constraints and stands the corners of the robustness."""
+        """The cheapest candidate that keeps the constraints and is stable in all runs of the robustness.
+
+        If none is, the one that fails least among those that were shaken; None if none keeps the constraints.
+        """
         known = [one for one in tried[1:] if one.trial.feasible]
         ranked = sorted((one for one in fine.trials if one.feasible), key=lambda one: (one.cost, one.number))
         pool: list[Candidate | Trial] = sorted(
             [*known, *ranked], key=lambda one: one.trial.cost if isinstance(one, Candidate) else one.cost
         )
-        for one in pool[:8]:
-            gains = one.design.gains if isinstance(one, Candidate) else one.gains
+        fallen: list[tuple[int, int, Candidate]] = []
+        for at, one in enumerate(pool[:POOL]):
+            gains = one.design.gains if isinstance(one, Candidate) else self._rounded(one.gains)
             if not self._stands(gains):
                 continue
-            if isinstance(one, Candidate):
-                return one
-            rounded = {name: float(f"{value:.{DIGITS}g}") for name, value in gains.items()}
-            words = f"{self.spec.search.method} on the reduced model, refined on the plant"
-            return self._try([Design("searched", "searched", words, rounded)], "best")[0]
-        return None
+            chosen = one if isinstance(one, Candidate) else self._searched(gains, at)
+            if not chosen.trial.feasible:  # by the rounding
+                continue
+            robust = self._shake([chosen])
+            failures = 0 if robust is None else robust.failures(chosen.design.name).failures
+            if not failures:
+                return chosen
+            fallen.append((failures, at, chosen))
+        return min(fallen)[2] if fallen else None
+
+    def _searched(self, gains: dict[str, float], at: int) -> Candidate:
+        words = f"{self.spec.search.method} on the reduced model, refined on the plant"
+        name = "searched" if not at else f"searched {at + 1}"
+        return self._try([Design(name, "searched", words, gains)], "best")[0]
+
+    def _rounded(self, gains: Mapping[str, float]) -> dict[str, float]:
+        return {name: float(f"{value:.{DIGITS}g}") for name, value in gains.items()}
 
     def _stands(self, gains: Mapping[str, float]) -> bool:
-        """Whether it is stable in all corners of the conditions, and in the first draws of the Monte Carlo."""
+        """Whether it is stable in the corners of the conditions, and in the hardest draws of the Monte Carlo."""
         given = self.spec.robustness
         if not given.runs:
             return True
@@ -363,7 +381,8 @@ class _Study:
             )
         ]
         spreads = read_ranges(self._ranges())
-        corners += draw_conditions(spreads, runs=min(given.runs, SCREEN), seed=self.spec.seed) if spreads else []
+        draws = draw_conditions(spreads, runs=given.runs, seed=self.spec.seed) if spreads else []
+        corners += sorted(draws, key=lambda one: -(one.delay or 0.0))[:SCREEN]
         for number, corner in enumerate(corners):
             self.tell("corners", number, len(corners), math.nan)
             if evaluate(gains, corner).status != "ok":
@@ -486,13 +505,15 @@ def accept(
     if robust is not None:
         failures = robust.failures(winner.design.name).failures
         rows.append({"what": "Monte-Carlo runs not stable", "value": failures, "limit": 0, "met": failures == 0})
-    if rule is not None:
-        met = winner.trial.cost < rule.trial.cost or not rule.trial.feasible
-        broken = "" if rule.trial.feasible else ", which breaks a constraint"
+    if rule is not None and rule.trial.feasible:
         rows.append(
-            {"what": f"cost against the best rule, {rule.design.name}{broken}", "value": winner.trial.cost,
-             "limit": rule.trial.cost, "met": winner.trial.feasible and met}
+            {"what": f"cost against the best rule that keeps the constraints, {rule.design.name}",
+             "value": winner.trial.cost, "limit": rule.trial.cost,
+             "met": winner.trial.feasible and winner.trial.cost < rule.trial.cost}
         )  # fmt: skip
+    elif rule is not None:
+        rows.append({"what": "keeps the constraints, which no rule does", "value": float(winner.trial.feasible),
+                     "limit": 1, "met": winner.trial.feasible})  # fmt: skip
     return [{**row, "met": bool(row["met"])} for row in rows]
 
 

@@ -12,11 +12,11 @@ from mirdrake.errors import ConfigError, RunError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.estimators.drives import make_drives
+from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.profile import profiles_of
 from mirdrake.identification.estimators.solve import Solution, solve
-from mirdrake.identification.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import combinations, judge
 from mirdrake.identification.models.base import Array, Drive, Model, ModelSpec

@@ -9,7 +9,6 @@ from mirdrake.identification.estimators.shooting import Sensitivity, Shots, cut,
 from mirdrake.identification.models.base import Array, Drive, Model
 from mirdrake.identification.parameters import Unknown
 
-NUDGE = 1e-5
 _START = 3.0
 """How far the first state may be from its guess, over its scale: a weak prior."""
 
@@ -104,16 +103,16 @@ class Problem:
         columns = [base]
         if derivatives:
             for one, scaled in zip(self.free, z, strict=False):
-                columns.append({**base, one.info.name: one.to_value(float(scaled) + NUDGE)})
+                columns.append({**base, one.info.name: one.to_value(float(scaled) + self.model.nudge)})
         found = []
         scales, size = np.array(self.model.state_scales), len(self.model.states)
         for k, (shots, start) in enumerate(zip(self._shots, self._starts, strict=True)):
             at = len(self.free) + len(self.sensors) + k * size
             first = start + scales * z[at : at + size]
-            run = simulate(self.model, shots, columns, first, changes=NUDGE, derivatives=derivatives)
+            run = simulate(self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives)
             if run is None:  # once more, from what was measured
                 shots.nodes = cut(self.model, shots.drive, base).nodes
-                run = simulate(self.model, shots, columns, first, changes=NUDGE, derivatives=derivatives)
+                run = simulate(self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives)
             if run is None:
                 return None
             found.append(run)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mirdrake.identification.models.base import Array, Drive, Model
+from mirdrake.identification.models.simulated import SimulatedModel
 
 _NUDGE = 1e-5
 """Relative change of a state or a scaled parameter for a derivative."""
@@ -142,6 +143,8 @@ def simulate(
     Returns:
         None if the states grow beyond all bounds.
     """
+    if isinstance(model, SimulatedModel):
+        return _whole_runs(model, shots.drive, columns, first, changes, derivatives=derivatives)
     scales = np.array(model.state_scales)
     size, count = len(scales), shots.count
     nodes = shots.nodes.copy()
@@ -193,6 +196,35 @@ def simulate(
             x, u, p = batch(columns, same)
             path = _integrate(model, shots, x, u, p)
         return _chain(model, shots, path, u, p, len(columns) - 1 if derivatives else 0, changes)
+
+
+def _whole_runs(
+    model: SimulatedModel,
+    drive: Drive,
+    columns: Sequence[Mapping[str, float]],
+    first: Array,
+    changes: float,
+    *,
+    derivatives: bool,
+) -> Sensitivity | None:
+    """Derivatives as differences of whole runs."""
+    scales = np.array(model.state_scales)
+    size, free = len(scales), len(columns) - 1
+    base = model.run(columns[0], drive, first)
+    if base is None:
+        return None
+    y, last = base
+    by = np.zeros((*y.shape, free + size))
+    last_by = np.zeros((size, free + size))
+    if derivatives:
+        steps = [*([changes] * free), *(changes * scales)]
+        starts = [first] * free + [first + step for step in np.diag(changes * scales)]
+        for k, (p, start, step) in enumerate(zip((*columns[1:], *([columns[0]] * size)), starts, steps, strict=True)):
+            run = model.run(p, drive, start)
+            if run is None:
+                return None
+            by[:, :, k], last_by[:, k] = (run[0] - y) / step, (run[1] - last) / step
+    return Sensitivity(y, by[..., :free], by[..., free:], np.empty((size, 0)), last, last_by)
 
 
 def _chain(

@@ -104,6 +104,10 @@ class Model(ABC):
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     fine: float = 0.0101
+    nudge: float = 1e-5
+    """Change of a scaled parameter for a derivative."""
+    tolerance: float = 1e-7
+    """Relative change of the unknowns that ends a fit."""
     through: frozenset[str] = frozenset()
     """Parameters that change :meth:`drive`."""
 

@@ -11,6 +11,14 @@ from mirdrake.identification.models.longitudinal import LongitudinalModel
 from mirdrake.identification.models.simple import JointLoopModel, KinematicModel, SteeringModel
 from mirdrake.identification.models.single_track import SingleTrackModel
 
+
+def _plant(*arguments: Any, **options: Any) -> Model:
+    """The full plant; Drake's plant and its world are only loaded for it."""
+    from mirdrake.identification.models.plant import PlantModel
+
+    return PlantModel(*arguments, **options)
+
+
 MODELS: dict[str, Callable[..., Model]] = {
     "kinematic": KinematicModel,
     "single_track": SingleTrackModel,
@@ -18,6 +26,7 @@ MODELS: dict[str, Callable[..., Model]] = {
     "longitudinal": LongitudinalModel,
     "steering": SteeringModel,
     "joint_loop": JointLoopModel,
+    "plant": _plant,
 }
 """Each is called with the shared channels, known values, the wheelbase, and its options."""
 

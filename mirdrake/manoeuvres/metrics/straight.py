@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import nnls
 
 from mirdrake.manoeuvres.base import Array
 from mirdrake.manoeuvres.metrics.transient import crossing
@@ -104,7 +104,7 @@ def road_load(time: Array, speed: Array, mass: float) -> RoadLoad:
     matrix = np.column_stack([since, summed(speed), summed(speed**2)])
     scale = np.abs(matrix).max(axis=0)
     lost = mass * (speed[0] - speed)
-    found = lsq_linear(matrix / scale, lost, bounds=(0.0, np.inf)).x / scale
+    found = nnls(matrix / scale, lost)[0] / scale
     error = float(np.sqrt(np.mean((matrix @ found - lost) ** 2))) / mass
     return RoadLoad(float(found[0]), float(found[1]), float(found[2]), error)
 

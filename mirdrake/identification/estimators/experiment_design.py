@@ -1,7 +1,7 @@
 """Which manoeuvre would reduce the uncertainty most, by the information that the model predicts for it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +133,7 @@ def information(
     many = len(next(iter(channels.values())))
     inputs = {name: channels[name] for name in model.inputs}
     outputs = {name: channels.get(name, np.zeros(many)) for name in model.outputs}
-    drive = Drive("plan", "train", 0.0, STEP, inputs, outputs)
+    drive = _driven(model, values, Drive("plan", "train", 0.0, STEP, inputs, outputs))
     problem = Problem(model, [drive], unknowns, sigmas)
     jacobian = problem.jacobian(problem.scaled(values))
     p = len(problem.free)
@@ -142,6 +142,17 @@ def information(
     inside = data.T @ data
     inside[p:, p:] += rest.T @ rest
     return np.asarray(inside[:p, :p] - inside[:p, p:] @ np.linalg.solve(inside[p:, p:], inside[p:, :p]))
+
+
+def _driven(model: Model, values: Mapping[str, float], drive: Drive) -> Drive:
+    """The drive with what the model itself shows, so that guesses of its states along the way are near."""
+    u, seen = model.drive(values, drive, drive.time), np.empty((len(model.outputs), drive.size))
+    x = model.start(values, drive, np.zeros(1, dtype=np.intp))
+    for k in range(drive.size):
+        now = u[:, k, None, None]
+        seen[:, k] = model.observe(x[..., None], now, values)[:, 0, 0]
+        x = x + drive.step * model.rates(x[..., None], now, values)[..., 0]
+    return replace(drive, outputs=dict(zip(model.outputs, seen, strict=True)))
 
 
 def _candidates(model: Model, values: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:
