@@ -26,7 +26,12 @@ def _diagram(step, contact):
         "name": "drive with cargo",
         "world": "empty",
         "vehicles": {
-            "ego": {"model": "bolt@handling", "start": {"x": 0.0, "y": 0.0}, "speed": 14.0, "control": {"dead_man": 1e6}}
+            "ego": {
+                "model": "bolt@handling",
+                "start": {"x": 0.0, "y": 0.0},
+                "speed": 14.0,
+                "control": {"dead_man": 1e6},
+            }
         },
         "systems": {
             "slow": {"kind": "sine", "amplitude": 0.015, "frequency": 0.3},
@@ -35,7 +40,7 @@ def _diagram(step, contact):
         },
         "connect": [["slow.y0", "sum.u0"], ["quick.y0", "sum.u1"], ["sum.sum", "ego.steering_reference"]],
         "plant": {"contact": contact, "time_step": step},
-        "record": {"rate": 200.0, "meshcat": False, "report": False},
+        "record": {"rate": 1.0 / step, "meshcat": False, "report": False},
     }
 
 
@@ -56,14 +61,24 @@ def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
     whole = plant.CalcSpatialInertia(level, plant.world_frame(), plant.GetBodyIndices(part.instance))
     com = whole.get_com()
     turn = whole.Shift(com).CalcRotationalInertia().CopyToFullMatrix3()[2, 2]
-    truth = {"mass": float(whole.get_mass()), "rear_length": float(com[0]), "com_height": float(com[2]), "yaw_inertia": float(turn)}
+    truth = {
+        "mass": float(whole.get_mass()),
+        "rear_length": float(com[0]),
+        "com_height": float(com[2]),
+        "yaw_inertia": float(turn),
+    }
 
     simulator = Simulator(assembly.diagram, context)
     for port, value in (("speed_reference", 14.0), ("reference_stamp", 0.0)):
         assembly.diagram.GetInputPort(f"ego.{port}").FixValue(context, [value])
     simulator.Initialize()
     wait = 1.5
-    for at, wanted in ((wait, 14.0), (wait + 0.4 * duration, 22.0), (wait + 0.7 * duration, 15.0), (wait + duration, 20.0)):
+    for at, wanted in (
+        (wait, 14.0),
+        (wait + 0.4 * duration, 22.0),
+        (wait + 0.7 * duration, 15.0),
+        (wait + duration, 20.0),
+    ):
         assembly.diagram.GetInputPort("ego.speed_reference").FixValue(context, [wanted])
         simulator.AdvanceTo(at)
     tap = assembly.taps["plant_state"].sink.FindLog(context)

@@ -39,6 +39,30 @@ def test_yaw_rate_on_a_circle_is_speed_times_tangent_of_steering_over_wheelbase(
     assert steady["ego.wz"].std() < 0.002 * ideal
 
 
+@pytest.mark.parametrize(("contact", "speed"), [("point", 5.0), ("point", 25.0), ("hydroelastic", 5.0)])
+def test_straight_ahead_the_wheels_do_not_push_against_each_other(contact, speed):
+    # a steering that gives way by 1e-4 rad makes it 3.9 kN, all the friction of a wheel
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "bolt", "speed": speed}},
+        "control": {"ego": {"kind": "constant", "speed": speed}},
+        "plant": {"contact": contact},
+    }
+    assembly = assemble(spec)
+    plant, context = assembly.parts.plant, assembly.make_context()
+    simulator = Simulator(assembly.diagram, context)
+    own, sideways = plant.GetMyContextFromRoot(context), []
+    for time in np.arange(1.0, 2.0, 0.02):
+        simulator.AdvanceTo(time)
+        results = plant.get_contact_results_output_port().Eval(own)
+        points = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
+        patches = [results.hydroelastic_contact_info(i) for i in range(results.num_hydroelastic_contacts())]
+        forces = [point.contact_force() for point in points] + [patch.F_Ac_W().translational() for patch in patches]
+        assert len(forces) == 4
+        sideways += [abs(force[1]) for force in forces]
+    assert max(sideways) < 100.0  # N, of 4.4 kN on a wheel
+
+
 @pytest.mark.parametrize("contact", ["point", "hydroelastic"])
 def test_left_and_right_circles_mirror_each_other(contact):
     left, right = circle(0.2, contact), circle(-0.2, contact)

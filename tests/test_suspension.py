@@ -387,6 +387,10 @@ def refused(tmp_path, change):
             r"joint 'front_left_suspension_joint' is prismatic and carries the front_left wheel, but has no role",
         ),
         ("arguments: {suspension: maybe}", r"argument suspension is 'maybe'; allowed: true, false"),
+        (
+            'arguments: {suspension: "true", values: published}',
+            r"published.xacro:\d+: argument values is 'published', which has no suspension; leave suspension at false",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_with_file_and_line(tmp_path, change, said):

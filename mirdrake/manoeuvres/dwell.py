@@ -79,6 +79,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         sides = ["left", "right"] if self.turns == "both" else [self.turns]
         worst: dict[str, list[tuple[float, DwellResponse]]] = {}
         faults: list[str] = []
+        passed: dict[str, float] = {}
         for side in sides:
             for amplitude in kept:
                 record = self._sine(rig, side, amplitude)
@@ -89,6 +90,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
                     faults.append(fault)
                     self._draw(outcome, record, side, fault=True)
                     break
+                passed[side] = amplitude
             else:
                 self._draw(outcome, record, side, fault=False)
         for side, results in worst.items():
@@ -101,6 +103,9 @@ class SineWithDwellSpec(ManoeuvreSpec):
             outcome.add(f"displacement_{side}", text, min(ways, default=math.nan), "m", f"at least {self.way:.3g} m")
             largest = max(amplitude for amplitude, _ in results)
             outcome.add(f"amplitude_{side}", f"Last amplitude, {side}", math.degrees(largest), "deg", "hand-wheel")
+            held = math.degrees(passed.get(side, math.nan))
+            note = f"{held / math.degrees(angle):.1f} A" if side in passed else "none"
+            outcome.add(f"passed_{side}", f"Largest amplitude that passed, {side}", held, "deg", note)
         outcome.verdict = "fail" if faults else "pass" if len(kept) == len(amplitudes) else "not possible"
         outcome.reason = "; ".join(faults)
         if outcome.verdict == "not possible":

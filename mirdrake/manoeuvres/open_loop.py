@@ -31,7 +31,11 @@ class StepSteerSpec(ManoeuvreSpec):
     length: Duration = setting(5.0, "after the step [s]", "own", gt=0.0)
     average: Duration = setting(1.0, "at the end, over which steady values are taken [s]", "own", gt=0.0)
     time_step: Duration = setting(
-        0.0025, "of the plant, unless plant.time_step is given; small overshoots need it [s]", "own", scales=False, gt=0.0
+        0.0025,
+        "of the plant, unless plant.time_step is given; small overshoots need it [s]",
+        "own",
+        scales=False,
+        gt=0.0,
     )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:

@@ -53,7 +53,8 @@ class Identified:
         spec: the loop, with its reduced model.
         models: of each experiment.
         first: first order with delay, or an integrator, for the rules; None for a steering loop.
-        inertial: gain [y/(u s²)] and delay [s] of a double integrator; steering loops only.
+        inertial: gain [y/(u s²)] and delay [s] of a double integrator, the larger ones of the two wheels together and
+            against each other; steering loops only.
         relay: None where there is no limit cycle.
         frequency: None where it was not measured.
     """
@@ -238,18 +239,39 @@ def _steering(bench: PlantBench, spec: LoopSpec) -> Identified:
     except MirdrakeError as error:
         models.append(Model("relay", "ultimate point", {}, note=str(error)))
 
-    loop = BenchLoop(bench, gains)
-    found = measure_frequency_response(
-        loop.step,
-        period=bench.period,
-        frequencies=np.geomspace(1.0, min(0.3 * math.pi / bench.period, 3.0 / delay), 12),
-        amplitude=size,
-        cycles=3,
-        settle=1,
-    )
-    main, fit = fit_response(found, (1.0 / inertia, 0.5, 1.0, delay), order=2)
-    models.append(_inertial_model("frequency response", main, fit))
-    return Identified(_with_model(spec, main), tuple(models), None, (main.numerator[0], main.delay), relay, found)
+    # Both wheels the same way, and against each other: the road ties them to the car in other ways.
+    start = (1.0 / inertia, 0.5, 1.0, delay)
+    wanted = np.geomspace(1.0, min(0.3 * math.pi / bench.period, 3.0 / delay), 12)
+    fits = []
+    for name, apart in (("frequency response", False), ("wheels against each other", True)):
+        loop = BenchLoop(bench, gains, apart=apart)
+        found = measure_frequency_response(
+            loop.step, period=bench.period, frequencies=wanted, amplitude=size, cycles=3, settle=1
+        )
+        main, fit = fit_response(found, start, order=2)
+        fits.append((found, main))
+        models.append(_inertial_model(name, main, fit))
+    (found, main), (_, apart_model) = fits
+    held = _held_stiffness(bench, gains)
+    models.append(Model("held angle", "stiffness", {"stiffness": (held, "u/y")}, note="torque over angle in a turn"))
+    b, damping = main.numerator[0], main.denominator[1]
+    main = TransferFunction((b,), (1.0, damping, max(main.denominator[2], b * held)), main.delay)
+    spec = _with_model(spec, main, apart=apart_model)
+    hard = max(main.numerator[0], apart_model.numerator[0]), max(main.delay, apart_model.delay)
+    return Identified(spec, tuple(models), None, hard, relay, found)
+
+
+def _held_stiffness(bench: PlantBench, gains: dict[str, float]) -> float:
+    """Torque of a joint over the angle at which it is held in a turn [u/y]: what the road wants in the long run.
+
+    The frequency response is too quick to see it.
+    """
+    response = bench.run(gains).response
+    if response is None:
+        return 0.0
+    end = response.iloc[-len(response) // 10 :]
+    angle, torque = float(end["output"].mean()), float(end["effort"].mean())
+    return max(torque / angle, 0.0) if abs(angle) > 0.2 * abs(float(bench.spec.course["step"])) else 0.0
 
 
 def _fit_inertial_step(record: StepRecord, gain: float, delay: float) -> tuple[TransferFunction, float]:
@@ -324,9 +346,12 @@ def _step_fit(record: StepRecord, model: FirstOrder | Integrator) -> float:
     return _percent(follow, record.measurement - record.measurement[0])
 
 
-def _with_model(spec: LoopSpec, main: TransferFunction) -> LoopSpec:
-    data = {"numerator": list(main.numerator), "denominator": list(main.denominator), "delay": main.delay}
-    return replace(spec, models={"main": data})
+def _with_model(spec: LoopSpec, main: TransferFunction, **others: TransferFunction) -> LoopSpec:
+    data = {
+        name: {"numerator": list(model.numerator), "denominator": list(model.denominator), "delay": model.delay}
+        for name, model in {"main": main, **others}.items()
+    }
+    return replace(spec, models=data)
 
 
 def _model(name: str, model: FirstOrder | Integrator, *, fit: float = math.nan) -> Model:

@@ -32,7 +32,7 @@ from mirdrake.tuning.identify import Identified, check_identified, identify_loop
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.make import baseline_gains, check_names, make_loop_spec
-from mirdrake.tuning.loops.reduced import nominal_model, pid_of
+from mirdrake.tuning.loops.reduced import critical_model, pid_of
 from mirdrake.tuning.margins import loop_response
 from mirdrake.tuning.result import TuningResult, digest, load_result, plain, write_result
 from mirdrake.tuning.robustness import Robustness, draw_conditions, monte_carlo, read_ranges
@@ -105,6 +105,7 @@ def tune(
     began = time.monotonic()
     loop = make_loop_spec(spec)
     check_names(spec, loop)
+    baseline_gains(spec, loop)
     folder = Path(out)
     data = spec.model_dump(mode="json")
     key = digest({"study": data, "loop": asdict(loop)})
@@ -126,7 +127,7 @@ def _open(folder: Path, key: str) -> TuningResult | None:
     """
     with told(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        used = any(folder.iterdir())
+        used = any(not entry.name.startswith(".") for entry in folder.iterdir())  # a kill may leave a file half written
     if not used:
         write_file(folder / STUDY, f'{{"key": "{key}"}}\n')
         return None
@@ -159,18 +160,21 @@ class _Study:
         notes = ["a loop known by its signals only: no model, no rules, no margins"]
         if not self.bare:
             designs, notes = make_designs(found, max_sensitivity=min(max(spec.constraints.get("ms", 1.4), 1.1), 2.5))
-        base = Design("baseline", "baseline", _baseline_words(spec), baseline_gains(spec, self.loop))
+        base = Design(
+            "baseline", "baseline", _baseline_words(spec, loop_of_signals=self.bare), baseline_gains(spec, self.loop)
+        )
         tried = self._try([base, *designs], "rules")
         baseline, rules = tried[0], [one for one in tried[1:] if one.design.kind == "rule"]
 
         # Search on the reduced model, then on the plant around the best.
+        known = tried if self.bare else tried[1:]
         space = self._space([one.design.gains for one in tried[1:]])
         coarse = self._search(
-            space, "plant" if self.bare else "reduced", spec.search.trials, self._starts(space, tried[1:]), "search"
+            space, "plant" if self.bare else "reduced", spec.search.trials, self._starts(space, known), "search"
         )
         leaders = self._leaders(coarse)
         near = self._near(space, leaders)
-        fine = self._search(near, "plant", spec.search.confirm, self._starts(near, leaders, tried[1:]), "confirmation")
+        fine = self._search(near, "plant", spec.search.confirm, self._starts(near, leaders, known), "confirmation")
         best = self._best(fine, tried)
         tried += [best] if best is not None and best not in tried else []
         pool = min(rules, key=lambda one: one.rank, default=None)
@@ -224,6 +228,11 @@ class _Study:
         return self.loop.kind in ("diagram", "path")
 
     @property
+    def _slides(self) -> bool:
+        """Whether the friction of the road can be changed: not where it has patches."""
+        return bool(self.loop.options.get("friction", True))
+
+    @property
     def constraints(self) -> dict[str, float]:
         """Those of the file, and a delay margin with some reserve for the delays of the Monte Carlo."""
         if self.bare:
@@ -255,6 +264,9 @@ class _Study:
         for gain in self.loop.gains:
             if gain in self.spec.search.ranges:
                 space[gain] = self.spec.search.ranges[gain].model_dump()
+                continue
+            if gain in self.loop.options.get("ranges", {}):
+                space[gain] = dict(self.loop.options["ranges"][gain])
                 continue
             given = [gains[gain] for gains in known if gains[gain] > 0.0]
             if not given:
@@ -371,8 +383,9 @@ class _Study:
         if not given.runs:
             return True
         evaluate = LoopEvaluator(self.loop)
+        low = given.friction[0] if self._slides else None
         corners = [
-            Conditions(mass=1.0 + side * given.mass, friction=given.friction[0], delay=delay, grade=grade)
+            Conditions(mass=1.0 + side * given.mass, friction=low, delay=delay, grade=grade)
             for side, delay, grade in (
                 (-1.0, given.delay[1], given.grade[0]),
                 (1.0, given.delay[1], given.grade[1]),
@@ -394,7 +407,8 @@ class _Study:
         given, ranges = self.spec.robustness, dict[str, Any]()
         if given.mass:
             ranges["mass"] = (1.0 - given.mass, 1.0 + given.mass)
-        for name in ("friction",) if self.bare else ("friction", "delay", "grade"):
+        acting = ("friction", "delay", "grade") if not self.bare else ("friction",) if self._slides else ()
+        for name in acting:
             low, high = getattr(given, name)
             if low < high:
                 ranges[name] = (low, high)
@@ -526,7 +540,9 @@ def _iae(one: Candidate, course: Mapping[str, Any]) -> float:
     return float(np.sum(0.5 * (error[1:] + error[:-1]) * np.diff(part["t"].to_numpy())))
 
 
-def _baseline_words(spec: TuningSpec) -> str:
+def _baseline_words(spec: TuningSpec, *, loop_of_signals: bool) -> str:
+    if loop_of_signals:
+        return "as the diagram has them" if spec.baseline == "published" else "as the study gives them"
     if spec.baseline == "published":
         return "100, 0.01 and 10 as the papers have them on every joint"
     return "as the study gives them"
@@ -576,12 +592,13 @@ def _trials(coarse: Trials, fine: Trials) -> pd.DataFrame:
 
 
 def _frequency(loop: LoopSpec, chosen: list[Candidate]) -> pd.DataFrame:
-    """Open loops over frequency, with the model of the loop."""
-    model, period = nominal_model(loop), float(loop.options["period"])
+    """Open loops over frequency, with the model of the loop on which each candidate is closest to the edge."""
+    period = float(loop.options["period"])
     top = 0.99 * math.pi / period
     omega = np.geomspace(top / 3e3, top, 300)
     parts = []
     for one in chosen:
+        model = critical_model(loop, one.design.gains)
         value = loop_response(model, pid_of(loop, one.design.gains), period=period)(omega)
         parts.append(pd.DataFrame({"candidate": one.design.name, "omega": omega, "re": value.real, "im": value.imag}))
     return pd.concat(parts, ignore_index=True)

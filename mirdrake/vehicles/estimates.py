@@ -63,7 +63,8 @@ HOW: dict[str, str] = {
     "steering_rate": "estimated: 0.16 m/s over the wheel radius (Bolt 0.5 rad/s, F1TENTH 3.2 rad/s)",
     "steering_ratio": "estimated: hand wheel of 8.2 rad to each side (MKZ) over the steering limit; 1 below 100 kg, "
     "where there is no hand wheel",
-    "steering_stiffness": "estimated: 39000 per rad x wheel load x wheel radius, as good as rigid (Bolt 5e7 N m/rad): Coulomb tyres do not slip; with tyres that do, a thousandth gives way as a real steering",
+    "steering_stiffness": "estimated: 39000 per rad x wheel load x wheel radius (Bolt 5e7 N m/rad), as good as rigid: "
+    "Coulomb tyres do not slip; with tyres that do, a thousandth of it gives way as a real steering",
     "steering_damping": "estimated: time constant 0.02 s, one period of the controllers, as the Bolt",
     "wheel_speed_limit": "estimated: 130 rad/s as the Bolt (a turn in ten steps of 5 ms), at most 45 m/s",
     "wheel_servo_gain": "estimated: time constant 0.42 s for a car, with the root of the wheel radius (Bolt 200)",

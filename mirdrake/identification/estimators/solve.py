@@ -52,7 +52,8 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *
     """
     z = np.zeros(problem.size) if z is None else z.copy()
     low, high = problem.bounds()
-    result, exact = None, problem.model.tolerance < 1e-6
+    result, tolerance = None, problem.model.tolerance
+    fine, coarse = (1e-8, 1e-5) if tolerance < 1e-6 else (1e-4, 1e-2)
     for turn in range(passes):
         z = _inside(z, low, high)
         first = problem.residuals(z)
@@ -64,7 +65,7 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *
         result = least_squares(
             problem.residuals, z, jac=problem.jacobian, bounds=(low, high), method="trf", x_scale=1.0,
             loss=robust(options.loss if turn or passes == 1 else "soft_l1", problem.measured), f_scale=1.0,
-            max_nfev=options.iterations, xtol=problem.model.tolerance, ftol=(1e-8 if turn or passes == 1 else 1e-5) if exact else 1e-4 if turn else 1e-2, gtol=1e-8,
+            max_nfev=options.iterations, xtol=tolerance, ftol=fine if turn or passes == 1 else coarse, gtol=1e-8,
         )  # fmt: skip
         z = result.x
         if passes == 1:

@@ -13,8 +13,9 @@ its tyres and springs, and what sensors would show is compared. Derivatives are 
 ``rolling_resistance`` 1        of the tyres; of vehicles with a tyre model
 =====================  =======  ==================================================================================
 
-The steering channel goes to the steering servo of the vehicle, whose lag the recorded angle of the wheels has behind
-it already; the steering's delay makes up for it and may therefore be negative.
+A recorded angle of the wheels is imposed by a servo that is much stiffer than the vehicle's, ahead by what the control
+unit holds it (half a period and a step). Other steering channels go to the servo of the vehicle; if its lag is in the
+recorded angle of the hand wheel already, the steering's delay makes up for it and may be negative.
 """
 
 import math
@@ -32,10 +33,10 @@ from mirdrake.diagram_spec import make_spec
 from mirdrake.errors import ConfigError, MirdrakeError, did_you_mean
 from mirdrake.identification.models.base import Array, Drive, channel_of
 from mirdrake.identification.models.plant_context import body_inertia, measure, set_damping
+from mirdrake.identification.models.plant_parameters import plant_parameters
 from mirdrake.identification.models.simulated import SimulatedModel
 from mirdrake.identification.models.single_track import SPEED, pick_outputs
-from mirdrake.identification.models.steer import STEERING, steering_angle, steering_parameters
-from mirdrake.identification.parameters import Parameter
+from mirdrake.identification.models.steer import STEERING, steering_angle
 from mirdrake.studies.knobs import find_knobs
 from mirdrake.telemetry import vehicle_states
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
@@ -50,6 +51,8 @@ DRIVES: dict[str, tuple[str, ...]] = {
 """How a log's drive is fed in, and which channels that needs; the first that the log has is taken."""
 
 OUTPUTS = ["vx", "vy", "yaw_rate", "longitudinal_acceleration", "lateral_acceleration", "roll", "roll_rate"]
+
+CONTACTS = ("point", "hydroelastic")
 
 _BLOCKS = "mirdrake.identification.models.plant_blocks:"
 _NEVER = 1e6
@@ -77,6 +80,7 @@ class PlantModel(SimulatedModel):
         drive: one of :data:`DRIVES`; left out: the first that all logs have the channels of.
         outputs: channels to compare; None: all that there are.
         settle: time in which the car settles before the first sample [s].
+        rate: of the control unit [Hz]; left out: the vehicle's, or fast enough to follow a recorded angle.
         world: that it drives in; level, with the same friction everywhere.
 
     Raises:
@@ -103,6 +107,11 @@ class PlantModel(SimulatedModel):
         world: str = "empty",
     ) -> None:
         del given, wheelbase
+        if contact not in CONTACTS:
+            raise ConfigError(f"model.contact: unknown contact '{contact}'; {did_you_mean(contact, CONTACTS)}")
+        for name, value in (("time_step", time_step), ("rate", rate), ("settle", settle)):
+            if value is not None and not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+                raise ConfigError(f"model.{name}: must be a positive number, got {value!r}")
         if vehicle is None:
             raise ConfigError("model plant: needs a vehicle; name one at 'vehicle' of the study")
         loaded = load_vehicle(vehicle, where="vehicle")
@@ -118,16 +127,19 @@ class PlantModel(SimulatedModel):
         self._settle = float(settle)
         self._step = 0.5 / loaded.control.rate if time_step is None else float(time_step)
         self._vehicle = loaded
-        self._stiff = self._steer == "road_wheel_angle" and loaded.control.steering.kind == "servo"
-        self._rate = float(rate or 0.5 / self._step)
+        self._stiff = self._steer == "road_wheel_angle"
+        self._rate = float(rate or (0.5 / self._step if self._stiff else loaded.control.rate))
+        self._lead = 0.5 / self._rate + self._step if self._stiff else 0.0
         self.assembly = self._build(vehicle, contact, world)
         self._simulator = Simulator(self.assembly.diagram)
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
         self._whole, self._rest = measure(plant, part), measure(plant, part, base=False)
         self._knobs = find_knobs({EGO: loaded}, self.assembly.parts.world)
-        self.parameters = self._make(loaded)
-        self._runs: dict[tuple[Any, ...], tuple[Array, Array] | None] = {}
+        friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._knobs else None
+        damping = float(part.wheels[0].default_damping_vector()[0])
+        self.parameters = plant_parameters(loaded, self._steer, self._whole, self._rest, damping, friction)
+        self._runs: dict[tuple[Any, ...], tuple[Drive, tuple[Array, Array] | None]] = {}
 
     def _build(self, model: str, contact: str, world: str) -> Assembly:
         systems: dict[str, Any] = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
@@ -149,7 +161,7 @@ class PlantModel(SimulatedModel):
             connect.append(["moments.y", f"{EGO}.wheel_torque"])
         control: dict[str, Any] = {"dead_man": _NEVER, "rate": self._rate}
         servo = self._vehicle.control.steering
-        if self._stiff:
+        if self._stiff and servo.kind == "servo":
             stiffness = _STIFFER * servo.stiffness
             control["steering"] = {"stiffness": stiffness, "damping": stiffness / _CORNER}
         entry = {
@@ -172,65 +184,6 @@ class PlantModel(SimulatedModel):
         except MirdrakeError as error:
             raise ConfigError(f"model plant: {error}") from None
 
-    def _make(self, vehicle: Vehicle) -> tuple[Parameter, ...]:
-        whole, name = self._whole, vehicle.name
-        mass, ahead, height = whole.mass, float(whole.com[0]), float(whole.com[2])
-        base, turn = vehicle.geometry.wheelbase, float(whole.inertia[2, 2])
-        friction = float(self.assembly.parts.world.ground.mu)
-        damping = float(self._part.wheels[0].default_damping_vector()[0])
-        steering = []
-        for one in steering_parameters(self._steer):
-            if one.name == "steering_delay":
-                servo, late = vehicle.control.steering, 0.5 / vehicle.control.rate
-                if servo.kind == "servo" and servo.stiffness > 0.0:
-                    late += servo.damping / servo.stiffness
-                guess = -late if self._steer != "steering_command" else 0.0
-                one = Parameter(one.name, one.unit, one.meaning, guess, -0.2, 0.5, True, 0.05, usual=2.0)
-            steering.append(one)
-        found = [
-            Parameter(
-                "mass", "kg", "of the whole vehicle", mass, 1.05 * self._rest.mass, 10.0 * mass, True, source=name
-            ),
-            Parameter(
-                "rear_length", "m", "centre of mass before the rear axle", ahead, 0.1 * base, 0.9 * base, source=name
-            ),
-            Parameter(
-                "com_height", "m", "centre of mass over the road", height, 0.2 * height, 3.0 * height, source=name
-            ),
-            Parameter(
-                "yaw_inertia", "kg m^2", "about the centre of mass", turn, 0.4 * turn, 4.0 * turn, True, source=name
-            ),
-            Parameter(
-                "wheel_damping",
-                "N m s/rad",
-                "of each wheel's bearing",
-                damping,
-                0.0,
-                100.0,
-                scale=1.0,
-                usual=5.0,
-                source=name,
-            ),
-            Parameter("accelerometer_ahead", "m", "before the file's centre of mass", 0.0, -10.0, 10.0, scale=0.5),
-            Parameter(
-                "velocity_ahead", "m", "measured vy before the file's centre of mass", 0.0, -10.0, 10.0, scale=0.5
-            ),
-            Parameter(
-                "accelerometer_tilt", "1", "1: it leans with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3
-            ),
-            *steering,
-        ]
-        if "road.friction" in self._knobs:
-            found.append(Parameter("friction", "1", "of the road", friction, 0.05, 1.8 * friction, source="world"))
-        if vehicle.spec.tyres.kind != "coulomb":
-            rolling = vehicle.spec.tyres.rolling_resistance
-            found.append(
-                Parameter(
-                    "rolling_resistance", "1", "of the tyres", rolling, 0.0, 0.2, scale=0.005, usual=5.0, source=name
-                )
-            )
-        return tuple(found)
-
     # --- runs -------------------------------------------------------------------------------------------------------
 
     def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
@@ -244,8 +197,8 @@ class PlantModel(SimulatedModel):
         if key not in self._runs:
             if len(self._runs) >= _KEPT:
                 self._runs.pop(next(iter(self._runs)))
-            self._runs[key] = self._simulate(p, drive, float(first[0]))
-        return self._runs[key]
+            self._runs[key] = drive, self._simulate(p, drive, float(first[0]))  # kept, so that its id is
+        return self._runs[key][1]
 
     def _simulate(self, p: Mapping[str, float], drive: Drive, speed: float) -> tuple[Array, Array] | None:
         assembly, begin = self.assembly, self._settle
@@ -290,7 +243,8 @@ class PlantModel(SimulatedModel):
         set_damping(plant_context, part, p["wheel_damping"])
         if "friction" in p and p["friction"] != assembly.parts.world.ground.mu:
             self._knobs["road.friction"].turn(assembly, context, p["friction"])
-        self._fill(context, "steering_table", drive, steering_angle(p, drive, self._steer, _fine(drive)))
+        angle = steering_angle({"steering_lag": 0.0, **p}, drive, self._steer, _fine(drive))
+        self._fill(context, "steering_table", drive, angle, self._lead)
         if self._way == "speed":
             self._fill(context, "speed_table", drive, drive.at(self._speed, _fine(drive)))
         if self._way == "pedals":
@@ -314,9 +268,9 @@ class PlantModel(SimulatedModel):
                 assembly.diagram.GetInputPort(f"{EGO}.{port}").FixValue(context, [value])
         return context
 
-    def _fill(self, context: Context, name: str, drive: Drive, values: Array) -> None:
+    def _fill(self, context: Context, name: str, drive: Drive, values: Array, lead: float = 0.0) -> None:
         block = self.assembly.diagram.GetSubsystemByName(name)
-        times = self._settle + _fine(drive)
+        times = self._settle - lead + _fine(drive)
         block.set_rows(block.GetMyMutableContextFromRoot(context), times, np.atleast_2d(values))
 
     def _torques(self, drive: Drive) -> Array:

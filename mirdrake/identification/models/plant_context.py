@@ -92,11 +92,6 @@ def body_inertia(whole: Whole, rest: Whole, p: Mapping[str, float]) -> SpatialIn
     return found
 
 
-def set_mass(plant: MultibodyPlant, context: Context, part: VehicleInPlant, inertia: SpatialInertia) -> None:
-    """Write the base body's mass properties into a Context of the plant."""
-    part.base.SetSpatialInertiaInBodyFrame(context, inertia)
-
-
 def set_damping(context: Context, part: VehicleInPlant, damping: float) -> None:
     """Write the damping of all wheel joints [N m s/rad] into a Context of the plant."""
     for joint in part.wheels:

@@ -133,10 +133,10 @@ class PlantBench:
         for port, value in (("speed_reference", speed), ("steering_reference", steering), ("reference_stamp", 0.0)):
             diagram.GetInputPort(f"{name}.{port}").FixValue(context, [value])
 
-    def _push(self, context: Context, setter: Any, value: float) -> None:
+    def _push(self, context: Context, setter: Any, value: float, *, apart: bool = False) -> None:
         values = [0.0] * self._late.size
-        for channel in self._channels:
-            values[channel] = value
+        for at, channel in enumerate(self._channels):
+            values[channel] = -value if apart and at else value
         setter(self._late.GetMyContextFromRoot(context), values)
 
     # --- trials -----------------------------------------------------------------------------------------------------
@@ -235,13 +235,15 @@ class PlantBench:
 
     # --- experiments ------------------------------------------------------------------------------------------------
 
-    def measure(self, context: Context) -> float:
-        """The output now [y]."""
+    def measure(self, context: Context, *, apart: bool = False) -> float:
+        """The output now [y]; with `apart` half of what the left steered wheel is ahead of the right one."""
         plant = self.assembly.parts.plant
         x = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(context))
         positions = plant.num_positions()
         if self.spec.kind == "steering":
             left, right = (np.array([x[joint.position_start()]]) for joint in self.part.steering)
+            if apart:
+                return 0.5 * float(left[0] - right[0])
             return float(bicycle_angles(left, right)[0])
         if self.spec.kind == "speed":
             pose = x[self.part.base.floating_positions_start() :][:7, None]
@@ -249,15 +251,16 @@ class PlantBench:
             return float(vehicle_states(pose, twist)[6, 0])
         return float(np.mean([x[positions + self.part.wheels[i].velocity_start()] for i in self._driven]))
 
-    def excite(self, context: Context, value: float) -> None:
-        """Add to the control of the loop [u], before the delay, from the next period on."""
-        self._push(context, self._late.excite, value)
+    def excite(self, context: Context, value: float, *, apart: bool = False) -> None:
+        """Add to the control of the loop [u], before the delay, from the next period on; `apart`: less on the right."""
+        self._push(context, self._late.excite, value, apart=apart)
 
-    def control_value(self, context: Context) -> float:
-        """What the controller gives now [u], without excitation."""
+    def control_value(self, context: Context, *, apart: bool = False) -> float:
+        """What the controller gives now [u], without excitation; with `apart` half of left minus right."""
         port = self._late.u
         values = port.Eval(self._late.GetMyContextFromRoot(context))
-        return float(values[self._channels[0]])
+        first, second = float(values[self._channels[0]]), float(values[self._channels[-1]])
+        return 0.5 * (first - second) if apart else first
 
 
 class BenchProcess:
@@ -267,27 +270,33 @@ class BenchProcess:
         bench: the plant.
         gains: feedback that stays on; all zero if left out.
         conditions: nominal if left out.
+        apart: whether the two steered wheels are pushed, and measured, against each other.
     """
 
     def __init__(
-        self, bench: PlantBench, gains: Mapping[str, float] | None = None, conditions: Conditions = NOMINAL
+        self,
+        bench: PlantBench,
+        gains: Mapping[str, float] | None = None,
+        conditions: Conditions = NOMINAL,
+        *,
+        apart: bool = False,
     ) -> None:
-        self.bench, self.period = bench, bench.period
+        self.bench, self.period, self.apart = bench, bench.period, apart
         self.context = bench.context(gains or dict.fromkeys(bench.spec.gains, 0.0), conditions)
         self._simulator = Simulator(bench.assembly.diagram, self.context)
         self._simulator.Initialize()
         self._steps = 0
-        self.measurement = bench.measure(self.context)
+        self.measurement = bench.measure(self.context, apart=apart)
 
     def __call__(self, control: float) -> float:
         """Hold a control for a period [u]; the output at its end [y]."""
-        self.bench.excite(self.context, control)
+        self.bench.excite(self.context, control, apart=self.apart)
         self._steps += 1
         try:
             self._simulator.AdvanceTo(self._steps * self.period)
         except RuntimeError as error:
             raise RunError(f"experiment on the plant: {str(error).splitlines()[0]}") from None
-        self.measurement = self.bench.measure(self.context)
+        self.measurement = self.bench.measure(self.context, apart=self.apart)
         return self.measurement
 
 
@@ -295,14 +304,19 @@ class BenchLoop(BenchProcess):
     """The plant with closed loop; adds an excitation for a period and gives control and measurement."""
 
     def __init__(
-        self, bench: PlantBench, gains: Mapping[str, float], *, rest: tuple[float, float] = (0.0, 0.0)
+        self,
+        bench: PlantBench,
+        gains: Mapping[str, float],
+        *,
+        rest: tuple[float, float] = (0.0, 0.0),
+        apart: bool = False,
     ) -> None:
-        super().__init__(bench, gains)
+        super().__init__(bench, gains, apart=apart)
         self.rest = rest
 
     def step(self, excitation: float) -> tuple[float, float]:
         """(control with excitation, measurement at the beginning of the period), both from rest."""
         measured = self.measurement
         self(excitation)
-        control = self.bench.control_value(self.context) + excitation
+        control = self.bench.control_value(self.context, apart=self.apart) + excitation
         return control - self.rest[0], measured - self.rest[1]

@@ -181,7 +181,17 @@ def check_names(spec: TuningSpec, loop: LoopSpec) -> None:
 
 
 def baseline_gains(spec: TuningSpec, loop: LoopSpec) -> dict[str, float]:
-    """Gains to compare with; what is not said is zero."""
+    """Gains to compare with; what is not said is zero, or in a loop of signals what the diagram has.
+
+    Raises:
+        ConfigError: a loop of signals, of whose gains nobody knows what the diagram has.
+    """
+    if "present" in loop.options:
+        given = dict(loop.options["present"]) | (spec.baseline if isinstance(spec.baseline, dict) else {})
+        missing = [name for name in loop.gains if name not in given]
+        if missing:
+            raise ConfigError(f"{where(spec, 'baseline')}: say what to compare with, as in {{{missing[0]}: 1}}")
+        return {name: float(given[name]) for name in loop.gains}
     given = PUBLISHED if spec.baseline == "published" else spec.baseline
     return {name: float(given.get(name, 0.0)) for name in loop.gains}
 

@@ -26,21 +26,34 @@ def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
     )
 
 
-def nominal_model(spec: LoopSpec) -> TransferFunction:
+def nominal_model(spec: LoopSpec, name: str = "main") -> TransferFunction:
     """The model of the loop from control to what is fed back, hold of the control not in it.
+
+    Args:
+        spec: the loop.
+        name: ``main``; a steering loop also has ``apart``, of the two wheels against each other.
 
     Raises:
         ConfigError: the loop has not been identified.
     """
-    data = spec.models.get("main")
+    data = spec.models.get(name)
     if data is None:
         raise ConfigError("the loop has no reduced model; identify it first")
     return TransferFunction(tuple(data["numerator"]), tuple(data["denominator"]), float(data["delay"]))
 
 
-def model_under(spec: LoopSpec, conditions: Conditions) -> TransferFunction:
+def critical_model(spec: LoopSpec, gains: Mapping[str, float]) -> TransferFunction:
+    """Of the models of the loop that on which these gains come closest to the edge, by Ms."""
+    models = [nominal_model(spec, name) for name in spec.models]
+    if len(models) < 2 or not any(gains.values()):
+        return nominal_model(spec)
+    pid, period = pid_of(spec, gains), float(spec.options["period"])
+    return max(models, key=lambda model: find_margins(model, pid, period=period).max_sensitivity)
+
+
+def model_under(spec: LoopSpec, conditions: Conditions, name: str = "main") -> TransferFunction:
     """The model under other conditions: another delay, and where the car's mass is what is moved, another mass."""
-    model = nominal_model(spec)
+    model = nominal_model(spec, name)
     denominator = list(model.denominator)
     if conditions.mass != 1.0 and spec.kind != "steering" and len(denominator) > 1:
         denominator[0] *= conditions.mass
@@ -51,20 +64,25 @@ def model_under(spec: LoopSpec, conditions: Conditions) -> TransferFunction:
 
 
 def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, float]:
-    """Margins of the nominal loop by name; nan for those of a loop without model or without any gain."""
+    """Margins of the nominal loop by name, each the worst over its models; nan without model or without any gain."""
     names = ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
     if "main" not in spec.models or not any(gains.values()):
         return dict.fromkeys(names, math.nan)
-    found = find_margins(nominal_model(spec), pid_of(spec, gains), period=spec.options["period"])
-    values = (
-        found.max_sensitivity,
-        found.max_complementary,
-        found.gain_margin,
-        math.degrees(found.phase_margin),
-        found.delay_margin,
-        found.disk_margin,
-    )
-    return dict(zip(names, values, strict=True))
+    rows = []
+    for name in spec.models:
+        found = find_margins(nominal_model(spec, name), pid_of(spec, gains), period=spec.options["period"])
+        rows.append(
+            (
+                -found.max_sensitivity,
+                -found.max_complementary,
+                found.gain_margin,
+                math.degrees(found.phase_margin),
+                found.delay_margin,
+                found.disk_margin,
+            )
+        )
+    worst = [min(column) for column in zip(*rows, strict=True)]
+    return dict(zip(names, (-worst[0], -worst[1], *worst[2:]), strict=True))
 
 
 def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditions = NOMINAL) -> Evaluation:
@@ -77,9 +95,11 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     model = model_under(spec, conditions)
     period, course, options = float(spec.options["period"]), spec.course, spec.options
     if any(gains.values()):
-        late = TransferFunction(model.numerator, model.denominator, model.delay + 0.5 * period)
-        if not is_stable(late, pid):
-            return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
+        for name in spec.models:
+            part = model_under(spec, conditions, name)
+            late = TransferFunction(part.numerator, part.denominator, part.delay + 0.5 * period)
+            if not is_stable(late, pid):
+                return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
     t = np.arange(round(course["duration"] / period) + 1) * period
     reference = set_points(spec, t)
     slope = np.diff(reference, prepend=reference[0]) / period

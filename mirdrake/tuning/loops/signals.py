@@ -32,6 +32,15 @@ from mirdrake.yaml_io import where
 LOOK = 0.2
 """Time for which a diagram is run to see which signals it has [s]."""
 
+PATH_GAINS = ("convergence_time", "damping")
+"""Gains of a driver that tracks a path."""
+
+PATH_RANGES = {
+    "ego.driver.convergence_time": {"low": 0.3, "high": 3.0, "scale": "log"},
+    "ego.driver.damping": {"low": 0.6, "high": 1.5, "scale": "linear"},
+}
+"""Where the gains of a path are searched unless the file says [s, 1]."""
+
 Turn = Callable[[Context, float], None]
 
 
@@ -85,7 +94,14 @@ def make_signal_loop(spec: TuningSpec) -> LoopSpec:
             "duration": test.duration,
         },
         nominal={"delay": 0.0, "friction": math.nan},
-        options={"signals": [loop.reference, loop.output, loop.effort], "noisy": False, "pedals": False},
+        options={
+            "signals": [loop.reference, loop.output, loop.effort],
+            "noisy": False,
+            "pedals": False,
+            "friction": "road.friction" in knobs,
+            "present": {name: value for name, value in present_gains(assembly).items() if name in loop.knobs},
+            "ranges": {} if own else PATH_RANGES,
+        },
     )
 
 
@@ -104,11 +120,23 @@ def knobs_of(assembly: Assembly) -> dict[str, Turn]:
                     system, context, gain, value
                 )
         elif isinstance(system, PathTracker):
-            for gain in ("convergence_time", "damping"):
+            for gain in PATH_GAINS:
                 turns[f"{name}.{gain}"] = lambda context, value, system=system, gain=gain: _set(  # type: ignore[misc]
                     system, context, gain, value
                 )
     return turns
+
+
+def present_gains(assembly: Assembly) -> dict[str, float]:
+    """Gains that the diagram's own blocks have, those of kind pid and of drivers that track a path, by knob."""
+    found: dict[str, float] = {}
+    context = assembly.make_context()
+    for system in assembly.diagram.GetSystems():
+        if isinstance(system, DiscretePid | PathTracker):
+            gains = system.get_gains(system.GetMyContextFromRoot(context))
+            names = GAINS if isinstance(system, DiscretePid) else PATH_GAINS
+            found |= {f"{system.get_name()}.{name}": float(getattr(gains, name)) for name in names}
+    return found
 
 
 def _set(system: Any, context: Context, gain: str, value: float) -> None:
