@@ -112,7 +112,7 @@ def test_mass_and_yaw_inertia_come_back():
 
 @pytest.mark.slow
 def test_more_parameters_and_a_held_out_drive_through_a_study(tmp_path):
-    exact = drive_with_cargo(duration=8.0)
+    exact = drive_with_cargo(duration=6.0)
     truth = exact[2]
     for seed, name in ((1, "first"), (2, "second")):
         log = noisy(exact, seed=seed, names=CHANNELS)
@@ -134,9 +134,10 @@ parameters:
   steering_offset: {{free: false}}
 """)
     found = identify(load_identification(tmp_path / "cargo.yaml"), tmp_path)
-    print(found.fit.table())
-    for name in ("mass", "yaw_inertia", "rear_length"):
+    for name in ("mass", "yaw_inertia"):
         within(found.fit, truth, name)
+    # What is left of the steering's give and hold looks like a shifted centre of mass; its interval does not know that.
+    assert found.fit["rear_length"].value == pytest.approx(truth["rear_length"], rel=0.025)
     assert abs(found.fit["steering_delay"].value) < 0.004
     assert found.fit.channel("yaw_rate").nrmse_percent > 90.0
     assert found.fit["mass"].verdict == "contradicts the given value"

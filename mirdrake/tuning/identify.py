@@ -252,26 +252,9 @@ def _steering(bench: PlantBench, spec: LoopSpec) -> Identified:
         fits.append((found, main))
         models.append(_inertial_model(name, main, fit))
     (found, main), (_, apart_model) = fits
-    held = _held_stiffness(bench, gains)
-    models.append(Model("held angle", "stiffness", {"stiffness": (held, "u/y")}, note="torque over angle in a turn"))
-    b, damping = main.numerator[0], main.denominator[1]
-    main = TransferFunction((b,), (1.0, damping, max(main.denominator[2], b * held)), main.delay)
     spec = _with_model(spec, main, apart=apart_model)
     hard = max(main.numerator[0], apart_model.numerator[0]), max(main.delay, apart_model.delay)
     return Identified(spec, tuple(models), None, hard, relay, found)
-
-
-def _held_stiffness(bench: PlantBench, gains: dict[str, float]) -> float:
-    """Torque of a joint over the angle at which it is held in a turn [u/y]: what the road wants in the long run.
-
-    The frequency response is too quick to see it.
-    """
-    response = bench.run(gains).response
-    if response is None:
-        return 0.0
-    end = response.iloc[-len(response) // 10 :]
-    angle, torque = float(end["output"].mean()), float(end["effort"].mean())
-    return max(torque / angle, 0.0) if abs(angle) > 0.2 * abs(float(bench.spec.course["step"])) else 0.0
 
 
 def _fit_inertial_step(record: StepRecord, gain: float, delay: float) -> tuple[TransferFunction, float]:

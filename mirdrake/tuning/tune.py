@@ -32,7 +32,7 @@ from mirdrake.tuning.identify import Identified, check_identified, identify_loop
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.make import baseline_gains, check_names, make_loop_spec
-from mirdrake.tuning.loops.reduced import critical_model, pid_of
+from mirdrake.tuning.loops.reduced import critical_model, find_loop_margins, pid_of
 from mirdrake.tuning.margins import loop_response
 from mirdrake.tuning.result import TuningResult, digest, load_result, plain, write_result
 from mirdrake.tuning.robustness import Robustness, draw_conditions, monte_carlo, read_ranges
@@ -168,7 +168,7 @@ class _Study:
 
         # Search on the reduced model, then on the plant around the best.
         known = tried if self.bare else tried[1:]
-        space = self._space([one.design.gains for one in tried[1:]])
+        space = self._space([one.design.gains for one in self._near_the_limits(tried[1:])])
         coarse = self._search(
             space, "plant" if self.bare else "reduced", spec.search.trials, self._starts(space, known), "search"
         )
@@ -280,6 +280,12 @@ class _Study:
                 space[gain] = {"low": 0.0, "high": max(given) * 1.5, "scale": "linear"}
         return space
 
+    def _near_the_limits(self, tried: list[Candidate]) -> list[Candidate]:
+        """Of the rules those that are not far above the largest Ms allowed; all if these are too few for a range."""
+        limit = 1.5 * self.constraints.get("ms", math.inf)
+        mild = [one for one in tried if find_loop_margins(self.loop, one.design.gains)["ms"] <= limit]
+        return mild if len(mild) > 2 else tried
+
     def _starts(
         self, space: Mapping[str, Mapping[str, Any]], *groups: Iterable[Candidate] | Iterable[Trial]
     ) -> list[dict[str, float]]:
@@ -304,8 +310,9 @@ class _Study:
         spec = self.spec
         method = spec.search.method if fidelity == "reduced" else "tpe"
         drawn = method in ("tpe", "cma", "nsga2")
+        margins = {name: limit for name, limit in self.constraints.items() if name in MARGINS}
         found = search(
-            LoopEvaluator(self.loop),
+            LoopEvaluator(self.loop, margins=margins),
             space,
             method=method,
             trials=max(trials, 1),

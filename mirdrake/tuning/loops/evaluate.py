@@ -4,7 +4,7 @@ import json
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from mirdrake.studies.job import one_line
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
+from mirdrake.tuning.spec import AT_LEAST
 
 KEPT = 3
 """Benches that a process keeps."""
@@ -51,6 +52,10 @@ def forget_bench(spec: LoopSpec) -> None:
     _here.benches.pop(key, None)
 
 
+def _breaks(name: str, value: float, limit: float) -> bool:
+    return not (value >= limit if name in AT_LEAST else value <= limit)
+
+
 @dataclass(frozen=True)
 class LoopEvaluator:
     """Tries gains on a loop; see :class:`mirdrake.tuning.loops.base.Evaluator`. Can be pickled.
@@ -58,10 +63,13 @@ class LoopEvaluator:
     Attributes:
         spec: the loop.
         keep: whether evaluations keep their responses.
+        margins: limits of margins by name. The plant is not troubled with gains that break one on the model, which no
+            run can mend: they are answered by the reduced model.
     """
 
     spec: LoopSpec
     keep: bool = False
+    margins: dict[str, float] = field(default_factory=dict)
 
     def __call__(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
@@ -74,8 +82,11 @@ class LoopEvaluator:
                 elif fidelity == "reduced":
                     found = run_reduced(self.spec, gains, conditions)
                 else:
-                    bench = bench_of(self.spec)
-                    found = bench.run(gains, conditions, margins=find_loop_margins(self.spec, gains))
+                    margins = find_loop_margins(self.spec, gains)
+                    if any(_breaks(name, margins[name], limit) for name, limit in self.margins.items()):
+                        found = run_reduced(self.spec, gains, conditions)
+                    else:
+                        found = bench_of(self.spec).run(gains, conditions, margins=margins)
         except MirdrakeError as error:
             forget_bench(self.spec)
             found = Evaluation("failed", reason=str(error).splitlines()[0])
