@@ -357,9 +357,7 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     return joints
 
 
-def _place_tyre(
-    plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
-) -> GeometryId:
+def _place_tyre(plant: MultibodyPlant, scene_graph: SceneGraph, _: Joint, tyre: GeometryId, shape: Shape) -> GeometryId:
     """Give the collision geometry of a wheel another shape; its id."""
     apart = _never_touching(scene_graph, tyre)
     source = plant.get_source_id()

@@ -11,8 +11,8 @@ from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.covariance import block_bootstrap, long_run
-from mirdrake.identification.estimators.regression import coast_down, physical_road_load, regress, understeer
 from mirdrake.identification.estimators.experiment_design import rank
+from mirdrake.identification.estimators.regression import coast_down, physical_road_load, regress, understeer
 from mirdrake.identification.fit import load_fit
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import first_order, second_order

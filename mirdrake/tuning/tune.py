@@ -13,18 +13,16 @@ A study that was stopped goes on where it was when it is called again with the s
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.errors import RunError
 from mirdrake.logs import write_file
-from mirdrake.paths import installed_version
 from mirdrake.recording.files import told
 from mirdrake.studies.calls import Lost, call_all, open_executor
 from mirdrake.tuning.designs import DIGITS, Design, make_designs
@@ -32,15 +30,24 @@ from mirdrake.tuning.identify import Identified, check_identified, identify_loop
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.make import baseline_gains, check_names, make_loop_spec
-from mirdrake.tuning.loops.reduced import critical_model, find_loop_margins, pid_of
-from mirdrake.tuning.margins import loop_response
+from mirdrake.tuning.outcome import (
+    MARGINS,
+    Candidate,
+    accept,
+    baseline_words,
+    candidate_data,
+    frequency_table,
+    loop_data,
+    responses_table,
+    trials_table,
+    versions,
+)
 from mirdrake.tuning.result import TuningResult, digest, load_result, plain, write_result
 from mirdrake.tuning.robustness import Robustness, draw_conditions, monte_carlo, read_ranges
 from mirdrake.tuning.search import Trial, Trials, judge, map_of_two_gains, search
+from mirdrake.tuning.space import known_starts, leaders_of, near_the_limits, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
-from mirdrake.yaml_io import where
 
-MARGINS = ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
 STUDY = "study.json"
 MAP = 13
 """Values of each gain in the map."""
@@ -63,20 +70,6 @@ Progress = Callable[[str, int, int, float], None]
 
 class StoppedError(Exception):
     """Ctrl-C; what is done is kept in the folder."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A design and what the plant says of it."""
-
-    design: Design
-    trial: Trial
-    response: pd.DataFrame | None = None
-
-    @property
-    def rank(self) -> tuple[float, float]:
-        """Small is good: how much it breaks the constraints, then the cost."""
-        return self.trial.violation, self.trial.cost
 
 
 def tune(
@@ -161,20 +154,21 @@ class _Study:
         if not self.bare:
             designs, notes = make_designs(found, max_sensitivity=min(max(spec.constraints.get("ms", 1.4), 1.1), 2.5))
         base = Design(
-            "baseline", "baseline", _baseline_words(spec, loop_of_signals=self.bare), baseline_gains(spec, self.loop)
+            "baseline", "baseline", baseline_words(spec, loop_of_signals=self.bare), baseline_gains(spec, self.loop)
         )
         tried = self._try([base, *designs], "rules")
         baseline, rules = tried[0], [one for one in tried[1:] if one.design.kind == "rule"]
 
         # Search on the reduced model, then on the plant around the best.
         known = tried if self.bare else tried[1:]
-        space = self._space([one.design.gains for one in self._near_the_limits(tried[1:])])
+        mild = near_the_limits(self.loop, tried[1:], self.constraints.get("ms", math.inf))
+        space = search_space(spec, self.loop, [one.design.gains for one in mild])
         coarse = self._search(
-            space, "plant" if self.bare else "reduced", spec.search.trials, self._starts(space, known), "search"
+            space, "plant" if self.bare else "reduced", spec.search.trials, known_starts(space, known), "search"
         )
-        leaders = self._leaders(coarse)
-        near = self._near(space, leaders)
-        fine = self._search(near, "plant", spec.search.confirm, self._starts(near, leaders, known), "confirmation")
+        leaders = leaders_of(coarse)
+        near = space_around(space, leaders)
+        fine = self._search(near, "plant", spec.search.confirm, known_starts(near, leaders, known), "confirmation")
         best = self._best(fine, tried)
         tried += [best] if best is not None and best not in tried else []
         pool = min(rules, key=lambda one: one.rank, default=None)
@@ -186,10 +180,10 @@ class _Study:
         robust = self._shake(chosen)
         gain_map = self._map(space, winner)
         tables = {
-            "responses": _responses(tried),
-            "trials": _trials(coarse, fine),
+            "responses": responses_table(tried),
+            "trials": trials_table(coarse, fine),
         }
-        tables |= {} if self.bare else {"frequency": _frequency(self.loop, chosen)}
+        tables |= {} if self.bare else {"frequency": frequency_table(self.loop, chosen)}
         tables |= {} if gain_map is None else {"map": gain_map}
         tables |= {} if robust is None else {"monte_carlo": robust.table}
         result = {
@@ -198,8 +192,8 @@ class _Study:
             "spec": data,
             "spec_sha256": digest(data),
             "seed": spec.seed,
-            "versions": _versions(),
-            "loop": _loop_data(self.loop),
+            "versions": versions(),
+            "loop": loop_data(self.loop),
             "models": [
                 {
                     "name": model.name,
@@ -211,7 +205,7 @@ class _Study:
                 for model in found.models
             ],
             "notes": notes,
-            "candidates": [_candidate_data(one) for one in tried],
+            "candidates": [candidate_data(one) for one in tried],
             "baseline": baseline.design.name,
             "best": winner.design.name if winner.trial.feasible else None,
             "best_rule": pool.design.name if pool is not None else None,
@@ -258,47 +252,6 @@ class _Study:
         record = {"status": given.status, "reason": given.reason, "figures": given.figures}
         return Candidate(design, judge(number, design.gains, record, self.spec.cost, self.constraints), given.response)
 
-    def _space(self, known: list[dict[str, float]]) -> dict[str, dict[str, Any]]:
-        """Range of each gain: the file's, or a decade around those of the rules."""
-        space: dict[str, dict[str, Any]] = {}
-        for gain in self.loop.gains:
-            if gain in self.spec.search.ranges:
-                space[gain] = self.spec.search.ranges[gain].model_dump()
-                continue
-            if gain in self.loop.options.get("ranges", {}):
-                space[gain] = dict(self.loop.options["ranges"][gain])
-                continue
-            given = [gains[gain] for gains in known if gains[gain] > 0.0]
-            if not given:
-                raise ConfigError(
-                    f"{where(self.spec, 'search', 'ranges')}: no rule gives a value of {gain}; write a range for it"
-                )
-            low, high = min(given) / 3.0, max(given) * 3.0
-            if gain == "kp":
-                space[gain] = {"low": low, "high": high, "scale": "log"}
-            else:  # may be left out
-                space[gain] = {"low": 0.0, "high": max(given) * 1.5, "scale": "linear"}
-        return space
-
-    def _near_the_limits(self, tried: list[Candidate]) -> list[Candidate]:
-        """Of the rules those that are not far above the largest Ms allowed; all if these are too few for a range."""
-        limit = 1.5 * self.constraints.get("ms", math.inf)
-        mild = [one for one in tried if find_loop_margins(self.loop, one.design.gains)["ms"] <= limit]
-        return mild if len(mild) > 2 else tried
-
-    def _starts(
-        self, space: Mapping[str, Mapping[str, Any]], *groups: Iterable[Candidate] | Iterable[Trial]
-    ) -> list[dict[str, float]]:
-        """Known gains to begin with: those within the ranges, the best first."""
-        starts: list[dict[str, float]] = []
-        for group in groups:
-            for one in group:
-                gains = dict(one.design.gains if isinstance(one, Candidate) else one.gains)
-                inside = all(entry["low"] <= gains[name] <= entry["high"] for name, entry in space.items())
-                if inside and gains not in starts:
-                    starts.append(gains)
-        return starts
-
     def _search(
         self,
         space: dict[str, dict[str, Any]],
@@ -330,26 +283,6 @@ class _Study:
         if not found.complete:
             raise KeyboardInterrupt
         return found
-
-    def _leaders(self, coarse: Trials) -> list[Trial]:
-        """The best trials of the reduced model."""
-        ranked = sorted(coarse.trials, key=lambda one: (one.violation, one.cost, one.number))
-        return [one for one in ranked if one.status == "ok"][:5]
-
-    def _near(self, space: dict[str, dict[str, Any]], leaders: list[Trial]) -> dict[str, dict[str, Any]]:
-        """The part of the space around the best trials."""
-        if not leaders:
-            return space
-        near = {}
-        for gain, entry in space.items():
-            values = [one.gains[gain] for one in leaders]
-            if entry["scale"] == "log":
-                low, high = min(values) / 2.0, max(values) * 1.5
-            else:
-                width = 0.25 * (entry["high"] - entry["low"])
-                low, high = min(values) - width, max(values) + width
-            near[gain] = {**entry, "low": max(low, entry["low"]), "high": min(high, entry["high"])}
-        return near
 
     def _best(self, fine: Trials, tried: list[Candidate]) -> Candidate | None:
         """The cheapest candidate that keeps the constraints and is stable in all runs of the robustness.
@@ -483,7 +416,7 @@ class _Study:
                 trials=self.spec.search.trials,
                 cost=self.spec.cost,
                 constraints=self.constraints,
-                start=self._starts(space, [winner]),
+                start=known_starts(space, [winner]),
                 seed=self.spec.seed,
                 store=self.folder / f"speed-{speed:g}.jsonl",
                 purpose={"study": self.key},
@@ -495,123 +428,3 @@ class _Study:
             if found.best is not None:
                 rows.append({"speed": speed, "gains": found.best.gains})
         return rows
-
-
-# --- words and tables ---------------------------------------------------------------------------------------------
-
-
-def accept(
-    baseline: Candidate,
-    rule: Candidate | None,
-    winner: Candidate,
-    robust: Robustness | None,
-    constraints: Mapping[str, float],
-    course: Mapping[str, Any],
-) -> list[dict[str, Any]]:
-    """What a tuned loop shall reach, and whether it does.
-
-    IAE at most half of the baseline's, the constraints, no run of the Monte Carlo unstable, and a cost below that of
-    the best rule.
-    """
-    figures = winner.trial.figures
-    rows: list[dict[str, Any]] = []
-    before, now = _iae(baseline, course), _iae(winner, course)
-    share = now / before if math.isfinite(before) and before > 0.0 else 0.0 if math.isfinite(now) else math.inf
-    words = "" if baseline.trial.status == "ok" else ", which is unstable"
-    rows.append({"what": f"IAE over that of the baseline{words}", "value": share, "limit": 0.5, "met": share <= 0.5})
-    for name, limit in constraints.items():
-        value = figures.get(name, math.nan)
-        more = name in ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
-        rows.append({"what": name, "value": value, "limit": limit, "met": value >= limit if more else value <= limit})
-    if robust is not None:
-        failures = robust.failures(winner.design.name).failures
-        rows.append({"what": "Monte-Carlo runs not stable", "value": failures, "limit": 0, "met": failures == 0})
-    if rule is not None and rule.trial.feasible:
-        rows.append(
-            {"what": f"cost against the best rule that keeps the constraints, {rule.design.name}",
-             "value": winner.trial.cost, "limit": rule.trial.cost,
-             "met": winner.trial.feasible and winner.trial.cost < rule.trial.cost}
-        )  # fmt: skip
-    elif rule is not None:
-        rows.append({"what": "keeps the constraints, which no rule does", "value": float(winner.trial.feasible),
-                     "limit": 1, "met": winner.trial.feasible})  # fmt: skip
-    return [{**row, "met": bool(row["met"])} for row in rows]
-
-
-def _iae(one: Candidate, course: Mapping[str, Any]) -> float:
-    """IAE of a candidate, of one that is unstable that of its response as far as it goes; inf if it has none."""
-    if "iae" in one.trial.figures or one.response is None:
-        return one.trial.figures.get("iae", math.inf)
-    part = one.response[one.response["t"] >= course["step_time"] - 1e-9]
-    error = (part["reference"] - part["output"]).abs().to_numpy()
-    return float(np.sum(0.5 * (error[1:] + error[:-1]) * np.diff(part["t"].to_numpy())))
-
-
-def _baseline_words(spec: TuningSpec, *, loop_of_signals: bool) -> str:
-    if loop_of_signals:
-        return "as the diagram has them" if spec.baseline == "published" else "as the study gives them"
-    if spec.baseline == "published":
-        return "100, 0.01 and 10 as the papers have them on every joint"
-    return "as the study gives them"
-
-
-def _candidate_data(one: Candidate) -> dict[str, Any]:
-    trial = one.trial
-    return {
-        "name": one.design.name,
-        "kind": one.design.kind,
-        "how": one.design.how,
-        "gains": one.design.gains,
-        "figures": {name: value for name, value in trial.figures.items() if name not in MARGINS},
-        "margins": {name: trial.figures.get(name, math.nan) for name in MARGINS},
-        "cost": trial.cost,
-        "feasible": trial.feasible,
-        "status": trial.status,
-        "reason": trial.reason,
-    }
-
-
-def _loop_data(loop: LoopSpec) -> dict[str, Any]:
-    return {
-        "name": loop.kind,
-        "reference": loop.reference,
-        "output": loop.output,
-        "effort": loop.effort,
-        "output_unit": loop.output_unit,
-        "effort_unit": loop.effort_unit,
-        "gains": {gain: {"unit": unit, "path": loop.paths.get(gain, "")} for gain, unit in loop.gains.items()},
-        "settings": loop.settings,
-        "course": loop.course,
-        "nominal": loop.nominal,
-    }
-
-
-def _responses(tried: list[Candidate]) -> pd.DataFrame:
-    parts = [one.response.assign(candidate=one.design.name) for one in tried if one.response is not None]
-    columns = ["candidate", "t", "reference", "output", "effort"]
-    return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
-
-
-def _trials(coarse: Trials, fine: Trials) -> pd.DataFrame:
-    first, second = coarse.table.assign(fidelity="reduced"), fine.table.assign(fidelity="plant")
-    second["number"] += len(first)
-    return pd.concat([first, second], ignore_index=True)
-
-
-def _frequency(loop: LoopSpec, chosen: list[Candidate]) -> pd.DataFrame:
-    """Open loops over frequency, with the model of the loop on which each candidate is closest to the edge."""
-    period = float(loop.options["period"])
-    top = 0.99 * math.pi / period
-    omega = np.geomspace(top / 3e3, top, 300)
-    parts = []
-    for one in chosen:
-        model = critical_model(loop, one.design.gains)
-        value = loop_response(model, pid_of(loop, one.design.gains), period=period)(omega)
-        parts.append(pd.DataFrame({"candidate": one.design.name, "omega": omega, "re": value.real, "im": value.imag}))
-    return pd.concat(parts, ignore_index=True)
-
-
-def _versions() -> dict[str, str]:
-    from importlib.metadata import version
-
-    return {"mirdrake": installed_version("mirdrake") or "", "drake": version("drake"), "numpy": version("numpy")}

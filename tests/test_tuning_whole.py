@@ -1,0 +1,164 @@
+"""Whole studies of every kind of loop, with tiny budgets; killed ones; one on a vehicle that was imported."""
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mirdrake.errors import ConfigError
+from mirdrake.tuning.designs import Design
+from mirdrake.tuning.identify import identify_loop
+from mirdrake.tuning.loops.base import Conditions, LoopSpec
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
+from mirdrake.tuning.loops.make import make_loop_spec
+from mirdrake.tuning.loops.reduced import find_loop_margins
+from mirdrake.tuning.outcome import Candidate, accept
+from mirdrake.tuning.search import Trial
+from mirdrake.tuning.spec import load_tuning, make_tuning
+from mirdrake.tuning.tune import tune
+from mirdrake.vehicles.importing import import_vehicle
+from tests import trap_packages
+
+ROOT = Path(__file__).parents[1]
+SHORT: dict[str, Any] = {
+    "vehicle": "bolt",
+    "loop": "speed",
+    "test": {"duration": 4.0, "load_time": 3.5, "step": 1.0},
+    "search": {"trials": 6, "confirm": 2},
+    "constraints": {"overshoot_percent": 20, "ms": 1.8},
+    "robustness": {"runs": 2},
+}
+TRACK: dict[str, Any] = {
+    "test": {"duration": 3.0},
+    "search": {"trials": 4, "confirm": 1},
+    "constraints": {"overshoot_percent": 40},
+    "robustness": {"runs": 2},
+}
+KNOBS = ["ego.driver.damping", "ego.driver.convergence_time"]
+SKIDPAD = {
+    "diagram": "bolt_skidpad",
+    "reference": 0.0,
+    "output": "ego.lateral_error",
+    "effort": "ego.steering_setpoint",
+    "knobs": KNOBS,
+}
+
+
+def candidate(name: str, iae: float, *, feasible: bool = True) -> Candidate:
+    figures = {"iae": iae, "overshoot_percent": 0.0 if feasible else 30.0}
+    return Candidate(Design(name, "rule", "", {}), Trial(0, {}, "ok", figures, iae, 0.0 if feasible else 5.0))
+
+
+def rows(winner: float, rule: float, *, feasible: bool = True) -> list[dict[str, Any]]:
+    given = candidate("base", 3.0), candidate("rule", rule, feasible=feasible), candidate("best", winner)
+    return accept(*given, None, {"overshoot_percent": 5.0}, {"step_time": 0.5})
+
+
+def test_the_best_rule_is_beaten_only_by_a_smaller_cost() -> None:
+    assert rows(1.0, 1.1)[-1]["met"]
+    assert not rows(1.0, 1.0)[-1]["met"]
+    assert "that keeps the constraints, rule" in rows(1.0, 1.1)[-1]["what"]
+
+
+def test_a_rule_that_breaks_a_constraint_is_not_compared_with() -> None:
+    row = rows(1.0, 0.5, feasible=False)[-1]
+    assert row == {"what": "keeps the constraints, which no rule does", "value": 1.0, "limit": 1, "met": True}
+
+
+def test_a_path_has_ranges_and_begins_with_the_gains_of_its_driver(tmp_path: Path) -> None:
+    result = tune({"vehicle": "bolt", "loop": "path", **TRACK}, out=tmp_path / "out")
+    baseline = result.candidate("baseline")
+    assert baseline["gains"] == {"ego.driver.convergence_time": 0.6, "ego.driver.damping": 1.0}
+    assert result.candidate()["cost"] <= baseline["cost"]
+    shaken = result.data["robustness"]["candidates"]
+    assert shaken["baseline"]["failures"] == 0  # a road with patches of friction keeps them
+
+
+def test_a_loop_of_gains_that_nobody_knows_needs_a_baseline() -> None:
+    loop = {**SKIDPAD, "knobs": ["ego.speed.kp"]}
+    with pytest.raises(ConfigError, match="baseline: say what to compare with"):
+        tune({"loop": loop, **TRACK}, out="nowhere")
+
+
+@pytest.mark.slow
+def test_a_loop_of_a_diagram(tmp_path: Path) -> None:
+    ranges = {name: {"low": 0.5, "high": 2.0} for name in KNOBS}
+    given = {"loop": SKIDPAD, **TRACK, "search": {**TRACK["search"], "ranges": ranges}}
+    result = tune(given, out=tmp_path / "out")
+    assert set(result.candidate()["gains"]) == set(KNOBS)
+    assert result.candidate()["cost"] <= result.candidate("baseline")["cost"]
+
+
+@pytest.mark.slow
+def test_the_speed_of_the_wheels(tmp_path: Path) -> None:
+    result = tune({**SHORT, "loop": "wheel_speed"}, out=tmp_path / "out")
+    best, baseline = result.candidate(), result.candidate("baseline")
+    assert best["figures"]["iae"] < 0.5 * baseline["figures"]["iae"]
+
+
+@pytest.mark.slow
+def test_gains_over_speed(tmp_path: Path) -> None:
+    result = tune({**SHORT, "schedule": {"speeds": [5, 15]}}, out=tmp_path / "out")
+    assert [row["speed"] for row in result.data["schedule"]] == [5.0, 15.0]
+    assert all(row["gains"]["kp"] > 0.0 for row in result.data["schedule"])
+
+
+@pytest.mark.slow
+def test_margins_are_also_those_of_the_wheels_against_each_other() -> None:
+    """Gains with a delay margin of 0.17 s for both wheels together swing with 0.05 s more: against each other."""
+    loop = make_loop_spec(load_tuning(ROOT / "studies/unior_steering.yaml"))
+    found = identify_loop(bench_of(loop)).spec
+    gains = {"kp": 0.1134, "ki": 0.0314, "kd": 0.024}
+    together = make_only(found, "main")
+    assert find_loop_margins(together, gains)["delay_margin_s"] > 0.1
+    assert find_loop_margins(found, gains)["delay_margin_s"] < 0.05
+    evaluate = LoopEvaluator(found)
+    assert evaluate(gains).status == "ok"
+    assert evaluate(gains, Conditions(delay=0.1)).status == "unstable"
+
+
+def make_only(loop: LoopSpec, name: str) -> LoopSpec:
+    return replace(loop, models={name: loop.models[name]})
+
+
+_SCRIPT = "import json, sys; from mirdrake.tuning.tune import tune; tune(json.loads(sys.argv[1]), out=sys.argv[2])"
+
+
+@pytest.mark.slow
+def test_a_study_that_was_killed_ends_as_if_it_were_not(tmp_path: Path) -> None:
+    began = time.monotonic()
+    whole = tune(SHORT, out=tmp_path / "whole")
+    span, chance = time.monotonic() - began, random.Random(7)
+    command = [sys.executable, "-c", _SCRIPT, json.dumps(SHORT), str(tmp_path / "killed")]
+    for _ in range(5):
+        with subprocess.Popen(command, cwd=ROOT) as process:
+            try:
+                process.wait(2.0 + chance.uniform(0.1, 0.8) * span)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGKILL)
+    resumed = tune(SHORT, out=tmp_path / "killed")
+    assert {**resumed.data, "wall_s": 0.0} == {**whole.data, "wall_s": 0.0}
+    for name in ("responses", "trials", "frequency", "map", "monte_carlo"):
+        assert (resumed.folder / f"{name}.parquet").read_bytes() == (whole.folder / f"{name}.parquet").read_bytes()
+
+
+@pytest.mark.slow
+def test_an_imported_vehicle_reaches_what_a_tuned_loop_shall(tmp_path: Path) -> None:
+    import_vehicle(trap_packages.golf_cart(tmp_path / "source"), name="golf_cart", folder=tmp_path / "models")
+    given = {
+        "vehicle": str(tmp_path / "models/golf_cart"),
+        "loop": "speed",
+        "test": {"duration": 8.0},
+        "search": {"trials": 60, "confirm": 24},
+        "robustness": {"runs": 40},
+    }
+    result = tune(make_tuning(given), out=tmp_path / "out")
+    assert [row for row in result.data["acceptance"] if not row["met"]] == []
+    assert len(result.data["acceptance"]) >= 6
