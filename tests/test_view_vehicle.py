@@ -13,7 +13,8 @@ from mirdrake.viewer import make_meshcat, show_vehicle
 from mirdrake.viewer.show import write_page
 from mirdrake.viewer.vehicle_view import BUTTONS, look_at
 from mirdrake.worlds import load_world
-from tests.test_browser import browser, colours, needs_browser, picture, severe  # noqa: F401
+from tests.chromium import NEEDS_BROWSER
+from tests.test_browser import browser, colours, picture, severe  # noqa: F401
 
 
 class Remote:
@@ -153,7 +154,7 @@ def test_the_camera_is_as_near_as_the_vehicle_is_small(real):
 class TestBrowser:
     """With a browser."""
 
-    pytestmark = needs_browser
+    pytestmark = NEEDS_BROWSER
 
     def test_keys_switch_layers_in_the_picture(self, request):
         driver = request.getfixturevalue("browser")
