@@ -498,7 +498,7 @@ def test_the_command_runs_resumes_and_tells(
     assert main(["study", "gains.yaml", "--workers", "0", "--set", "seed=1"]) == 2
     assert "begun with another study" in capsys.readouterr().err
     assert main(["study", "nowhere.yaml"]) == 2
-    assert capsys.readouterr().err.startswith("error: nowhere.yaml: no such file")
+    assert capsys.readouterr().err.startswith("error: no study at 'nowhere.yaml'")
     assert main(["study", "gains.yaml", "--workers", "1", "--scheduler", "tcp://x:1"]) == 2
 
 

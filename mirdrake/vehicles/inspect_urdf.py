@@ -415,7 +415,8 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
         at = where_in(spec, *path)
         if name not in joints:
             movable = [other for other, joint in joints.items() if joint.get("type") != "fixed"]
-            yield ConfigError(f"{at}: no joint '{name}'; {did_you_mean(name, movable)}")
+            given = name if len(name) <= 60 else f"{name[:59]}…"
+            yield ConfigError(f"{at}: no joint '{given}'; {did_you_mean(name, movable)}")
         elif name in used:
             yield ConfigError(f"{at}: joint '{name}' is already {used[name]}")
         else:
