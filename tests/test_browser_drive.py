@@ -21,7 +21,7 @@ from mirdrake.simulation import simulate
 from mirdrake.viewer import write_recording
 from tests.chromium import NEEDS_BROWSER, open_browser
 
-pytestmark = NEEDS_BROWSER
+pytestmark = [*NEEDS_BROWSER, pytest.mark.slow]  # they drive in real time: other tests beside them take that away
 
 Picture = NDArray[np.uint8]
 Told = dict[str, Any]
