@@ -1,8 +1,6 @@
 """Systems of the user's own: a class in a file of his, named ``module:Class``."""
 
-import importlib
 import inspect
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,8 +8,7 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from mirdrake.errors import ConfigError, did_you_mean
-
-_FOREIGN: set[str] = set()  # modules that were imported here
+from mirdrake.own_modules import import_own_module
 
 
 def make_own_system(
@@ -59,20 +56,10 @@ def make_own_system(
 def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
     """The class ``module:Class``; the module may lie in the folder or in the working directory."""
     module_name, _, class_name = kind.partition(":")
-    folders = [path for path in (folder, Path.cwd()) if path is not None]
-    extra = [str(path) for path in folders if str(path) not in sys.path]
-    sys.path[:0] = extra
-    _forget_namesake(module_name, folders)
     try:
-        module = importlib.import_module(module_name)
-        _FOREIGN.add(module_name)
-    except ImportError as error:
-        raise ConfigError(f"{where}: module '{module_name}' cannot be imported: {error}") from None
-    except Exception as error:
-        raise ConfigError(f"{where}: module '{module_name}' fails on import: {type(error).__name__}: {error}") from None
-    finally:
-        for path in extra:
-            sys.path.remove(path)
+        module = import_own_module(module_name, folder=folder)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
     maker = getattr(module, class_name, None)
     if not isinstance(maker, type) or not issubclass(maker, System):
         own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
@@ -81,12 +68,3 @@ def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
             f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}"
         )
     return maker
-
-
-def _forget_namesake(module: str, folders: list[Path]) -> None:
-    """Let a module be imported anew if the one of that name was imported for a file in another folder."""
-    file = getattr(sys.modules.get(module), "__file__", None)
-    wanted = [path for folder in folders if (path := folder / f"{module.replace('.', '/')}.py").is_file()]
-    if module in _FOREIGN and file and wanted and not Path(file).samefile(wanted[0]):
-        del sys.modules[module]
-        importlib.invalidate_caches()

@@ -423,7 +423,7 @@ duration: 1 s
         (", count: 2", "", "study.yaml:7: parameters.ego.speed.kp: a grid needs a count, or values"),
         ("[ego.distance_m]", "[ego.distanc]", "study.yaml:8: metrics.0: no figure 'ego.distanc'"),
         ("[ego.distance_m]", "[nowhere_at_all:f]", "study.yaml:8: metrics.0: module 'nowhere_at_all' cannot be import"),
-        ("[ego.distance_m]", "['math:sine']", "study.yaml:8: metrics.0: 'sine' is no function of math; did you mean"),
+        ("[ego.distance_m]", "['math:sine']", "study.yaml:8: metrics.0: no function 'sine' in math; did you mean"),
         ("[ego.distance_m]", "[status]", "study.yaml:8: metrics.0: 'status' is a column already"),
         ("speed: 5}", "sped: 5}", "study.yaml:5: diagram.control.ego.sped: unknown field"),
         ("duration: 1 s", "sampling: {kind: halton, runs: 3}", "study.yaml:9: sampling.kind: unknown kind 'halton'"),

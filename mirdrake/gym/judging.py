@@ -12,8 +12,6 @@
         return {"ego": Start(rng.uniform(-5.0, 5.0), 0.0, 0.0)}
 """
 
-import importlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import cos, isfinite, pi
@@ -26,6 +24,7 @@ from pydrake.systems.framework import Context
 from mirdrake.diagram import Assembly
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.gym.readings import Readings
+from mirdrake.own_modules import load_own_function
 from mirdrake.worlds import Start
 
 TIPPED = pi / 4
@@ -137,21 +136,10 @@ def find_function(
         if given not in offered:
             raise ConfigError(f"unknown {what} '{given}'; {did_you_mean(given, offered)}, or module:name of your own")
         return offered[given]
-    module_name, _, name = given.partition(":")
-    extra = [str(path) for path in (folder, Path.cwd()) if path is not None and str(path) not in sys.path]
-    sys.path[:0] = extra
     try:
-        module = importlib.import_module(module_name)
-    except Exception as error:
-        raise ConfigError(f"{what} '{given}': module '{module_name}' cannot be imported: {error}") from None
-    finally:
-        for path in extra:
-            sys.path.remove(path)
-    function: FunctionT | None = getattr(module, name, None)
-    if not callable(function):
-        names = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
-        raise ConfigError(f"{what} '{given}': no function '{name}' in {module_name}; {did_you_mean(name, names)}")
-    return function
+        return load_own_function(given, folder=folder)  # type: ignore[return-value]
+    except ConfigError as error:
+        raise ConfigError(f"{what} '{given}': {error}") from None
 
 
 def finite(value: Any) -> float | None:

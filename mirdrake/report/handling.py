@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -17,6 +16,7 @@ from mirdrake.logs import write_file
 from mirdrake.manoeuvres.base import Chart, Outcome
 from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
 from mirdrake.report.figures import drawing_style, thin, to_svg
+from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
 
 _TEMPLATE = "handling.html.jinja"
@@ -55,14 +55,6 @@ def write_handling(results: HandlingResults) -> Path:
 
 def render_handling(results: HandlingResults) -> str:
     """The text of the page; see :func:`write_handling`."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"figure": _figure, "value": value_told, "status": status_told}
     with drawing_style():
         sections = [
             {
@@ -76,7 +68,9 @@ def render_handling(results: HandlingResults) -> str:
             for outcome in results.outcomes
         ]
     facts = results.facts
-    return environment.get_template(_TEMPLATE).render(
+    return render_page(
+        _TEMPLATE,
+        filters={"figure": _figure, "value": value_told, "status": status_told},
         results=results,
         facts=facts,
         sections=sections,

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
@@ -20,6 +19,7 @@ from mirdrake.identification.fit import ChannelFit, Fit, FittedParameter
 from mirdrake.identification.identify import Identification
 from mirdrake.logs import write_file
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
+from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
 
 _TEMPLATE = "identification.html.jinja"
@@ -124,16 +124,16 @@ def render_identification(result: Identification) -> str:
 
 
 def _render(**values: Any) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    return render_page(
+        _TEMPLATE,
+        filters={
+            "breaks": _breaks,
+            "number": _number,
+            "tone": lambda word: _TONES.get(word, "plain"),
+            "chance": _chance,
+        },
+        **values,
     )
-    environment.filters |= {"breaks": _breaks}
-    environment.filters |= {"number": _number, "tone": lambda word: _TONES.get(word, "plain"), "chance": _chance}
-    return environment.get_template(_TEMPLATE).render(**values)
 
 
 # --- data ------------------------------------------------------------------------------------------------------------

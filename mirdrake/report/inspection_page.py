@@ -4,14 +4,13 @@ import base64
 import io
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from mirdrake.errors import MissingDependencyError
 from mirdrake.report.inspection import axis_name, draw_links, limits_of
+from mirdrake.report.page import render_page
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
@@ -36,15 +35,9 @@ def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool =
     turned_solid = collect_surfaces(vehicle, collision=True, steering=(inner, outer))
     wheels = {joint.child for joint in figures.joints if "wheel" in joint.role}
     graph, graph_note = _graph(figures)
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"figure": _figure, "axis": axis_name, "limits": limits_of, "spoken": spoken}
-    return environment.get_template(_TEMPLATE).render(
+    return render_page(
+        _TEMPLATE,
+        filters={"figure": _figure, "axis": axis_name, "limits": limits_of, "spoken": spoken},
         figures=figures,
         grade=_GRADES[figures.grade],
         portrait=_portrait(vehicle) if portrait else None,

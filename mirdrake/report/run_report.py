@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import jinja2
 import numpy as np
 import pandas
 import yaml
@@ -20,6 +19,7 @@ from markupsafe import Markup
 from mirdrake.errors import MirdrakeError, RunError
 from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, load_scene, outlines
 from mirdrake.report.figures import drawing_style
+from mirdrake.report.page import render_page
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.track_map import Road, scale_colours
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
@@ -135,14 +135,8 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
     light, dark = scale_colours()
     diagram, diagram_note = _diagram(run.folder, diagram_svg)
     events = sorted(run.events or [], key=lambda event: _number(event.get("time"), math.inf))
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(_TEMPLATE).render(
+    return render_page(
+        _TEMPLATE,
         title=str(summary.get("diagram") or folder or "run"),
         folder=folder,
         world=world,

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from mirdrake.logs import write_file
+from mirdrake.report.page import render_page
 from mirdrake.report.suite_pictures import draw_bar, draw_curve, draw_plan
 from mirdrake.report.words import lasting, tell
 from mirdrake.suites import Case, Result, Suite
@@ -102,15 +102,9 @@ def render_suite(suite: Suite) -> str:
     detailed = zip(rows, ranked[:_MOST_DETAILS], strict=False)
     details = [_detail(suite, case, result, row, largest) for row, (case, result) in detailed]
     worlds = list(dict.fromkeys(shown(Path(case.world)) for case in suite.cases))
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     simulated = sum(result.simulated for result in suite.results)
-    return environment.get_template(_TEMPLATE).render(
+    return render_page(
+        _TEMPLATE,
         title=", ".join(Path(world).stem for world in worlds) or "suite",
         worlds=worlds,
         headline=_headline(suite),

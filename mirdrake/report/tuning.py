@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import pandas as pd
 
 from mirdrake.logs import write_file
 from mirdrake.report.figures import drawing_style
+from mirdrake.report.page import render_page
 from mirdrake.report.tuning_axes import Shown
 from mirdrake.report.tuning_charts import (
     draw_bode,
@@ -77,18 +77,12 @@ def write_tuning_report(folder: Path | str) -> Path:
 
 def render_tuning(result: TuningResult) -> str:
     """The text of the page; see :func:`write_tuning_report`."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     page = _Page(result)
     with drawing_style():
         charts = page.charts()
     data = result.data
-    return environment.get_template(_TEMPLATE).render(
+    return render_page(
+        _TEMPLATE,
         name=spoken(result.name),
         over=" · ".join(
             str(part) for part in (data.get("vehicle"), f"loop {result.loop.get('name', '')}", "tuning report") if part

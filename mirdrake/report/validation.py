@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from mirdrake.logs import write_file
 from mirdrake.manoeuvres.published import KNOWN
 from mirdrake.manoeuvres.results import number_told, value_told
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, published_told
+from mirdrake.report.page import render_page
 
 _TEMPLATE = "validation.html.jinja"
 _WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 330.0, 80.0, 30.0, 34.0  # of the chart [px]
@@ -31,15 +30,9 @@ def write_validation(results: ValidationResults) -> Path:
 
 def render_validation(results: ValidationResults) -> str:
     """The text of the page; see :func:`write_validation`."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"number": _number, "value": value_told}
-    return environment.get_template(_TEMPLATE).render(
+    return render_page(
+        _TEMPLATE,
+        filters={"number": _number, "value": value_told},
         results=results,
         facts=results.facts,
         rows=[_row(one) for one in results.comparisons],

@@ -1,15 +1,13 @@
 """One run of a study: a pure function of its job, in whatever process."""
 
-import importlib
 import json
 import math
 import random
 import re
-import sys
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,7 @@ from pydrake.systems.framework import Context
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import make_spec
 from mirdrake.errors import ConfigError, MirdrakeError, RunError, did_you_mean
-from mirdrake.logs import Run
+from mirdrake.own_modules import load_own_function
 from mirdrake.simulation import Simulation
 from mirdrake.studies.knobs import Knob, find_knobs
 
@@ -129,7 +127,7 @@ def one_line(error: BaseException) -> str:
 
 def _run(job: Job, built: _Built) -> Outcome:
     wanted = dict.fromkeys(function_of(name)[0] for name in job.metrics)
-    functions = {name: load_metric(name, job.folder) for name in wanted if name}
+    functions = {name: load_own_function(name, folder=job.folder) for name in wanted if name}
     began, late = time.monotonic(), False
 
     def change(context: Context) -> None:
@@ -190,33 +188,6 @@ def function_of(name: str) -> tuple[str, str]:
     module, colon, rest = name.partition(":")
     function, _, key = rest.partition(".")
     return (f"{module}:{function}", key) if colon else ("", "")
-
-
-def load_metric(name: str, folder: str | None) -> Callable[[Run], Any]:
-    """The function of a metric ``module:name``; it gets the :class:`Run` and gives a number.
-
-    Args:
-        name: of the metric.
-        folder: where the module may lie, besides the import path and the working directory.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    module_name, _, function_name = name.partition(":")
-    extra = [path for path in (folder, str(Path.cwd())) if path is not None and path not in sys.path]
-    sys.path[:0] = extra
-    try:
-        module = importlib.import_module(module_name)
-    except Exception as error:
-        raise ConfigError(f"module '{module_name}' cannot be imported: {one_line(error)}") from None
-    finally:
-        for path in extra:
-            sys.path.remove(path)
-    function = getattr(module, function_name, None)
-    if not callable(function):
-        own = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
-        raise ConfigError(f"'{function_name}' is no function of {module_name}; {did_you_mean(function_name, own)}")
-    return function  # type: ignore[no-any-return]
 
 
 def _built(job: Job, key: str) -> _Built:

@@ -11,8 +11,9 @@ from mirdrake.diagram import Assembly, assemble
 from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.logs import spec_hash
+from mirdrake.own_modules import load_own_function
 from mirdrake.paths import installed_version
-from mirdrake.studies.job import Job, function_of, load_metric
+from mirdrake.studies.job import Job, function_of
 from mirdrake.studies.knobs import Knob, find_knobs
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
@@ -211,7 +212,7 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
         function, _ = function_of(name)
         if function:
             try:
-                load_metric(function, spec.folder)
+                load_own_function(function, folder=spec.folder)
             except ConfigError as error:
                 raise ConfigError(f"{place}: {error}") from None
         elif name not in figures:
