@@ -188,7 +188,7 @@ def show_points(
         share = np.clip(places[:, 2] / height, 0.0, 1.0)
         colours = np.array([255.0 * share, 255.0 * (1.0 - np.abs(2.0 * share - 1.0)), 255.0 * (1.0 - share)])
         cloud.mutable_rgbs()[:] = colours.astype(np.uint8)
-    meshcat.SetObject(path, cloud, point_size, Rgba(0.9, 0.2, 0.2))
+    meshcat.SetObject(path, cloud, point_size, Rgba(1.0, 1.0, 1.0))  # which the points' own are multiplied with
     meshcat.SetTransform(path, RigidTransform())
 
 

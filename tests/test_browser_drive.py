@@ -1,30 +1,42 @@
-"""The page of a drive in a real browser without a screen: it loads, the car is seen, keys and sliders do something."""
+"""The page of a drive in a real browser without a screen: it loads, the car is seen, keys and sliders do something.
 
-import io
-import json
+The tests wait for what the page is told, never for a time: beside others the browser is slow, and the car gets far.
+"""
+
 import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import pi
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
 from mirdrake.logs import load_run
 from mirdrake.simulation import simulate
 from mirdrake.viewer import write_recording
-from tests.chromium import NEEDS_BROWSER, open_browser
+from tests.chromium import NEEDS_BROWSER, PICTURES, assert_not_blank, open_browser, take_picture
 
-pytestmark = [*NEEDS_BROWSER, pytest.mark.slow]  # they drive in real time: other tests beside them take that away
+pytestmark = NEEDS_BROWSER
 
 Picture = NDArray[np.uint8]
 Told = dict[str, Any]
+
+_TOLD = "return JSON.parse(document.body.dataset.told || '{}')"
+_TWO_MORE = """
+const done = arguments[0], first = viewer.renderer.info.render.frame, end = performance.now() + 20000;
+(function look() {
+  if (viewer.renderer.info.render.frame >= first + 2 || performance.now() > end) return done();
+  viewer.set_dirty();
+  setTimeout(look, 20);
+})();
+"""
 
 
 class Page:
@@ -33,21 +45,19 @@ class Page:
     Args:
         browser: Selenium's driver.
         url: of the page.
-        folder: where pictures of it are kept.
     """
 
-    def __init__(self, browser: Any, url: str, folder: Path) -> None:
-        self.browser, self.folder = browser, folder
+    def __init__(self, browser: Any, url: str) -> None:
+        self.browser = browser
         browser.get(url)
         self.until(lambda told: "speed" in told)
-        self._settle()
 
     def told(self) -> Told:
         """What the page was told last."""
-        found: Told = json.loads(self.browser.execute_script("return document.body.dataset.told || '{}'"))
+        found: Told = self.browser.execute_script(_TOLD)
         return found
 
-    def until(self, true: Callable[[Told], bool], *, seconds: float = 30.0) -> Told:
+    def until(self, true: Callable[[Told], bool], *, seconds: float = 60.0) -> Told:
         """What is told as soon as something is true of it."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -57,88 +67,118 @@ class Page:
             time.sleep(0.05)
         raise AssertionError(f"never true within {seconds} s; the last was {self.told()}")
 
-    def key(self, code: str, *, down: bool) -> None:
-        """Press or let go a key, as the browser's own protocol does it."""
-        kind = "rawKeyDown" if down else "keyUp"
-        self.browser.execute_cdp_cmd("Input.dispatchKeyEvent", {"type": kind, "code": code, "key": code})
+    @contextmanager
+    def held(self, code: str) -> Iterator[None]:
+        """A key that is held, as the browser's own protocol does it."""
+        key = {"code": code, "key": code}
+        self.browser.execute_cdp_cmd("Input.dispatchKeyEvent", {"type": "rawKeyDown", **key})
+        try:
+            yield
+        finally:
+            self.browser.execute_cdp_cmd("Input.dispatchKeyEvent", {"type": "keyUp", **key})
+
+    def click(self, name: str) -> None:
+        """Click what has this id."""
+        from selenium.webdriver.common.by import By
+
+        self.browser.find_element(By.ID, name).click()
+
+    def text(self, name: str) -> str:
+        """What is written in what has this id."""
+        found: str = self.browser.execute_script("return document.getElementById(arguments[0]).textContent", name)
+        return found
+
+    def stand(self) -> Told:
+        """Stop the car."""
+        with self.held("Space"):
+            return self.until(lambda told: abs(told["speed"]) < 0.1 and told["wanted"] == 0.0)
 
     def look(self, name: str) -> Picture:
-        """A picture of the page, kept as a file; what lies between the panels, as rows of red, green, blue."""
-        self._settle()
-        content = self.browser.get_screenshot_as_png()
-        (self.folder / f"{name}.png").write_bytes(content)
-        pixels = np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
-        width = self.browser.execute_script("return document.getElementById('side').getBoundingClientRect().left")
-        height = self.browser.execute_script("return document.getElementById('dash').getBoundingClientRect().top")
-        return pixels[62 : int(height) - 4, : int(width) - 4]
-
-    def _settle(self) -> None:
-        """Wait until two more pictures were drawn."""
-        count = "return viewer.renderer.info.render.frame"
-        first, end = self.browser.execute_script(count), time.monotonic() + 20.0
-        while self.browser.execute_script(count) < first + 2 and time.monotonic() < end:
-            self.browser.execute_script("viewer.set_dirty()")
-            time.sleep(0.1)
+        """A picture of the page after two more were drawn, kept as a file; what lies between the panels."""
+        self.browser.execute_async_script(_TWO_MORE)
+        picture = take_picture(self.browser, f"drive/{name}")
+        width, height = self.browser.execute_script(
+            "return [document.getElementById('side').getBoundingClientRect().left,"
+            " document.getElementById('dash').getBoundingClientRect().top]"
+        )
+        return picture[62 : int(height) - 4, : int(width) - 4]
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Headless Chromium."""
-    with open_browser(tmp_path_factory.mktemp("chromium"), width=1280, height=800, network=True) as driver:
-        yield driver
-
-
-def start(folder: Path, *arguments: str) -> tuple["subprocess.Popen[str]", str]:
-    """A drive in a process of its own, and the address that it prints."""
+def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    """A drive in a process of its own."""
     command = [sys.executable, "-m", "mirdrake.cli", "drive", *arguments, "--port", "0", "--out", str(folder / "runs")]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=Path(__file__).parents[1]
-    )
+    root = Path(__file__).parents[1]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=root)
+
+
+def address(process: "subprocess.Popen[str]") -> str:
+    """The address that a drive prints."""
     assert process.stdout is not None
     said = []
     for line in process.stdout:
         said.append(line)
         found = re.search(r"http://\S+", line)
         if found:
-            return process, found[0]
+            return found[0]
     raise AssertionError(f"no address: {''.join(said)}")
 
 
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
-    """A drive on bare asphalt, which draws quickly; its folder and its address."""
-    folder = tmp_path_factory.mktemp("drive_page")
-    process, url = start(folder, "bolt", "empty", "--no-pages")
-    yield folder, url
+def finish(process: "subprocess.Popen[str]") -> None:
+    """End a drive as Ctrl-C does; it says nothing bad."""
     process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=30)
+    out, _ = process.communicate(timeout=60)
     assert process.returncode == 0, out
     assert "Traceback" not in out
 
 
 @pytest.fixture(scope="module")
-def page(browser: Any, drive: tuple[Path, str]) -> Page:
-    folder, url = drive
-    sys.stdout.write(f"\npictures of the page: {folder}\n")
-    return Page(browser, url, folder)
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Iterator["subprocess.Popen[str]"]:
+    """A drive on bare asphalt, which draws quickly; it begins while the browser does."""
+    process = start(tmp_path_factory.mktemp("drive_page"), "bolt", "empty", "--no-pages")
+    yield process
+    finish(process)
 
 
-def paint(image: Picture) -> float:
-    """Share of the picture that has the car's blue."""
+@pytest.fixture(scope="module")
+def browser(drive: "subprocess.Popen[str]", tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Headless Chromium."""
+    with open_browser(tmp_path_factory.mktemp("chromium"), width=1024, height=800, network=True) as driver:
+        yield driver
+
+
+@pytest.fixture(scope="module")
+def page(browser: Any, drive: "subprocess.Popen[str]") -> Page:
+    sys.stdout.write(f"\npictures of the page: {PICTURES / 'drive'}\n")
+    return Page(browser, address(drive))
+
+
+def paint(image: Picture) -> NDArray[np.bool_]:
+    """Where the picture has the car's blue."""
     part = image.astype(int)
-    return float(((part[..., 2] > part[..., 0] + 60) & (part[..., 2] > part[..., 1] + 25)).mean())
+    found: NDArray[np.bool_] = (part[..., 2] > part[..., 0] + 60) & (part[..., 2] > part[..., 1] + 25)
+    return found
 
 
-def test_the_page_loads_and_shows_the_car_in_its_middle(page: Page) -> None:
+def turned(told: Told, before: Told) -> float:
+    """How far the car has turned to the left, -π to π [rad]."""
+    return float((told["yaw"] - before["yaw"] + pi) % (2.0 * pi) - pi)
+
+
+def apart(image: Picture, other: Picture) -> float:
+    """How much two pictures differ, of 255."""
+    return float(np.abs(image.astype(int) - other.astype(int)).max(axis=2).mean())
+
+
+def test_the_page_loads_and_shows_the_car_in_the_middle_of_what_the_panel_leaves_free(page: Page) -> None:
     image = page.look("1_start")
-    assert image.std() > 15.0  # not blank
-    assert paint(image) > 0.004
-    part = image.astype(int)
-    _, columns = np.nonzero((part[..., 2] > part[..., 0] + 60) & (part[..., 2] > part[..., 1] + 25))
-    assert 0.45 < columns.mean() / image.shape[1] < 0.85  # of the part left of the panel
+    assert_not_blank(image)
+    blue = paint(image)
+    assert blue.mean() > 0.004
+    assert 0.45 < np.nonzero(blue)[1].mean() / image.shape[1] < 0.55
     texts = page.browser.execute_script("return document.body.innerText")
     for words in ("Chevrolet Bolt EV", "Reset", "Record", "speed.kp", "contacts", "brake; press again: reverse"):
         assert words in texts
+    assert "to drive off" in page.text("help")
     severe = [entry["message"] for entry in page.browser.get_log("browser") if entry["level"] == "SEVERE"]
     assert severe == []
 
@@ -157,17 +197,16 @@ def test_nothing_on_the_page_overlaps(page: Page) -> None:
 
 def test_keys_drive_and_steer_the_car(page: Page) -> None:
     before = page.told()
-    page.key("ArrowUp", down=True)
-    told = page.until(lambda told: told["x"] > before["x"] + 2.0)
-    assert told["speed"] > 1.0
-    page.key("ArrowLeft", down=True)
-    page.until(lambda told: told["steering"] > 0.1 and told["yaw"] > before["yaw"] + 0.05)
-    page.look("2_left_turn")
-    page.key("ArrowLeft", down=False)
-    page.key("ArrowUp", down=False)
-    page.key("Space", down=True)
-    page.until(lambda told: abs(told["speed"]) < 0.1)
-    page.key("Space", down=False)
+    with page.held("ArrowUp"):
+        told = page.until(lambda told: told["x"] > before["x"] + 2.0 and told["speed"] > 1.0)
+        assert told["wanted"] > 0.0
+    # The throttle is let go: the faster, the less the keys steer, and a slow browser makes the car fast.
+    with page.held("ArrowLeft"):
+        page.until(lambda told: told["steering"] > 0.01 and turned(told, before) > 0.05)
+        page.look("2_left_turn")
+    assert not page.browser.execute_script("return document.getElementById('help').checkVisibility()")
+    page.stand()
+    page.until(lambda _: page.text("state") == "ready: press ↑ or W" and page.text("gear") == "N")
 
 
 def test_a_slider_changes_a_gain(page: Page) -> None:
@@ -180,47 +219,33 @@ def test_a_slider_changes_a_gain(page: Page) -> None:
     ActionChains(page.browser).move_to_element_with_offset(slider, 40, 0).click().perform()
     value = page.until(lambda told: told["gains"]["speed.kp"] != 1.0)["gains"]["speed.kp"]
     assert 2.5 < value < 5.0  # right of the middle of 0 to 5
-    page.browser.find_element(By.ID, "given").click()
+    page.click("given")
     page.until(lambda told: told["gains"]["speed.kp"] == 1.0)
 
 
-def test_the_views_look_different_and_overlays_are_drawn(page: Page) -> None:
-    from selenium.webdriver.common.by import By
-
-    page.browser.find_element(By.ID, "layer-contacts").click()
-    page.until(lambda told: "contacts" in told["layers"])
-    images = []
-    for number, name in enumerate(("follow", "cockpit", "map"), start=1):
-        page.key(f"Digit{number}", down=True)
-        page.key(f"Digit{number}", down=False)
-        images.append(page.look(f"3_{name}"))
-    for i, image in enumerate(images):
-        assert image.std() > 5.0
-        for other in images[i + 1 :]:
-            assert np.abs(image.astype(int) - other.astype(int)).max(axis=2).mean() > 10.0
-    page.key("Digit1", down=True)
-    page.key("Digit1", down=False)
-
-
-def test_recording_writes_a_run_and_reset_returns_the_car(page: Page) -> None:
-    from selenium.webdriver.common.by import By
-
-    press = page.browser.find_element
-    page.key("KeyW", down=True)
-    press(By.ID, "record").click()
-    begun = page.until(lambda told: told["recording"] is not None)
-    folder = Path(begun["recording"])
-    page.until(lambda told: told["recording"] is not None and told["distance"] > begun["distance"] + 5.0)
-    page.key("KeyW", down=False)
-    press(By.ID, "record").click()
-    page.until(lambda told: told["recording"] is None)
-    run = load_run(folder)
-    assert run["ego.x"].iloc[-1] - run["ego.x"].iloc[0] != 0.0
-    assert len(run.signals) > 10
-    press(By.ID, "reset").click()
+def test_reset_returns_the_car(page: Page) -> None:
+    assert page.told()["x"] > 2.0  # it was driven
+    page.click("reset")
     told = page.until(lambda told: told["distance"] < 0.5)
     assert (told["x"], told["y"]) == pytest.approx((0.0, 0.0), abs=0.6)
-    page.look("4_after_reset")
+    assert_not_blank(page.look("3_after_reset"))
+
+
+def test_a_page_without_connection_loses_the_wheel_and_the_car_brakes(page: Page) -> None:
+    cable = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    page.browser.execute_cdp_cmd("Network.enable", {})
+    with page.held("KeyW"):
+        page.until(lambda told: told["speed"] > 2.0)
+        page.browser.execute_cdp_cmd("Network.emulateNetworkConditions", {"offline": True, **cable})
+        page.until(lambda _: page.text("state") == "no answer")
+    page.browser.execute_cdp_cmd("Network.emulateNetworkConditions", {"offline": False, **cable})
+    told = page.until(lambda told: told["lost"] and abs(told["speed"]) < 0.1)
+    assert told["wanted"] == 0.0
+    page.until(lambda _: page.text("state") == "input lost" and "input lost: braking" in page.text("note"))
+    page.look("4_input_lost")
+    with page.held("KeyW"):
+        page.until(lambda told: not told["lost"] and told["speed"] > 0.5)
+    page.stand()
 
 
 def test_a_game_pad_drives(page: Page) -> None:
@@ -229,29 +254,46 @@ def test_a_game_pad_drives(page: Page) -> None:
         " ({value: i === 7 ? 0.8 : 0, pressed: i === 7}))}; navigator.getGamepads = () => [pad];"
     )
     page.browser.execute_script(pad)
-    told = page.until(lambda told: told["speed"] > 1.0 and told["steering"] > 0.05)
-    assert told["wanted_steering"] > 0.0
+    page.until(lambda told: told["speed"] > 1.0 and told["steering"] > 0.01 and told["wanted_steering"] > 0.01)
     page.browser.execute_script("navigator.getGamepads = () => []")
+    page.stand()
 
 
-def test_a_page_that_is_left_brakes_the_car(page: Page) -> None:
-    page.key("KeyW", down=True)
-    url = page.browser.current_url
-    page.until(lambda told: told["speed"] > 1.0)
-    page.browser.get("about:blank")
-    time.sleep(4.0)
-    page.browser.get(url)
-    told = page.until(lambda told: "speed" in told)
-    assert told["lost"]
-    page.until(lambda told: abs(told["speed"]) < 0.1)
-    assert "input lost" in page.browser.execute_script("return document.body.innerText")
-    page.look("5_input_lost")
-    page.key("KeyW", down=False)
+@pytest.mark.slow
+def test_the_views_look_different_and_overlays_are_drawn(page: Page) -> None:
+    page.click("layer-contacts")
+    page.until(lambda told: "contacts" in told["layers"])
+    images = []
+    for number, name in enumerate(("follow", "cockpit", "map"), start=1):
+        with page.held(f"Digit{number}"):
+            pass
+        images.append(page.look(f"5_{name}"))
+    for i, image in enumerate(images):
+        assert image.std() > 5.0
+        assert all(apart(image, other) > 10.0 for other in images[i + 1 :])
+    with page.held("Digit1"):
+        pass
+
+
+@pytest.mark.slow
+def test_recording_writes_a_run(page: Page) -> None:
+    with page.held("KeyW"):
+        page.click("record")
+        begun = page.until(lambda told: told["recording"] is not None)
+        folder = Path(begun["recording"])
+        page.until(lambda told: told["recording"] is not None and told["distance"] > begun["distance"] + 5.0)
+    page.click("record")
+    page.until(lambda told: told["recording"] is None)
+    run = load_run(folder)
+    assert run["ego.x"].iloc[-1] - run["ego.x"].iloc[0] > 1.0
+    assert len(run.signals) > 10
+    page.stand()
 
 
 # --- recorded ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_recorded_run_opens_offline_and_has_the_same_views(browser: Any, tmp_path: Path) -> None:
     data = {
         "world": "empty",
@@ -262,19 +304,18 @@ def test_a_recorded_run_opens_offline_and_has_the_same_views(browser: Any, tmp_p
     }
     run = simulate(data, folder=tmp_path / "run")
     browser.get(write_recording(run).as_uri())
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + 60.0
     while browser.execute_script("return typeof viewer") != "object" and time.monotonic() < end:
         time.sleep(0.1)
     pictures = []
     for number, name in enumerate(("Follow", "Cockpit", "Map")):
         browser.execute_script("document.querySelectorAll('#views button')[arguments[0]].click()", number)
         browser.execute_script("viewer.animator.pause(); viewer.animator.seek(0.2); viewer.render();")
-        content = browser.get_screenshot_as_png()
-        (tmp_path / f"{name}.png").write_bytes(content)
-        pictures.append(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int))
+        pictures.append(take_picture(browser, f"recording/{name}"))
         assert browser.execute_script("return document.querySelector('#views button.on').textContent") == name
-    assert np.abs(pictures[0] - pictures[1]).max(axis=2).mean() > 10.0
-    assert np.abs(pictures[1] - pictures[2]).max(axis=2).mean() > 10.0
+    assert_not_blank(pictures[0])
+    assert apart(pictures[0], pictures[1]) > 10.0
+    assert apart(pictures[1], pictures[2]) > 10.0
 
 
 # --- the pace ----------------------------------------------------------------------------------------------------
@@ -282,18 +323,20 @@ def test_a_recorded_run_opens_offline_and_has_the_same_views(browser: Any, tmp_p
 
 @pytest.mark.slow
 def test_with_a_software_renderer_beside_it_the_drive_keeps_half_the_pace(browser: Any, tmp_path: Path) -> None:
-    process, url = start(tmp_path, "mkz", "parking_lot", "--no-pages")
+    process = start(tmp_path, "mkz", "parking_lot", "--no-pages")
     try:
-        page = Page(browser, url, tmp_path)
+        browser.set_window_size(1280, 800)
+        page = Page(browser, address(process))
         for layer in ("lidar", "contacts", "tyres", "friction"):
             browser.execute_script(f"document.getElementById('layer-{layer}').click()")
-        page.key("KeyW", down=True)
-        page.key("KeyA", down=True)
-        began, first = time.monotonic(), page.told()["time"]
-        time.sleep(60.0)
-        told, passed = page.told(), time.monotonic() - began
-        page.look("pace")
+        with page.held("KeyW"), page.held("KeyA"):
+            began, first = time.monotonic(), page.told()["time"]
+            time.sleep(60.0)
+            told, passed = page.told(), time.monotonic() - began
+            assert_not_blank(page.look("6_pace"))
     finally:
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
-    assert (told["time"] - first) / passed >= 0.5
+        process.communicate(timeout=60)
+    factor = (told["time"] - first) / passed
+    sys.stdout.write(f"\nreal-time factor with a software renderer {factor:.3f}\n")
+    assert factor >= 0.5

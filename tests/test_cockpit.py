@@ -19,6 +19,7 @@ from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import load_run
 from mirdrake.simulation import simulate
 from mirdrake.viewer.cockpit import Cockpit, OpenCockpit, drive_spec
+from mirdrake.viewer.cockpit.pace import BEHIND
 from mirdrake.viewer.cockpit.shapes import arrows, ribbon
 from mirdrake.viewer.meshcat import make_meshcat
 from mirdrake.viewer.replay import write_replay
@@ -186,8 +187,9 @@ def test_time_stands_still_in_a_pause_and_keeps_the_pace_otherwise():
         cockpit.order({"do": "pause"})
         fingers.until(lambda told: not told["paused"] and told["time"] > at)
         began, first = time.monotonic(), cockpit.told["time"]
-        told = fingers.until(lambda told: told["time"] > first + 1.0)
-        assert (told["time"] - first) / (time.monotonic() - began) < 1.1  # never faster than real time
+        told = fingers.until(lambda told: told["time"] > first + 2.0)
+        ahead = told["time"] - first - (time.monotonic() - began)
+        assert ahead < BEHIND + 0.1  # no faster than real time, but for what was late when it began
 
 
 @pytest.mark.parametrize("order", [{}, {"do": "fly"}, {"do": "gain"}, {"do": "gain", "name": "speed.kp", "value": "x"},

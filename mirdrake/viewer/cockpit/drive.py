@@ -32,17 +32,12 @@ from mirdrake.viewer.cockpit.gains import get_gain, list_gains, set_gain
 from mirdrake.viewer.cockpit.hands import STANDING, HandState, hand_step, stop_step
 from mirdrake.viewer.cockpit.log import DriveLog
 from mirdrake.viewer.cockpit.overlays import Overlays
+from mirdrake.viewer.cockpit.pace import FRAME, Pace
 from mirdrake.viewer.cockpit.picture import Picture
 from mirdrake.viewer.cockpit.start import NAME, hand_limits
 
 SLICE = 1.0 / 64.0
 """Simulated time between two looks at the hands [s]."""
-
-FRAME = 1.0 / 30.0
-"""Wall-clock time between two pictures [s]; with overlays, every second one has them."""
-
-BEHIND = 0.1
-"""So far behind the wall clock, the drive gives up catching up: time goes slower, nothing jumps [s]."""
 
 BLOCK = 0.25
 """Simulated time between two looks at the logs [s]."""
@@ -101,6 +96,7 @@ class Cockpit:
         self._alarm = False
         self._message = ""
         self._odometer, self._rates = 0.0, deque[tuple[float, float]]()
+        self._pace = Pace(SLICE)
         self._factor = 1.0
         self._begin(self.assembly.make_context())
 
@@ -131,30 +127,27 @@ class Cockpit:
                     self._record_off("the drive ended")
 
     def _loop(self, end: float, watch: Callable[[], None] | None) -> None:
-        due, picture, drawn, number = time.monotonic(), 0.0, time.monotonic(), 0
+        pace, told, number = self._pace, -inf, 0
+        pace.rest()
         while not self._over.is_set() and time.monotonic() < end:
             self._obey()
             if self._paused:
                 time.sleep(0.02)
-                due = time.monotonic()
+                pace.rest()
                 self._rates.clear()
             else:
                 self._advance()
-                due += SLICE
-                late = time.monotonic() - due
-                if late < 0.0:
-                    time.sleep(-late)
-                elif late > BEHIND:
-                    due = time.monotonic()
+                pace.keep()
             now = time.monotonic()
-            if now >= picture:
-                picture = max(picture + FRAME, now)
-                number += 1
+            if now - told >= FRAME:
+                told = now
                 self._measure(now)
-                self._draw(now - drawn, overlays=number % 2 == 0)
-                drawn = now
                 if watch is not None:
                     watch()
+            if pace.draws():
+                number += 1
+                self._draw(pace.passed, overlays=number % 2 == 0)
+                pace.drew()
 
     def _advance(self) -> None:
         """One slice of time."""
@@ -249,6 +242,7 @@ class Cockpit:
         self._simulator.reset_context(context)
         self._simulator.Initialize()
         self._rates.clear()
+        self._pace.rest()
 
     def _set_gain(self, name: Any, value: Any) -> None:
         found = [gain for gain in self.gains if gain.path == name]
@@ -288,6 +282,7 @@ class Cockpit:
             self._tell(f"recorded {self._context.get_time():.1f} s: mirdrake replay {log.folder}", "recording")
         except RunError as error:
             self._tell(str(error), "recording")
+        self._pace.rest()
 
     # --- what is shown -------------------------------------------------------------------------------------------
 

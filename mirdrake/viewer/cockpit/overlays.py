@@ -168,7 +168,7 @@ class Overlays:
         x, y, yaw, vx = float(state[0]), float(state[1]), float(state[5]), float(state[6])
         steering = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(context))[1]
         curvature = tan(float(steering)) / self._part.vehicle.geometry.wheelbase
-        reach = np.linspace(0.0, vx * _AHEAD if abs(vx) > 0.5 else np.copysign(3.0 * self._size, vx + 1e-3), 32)
+        reach = np.linspace(0.0, vx * _AHEAD if abs(vx) > 0.5 else np.copysign(3.0 * self._size, vx + 0.05), 32)
         turn = curvature * reach
         ahead = np.where(np.abs(turn) > 1e-6, np.sin(turn) / np.where(turn == 0.0, 1.0, turn), 1.0) * reach
         left = (

@@ -74,10 +74,16 @@
       const began = performance.now();
       try {
         const told = await post("/report", hands());
+        if (silent) write("note", note);
         silent = 0;
         show(told);
       } catch {
-        if (++silent > 3) status("the drive has ended", "red");
+        if (++silent > 3) {
+          status("no answer", "red");
+          write("note", "The drive does not answer: it has ended, or the connection is lost.");
+          get("note").className = "alarm";
+          get("note").hidden = false;
+        }
       }
       await new Promise(done => setTimeout(done, Math.max(5, (silent ? 500 : 33) - (performance.now() - began))));
     }
@@ -145,15 +151,21 @@
   };
 
   // --- overlays, sliders, gains, buttons ---
-  const layers = { driven: ["way driven", "#1a6bf2"], planned: ["planned line", "#0da64d"], lidar: ["lidar points", "#e8590c"],
-    contacts: ["contacts", "#e61a26"], tyres: ["tyre forces", "#8c26d9"], friction: ["friction", "#c9a227"] };
+  const blend = (...colours) => `linear-gradient(90deg, ${colours.join(", ")})`;
+  const layers = { driven: ["way driven", "#1a6bf2", "where the rear axle was"],
+    planned: ["planned line", blend("#0da64d 50%", "#fa9e0d 50%"), "green: the centre line; orange: where the wheels lead"],
+    lidar: ["lidar points", blend("#00f", "#7f7", "#f00"), "blue on the ground, red from above the vehicle on"],
+    contacts: ["contacts", "#e61a26", "forces of all contacts"],
+    tyres: ["tyre forces", "#8c26d9", "forces of the road on the tyres, along the ground"],
+    friction: ["friction", blend("#e62026", "#0db326"), "red: slippery; green: grippy"] };
   const boxes = {};
-  for (const [name, [words, colour]] of Object.entries(layers)) {
+  for (const [name, [words, colour, meaning]] of Object.entries(layers)) {
     const label = document.createElement("label"), box = document.createElement("input"), mark = document.createElement("i");
     box.type = "checkbox";
     box.id = `layer-${name}`;
     mark.style.background = colour;
     label.append(box, mark, words);
+    label.title = meaning;
     if (!about.layers.includes(name)) {
       box.disabled = true;
       mark.style.background = "#d5dbe3";
@@ -191,7 +203,15 @@
     get("given").blur();
   };
   for (const name of ["reset", "pause", "record"]) get(name).onclick = () => { order({ do: name }); get(name).blur(); };
-  get("fold").onclick = () => { get("side").classList.toggle("folded"); get("fold").blur(); };
+  get("fold").onclick = () => { get("side").classList.toggle("folded"); get("fold").blur(); centre(); };
+  function centre() {  // the vehicle in the middle of what the panel leaves free
+    const width = innerWidth, height = innerHeight, panel = width - get("side").getBoundingClientRect().left;
+    const covered = get("side").classList.contains("folded") ? 0 : Math.min(panel, 0.4 * width);
+    viewer.camera.setViewOffset(width, height, covered / 2, 0, width, height);
+    document.body.style.setProperty("--middle", `${(width - covered) / 2}px`);
+    viewer.set_dirty();
+  }
+  addEventListener("resize", centre);
 
   // --- gauges ---
   const from = -220, to = 40;  // degrees on the dial
@@ -199,7 +219,7 @@
   const at = (angle, radius) => [100 + radius * Math.cos(angle / degrees), 92 + radius * Math.sin(angle / degrees)];
   function arc(a, b, radius) {
     const [x, y] = at(a, radius), [u, v] = at(b, radius);
-    return `M${x} ${y}A${radius} ${radius} 0 ${b - a > 180 ? 1 : 0} 1 ${u} ${v}`;
+    return `M${x.toFixed(1)} ${y.toFixed(1)}A${radius} ${radius} 0 ${b - a > 180 ? 1 : 0} 1 ${u.toFixed(1)} ${v.toFixed(1)}`;
   }
   const angleOf = kmh => from + (to - from) * Math.min(Math.max(kmh / top, 0), 1);
   get("dialback").setAttribute("d", arc(from, to, 80));
@@ -211,73 +231,89 @@
     text.textContent = mark;
     get("ticks").append(text);
   }
+  const written = {};  // what is the same again is left alone, or the browser would paint it again
+  function write(id, words, attribute = "") {
+    if (written[id + attribute] === words) return;
+    written[id + attribute] = words;
+    if (attribute) get(id).setAttribute(attribute, words);
+    else get(id).textContent = words;
+  }
   function status(words, kind) {
-    get("state").textContent = words;
+    write("state", words);
     get("state").className = `pill ${kind}`;
   }
-  let note = "", noteUntil = 0;
+  let note = "", noteUntil = 0, showNext = 0;
   function show(told) {
+    document.body.dataset.told = JSON.stringify(told);
+    remember(told);
+    if (performance.now() < showNext) return;
+    showNext = performance.now() + (usual > 60 ? 200 : 30);  // each change costs a slow renderer a whole page
     const kmh = told.speed * 3.6;
     const alarm = told.lost && told.message.startsWith("input lost");
+    const moves = Math.abs(kmh) > 0.7 || told.wanted !== 0;
     if (alarm) status("input lost", "red");
-    else if (told.lost) status("press a key", "amber");
-    else if (told.paused) status("paused", "amber");
-    else status("driving", "");
-    get("clock").textContent = `${told.time.toFixed(1)} s`;
-    get("factor").textContent = told.factor === null ? "RTF –" : `RTF ${told.factor.toFixed(2)}`;
+    else if (told.paused) status("paused: key P goes on", "amber");
+    else if (told.lost && moves) status("nobody drives: braking", "amber");
+    else if (moves) status(told.wanted < 0 || kmh < -0.7 ? "reversing" : "driving", "");
+    else status("ready: press ↑ or W", "");
+    write("clock", `${told.time.toFixed(1)} s`);
+    write("factor", told.factor === null ? "time stands" : `${told.factor.toFixed(2)} × real time`);
     get("factor").className = `pill ${told.factor !== null && told.factor < 0.95 ? "amber" : "quiet"}`;
     get("recording").hidden = !told.recording;
-    get("record").textContent = told.recording ? "■ Stop" : "● Record";
-    get("pause").textContent = told.paused ? "Go on" : "Pause";
+    write("record", told.recording ? "■ Stop" : "● Record");
+    write("pause", told.paused ? "Go on" : "Pause");
     get("pause").classList.toggle("on", told.paused);
     if (told.message !== note) {
       note = told.message;
       noteUntil = performance.now() + 7000;
-      get("note").textContent = note;
+      write("note", note);
     }
     get("note").className = alarm ? "alarm" : "";
     get("note").hidden = !note || (!alarm && performance.now() > noteUntil);
 
-    get("speed").textContent = Math.abs(kmh).toFixed(0);
-    get("dialarc").setAttribute("d", arc(from, Math.max(angleOf(Math.abs(kmh)), from + 0.1), 80));
+    write("speed", Math.abs(kmh).toFixed(0));
+    write("dialarc", Math.abs(kmh) < 0.3 ? "" : arc(from, Math.max(angleOf(Math.abs(kmh)), from + 0.1), 80), "d");
     const [x, y] = at(angleOf(Math.abs(told.wanted * 3.6)), 70), [u, v] = at(angleOf(Math.abs(told.wanted * 3.6)), 90);
-    get("dialmark").setAttribute("d", `M${x} ${y}L${u} ${v}`);
-    get("gear").textContent = told.wanted < -0.05 || kmh < -0.3 ? "R" : Math.abs(kmh) < 0.3 && told.wanted === 0 ? "N" : "D";
-    get("rim").setAttribute("transform", `rotate(${-told.steering / about.steering * 135})`);
-    get("angle").textContent = `${Math.abs(told.steering * degrees).toFixed(1)}° ${told.steering > 0.0009 ? "left" : told.steering < -0.0009 ? "right" : ""}`;
-    if (told.lateral === null) get("lateral").textContent = "no line here";
+    write("dialmark", moves ? `M${x.toFixed(1)} ${y.toFixed(1)}L${u.toFixed(1)} ${v.toFixed(1)}` : "", "d");
+    write("wanted", moves ? `wanted ${Math.abs(told.wanted * 3.6).toFixed(0)}` : "");
+    write("gear", told.wanted < -0.05 || kmh < -0.3 ? "R" : Math.abs(kmh) < 0.3 && told.wanted === 0 ? "N" : "D");
+    write("rim", `rotate(${(-told.steering / about.steering * 135).toFixed(1)})`, "transform");
+    write("angle", `${Math.abs(told.steering * degrees).toFixed(1)}° ${told.steering > 0.0009 ? "left" : told.steering < -0.0009 ? "right" : ""}`);
+    get("lane").classList.toggle("none", told.lateral === null);
+    if (told.lateral === null) write("lateral", "this world has none");
     else {
-      get("offset").setAttribute("x", 98 - Math.max(-1, Math.min(1, told.lateral / about.lane)) * 86);
-      get("offset").setAttribute("fill", Math.abs(told.lateral) > about.lane ? "#e03131" : "#1f6feb");
-      get("lateral").textContent = `${Math.abs(told.lateral).toFixed(2)} m ${told.lateral > 0.005 ? "left" : told.lateral < -0.005 ? "right" : ""}`;
+      write("offset", 98 - Math.max(-1, Math.min(1, told.lateral / about.lane)) * 86, "x");
+      write("offset", Math.abs(told.lateral) > about.lane ? "#e03131" : "#1f6feb", "fill");
+      write("lateral", `${Math.abs(told.lateral).toFixed(2)} m ${told.lateral > 0.005 ? "left" : told.lateral < -0.005 ? "right" : ""}`);
     }
-    get("distance").textContent = told.distance < 1000 ? `${told.distance.toFixed(0)} m` : `${(told.distance / 1000).toFixed(2)} km`;
+    write("distance", told.distance < 1000 ? `${told.distance.toFixed(0)} m` : `${(told.distance / 1000).toFixed(2)} km`);
     if (document.activeElement !== speed) speed.value = told.wanted * 3.6;
     if (document.activeElement !== steering) steering.value = -told.wanted_steering * degrees;
-    get("speedvalue").textContent = `${(told.wanted * 3.6).toFixed(0)} km/h`;
-    get("steeringvalue").textContent = `${Math.abs(told.wanted_steering * degrees).toFixed(1)}° ${told.wanted_steering > 0.0009 ? "left" : told.wanted_steering < -0.0009 ? "right" : ""}`;
+    write("speedvalue", `${(told.wanted * 3.6).toFixed(0)} km/h`);
+    write("steeringvalue", `${Math.abs(told.wanted_steering * degrees).toFixed(1)}° ${told.wanted_steering > 0.0009 ? "left" : told.wanted_steering < -0.0009 ? "right" : ""}`);
     for (const [name, value] of Object.entries(told.gains)) {
-      gains[name].value.textContent = Number(value.toPrecision(4));
+      const words = String(Number(value.toPrecision(4)));
+      if (gains[name].value.textContent !== words) gains[name].value.textContent = words;
       if (document.activeElement !== gains[name].slider) gains[name].slider.value = value;
     }
     for (const [name, box] of Object.entries(boxes)) if (document.activeElement !== box) box.checked = told.layers.includes(name);
-    remember(told);
-    document.body.dataset.told = JSON.stringify(told);
   }
 
   // --- plots of the last seconds ---
   const span = 20, kept = [];
+  let lined = true;
   let last = -1, drawn = 0;
   function remember(told) {
     if (told.time < last) kept.length = 0;
     if (told.time === last) return;
     last = told.time;
     kept.push([told.time, told.speed * 3.6, told.setpoint * 3.6, told.steering * degrees, told.lateral ?? 0]);
+    lined = told.lateral !== null;
     while (kept[0][0] < last - span) kept.shift();
-    if (performance.now() > drawn + 100) { drawn = performance.now(); plot(); }
+    if (performance.now() > drawn + (usual > 60 ? 500 : 100)) { drawn = performance.now(); plot(); }
   }
   const rows = [
-    { words: "speed [km/h]", lines: [[2, "#f5b455"], [1, "#1f6feb"]], least: 10, zero: true },
+    { words: "speed [km/h], wanted orange", lines: [[2, "#f5b455"], [1, "#1f6feb"]], least: 10, zero: true },
     { words: "steering [°], left up", lines: [[3, "#2b3747"]], least: 5 },
     { words: "off the line [m], left up", lines: [[4, "#0ca678"]], least: 0.5 },
   ];
@@ -287,7 +323,7 @@
     pen.setTransform(2, 0, 0, 2, 0, 0);
     pen.clearRect(0, 0, width, height);
     pen.font = '10.5px system-ui, "DejaVu Sans", sans-serif';
-    rows.forEach((row, number) => {
+    rows.slice(0, lined ? 3 : 2).forEach((row, number) => {
       const bottom = (number + 1) * high - 4, topmost = number * high + 13;
       const most = Math.max(row.least, ...kept.flatMap(one => row.lines.map(([key]) => Math.abs(one[key])))) * 1.05;
       const low = row.zero && kept.every(one => one[1] > -0.5) ? 0 : -most;
@@ -295,6 +331,7 @@
       pen.fillStyle = "#6b7a8a"; pen.textAlign = "left";
       pen.fillText(row.words, left + 2, topmost - 3);
       pen.textAlign = "right";
+      if (!number) pen.fillText(`last ${span} s`, width - 2, topmost - 3);
       pen.fillText(most.toFixed(most < 3 ? 1 : 0), left - 3, topmost + 7);
       pen.strokeStyle = "#dfe5ec"; pen.lineWidth = 1;
       pen.strokeRect(left, topmost, width - left - 1, bottom - topmost);
@@ -308,6 +345,7 @@
     });
   }
   plot();
+  centre();
   look(0);
   talk();
 })();
