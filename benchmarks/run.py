@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent
-JOBS = ("w1", "w2", "w3", "w4", "tyres", "memory", "startup")
+JOBS = ("w1", "w2", "w3", "w4", "candidates", "tyres", "memory", "startup")
 
 GAZEBO_RTF, GAZEBO_BESIDE = 16.2, 140.0
 """W1 in Gazebo classic, and MuJoCo with cylinder wheels on that same machine: RTF of both."""
@@ -103,6 +103,12 @@ def _measure_job(job: str, options: argparse.Namespace) -> dict[str, Any]:
         if options.smoke:
             return w4.run_w4(runs=2, duration=0.5, repeat=1)
         return w4.run_w4(repeat=1 if options.quick else min(repeat, 3))
+    if job == "candidates":
+        from benchmarks import candidates
+
+        if options.smoke:
+            return candidates.run_candidates(count=2, duration=1.0, repeat=1)
+        return candidates.run_candidates(repeat=1 if options.quick else min(repeat, 3))
     if job == "tyres":
         from benchmarks import job as numbers
         from benchmarks import tyres
@@ -159,6 +165,10 @@ def targets(jobs: dict[str, Any]) -> dict[str, Any]:
             found[f"w4_ms_per_simulated_s_{method}"] = _at_most(min(values), must=12.0 * scale, aim=5.0 * scale)
         if mujoco:
             found["w4_note"] = _note(f"12 and 5 ms scaled by {scale:.2f}, as MuJoCo to {MUJOCO_POOL}")
+    if "candidates" in jobs:
+        if jobs["candidates"]["candidates"] == 200:
+            found["candidates_wall_s"] = _at_most(jobs["candidates"]["wall_s"], must=30.0)
+        found["candidates_step_iae_percent"] = _at_most(jobs["candidates"]["step"]["iae_change_percent"], must=2.0)
     if "tyres" in jobs:
         for contact, kinds in jobs["tyres"]["drives"].items():
             for kind in ("brush", "magic_formula"):

@@ -4,7 +4,7 @@ from functools import partial
 from statistics import median
 from typing import Any
 
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
@@ -80,27 +80,35 @@ def _vehicle() -> tuple[Diagram, Any]:
     return builder.Build(), vehicle.GetSubsystemByName("single_track")
 
 
-def reduced(make: Any, *, duration: float = DURATION, repeat: int = 3) -> dict[str, float]:
-    """Real-time factor of a diagram with the single-track model, with Drake's integrator as it comes.
+def reduced(make: Any, *, scheme: str | None = None, duration: float = DURATION, repeat: int = 3) -> dict[str, float]:
+    """Real-time factor of a diagram with the single-track model, and how far it ends from where it would.
 
     Args:
         make: builds it; gives the diagram and the model in it.
+        scheme: of Drake's integrators with fixed steps of LOG_PERIOD; None: the one that comes, with error control.
         duration: simulated time [s].
         repeat: number of runs; the best is given, as other load on the machine can only add.
     """
     diagram, model = make()
 
-    def run() -> None:
+    def run(scheme: str | None = scheme, step: float = LOG_PERIOD) -> Any:
         simulator = Simulator(diagram)
-        model.set_state(model.GetMyContextFromRoot(simulator.get_mutable_context()), vx=SPEED)
+        context = model.GetMyContextFromRoot(simulator.get_mutable_context())
+        if scheme is not None:
+            ResetIntegratorFromFlags(simulator, scheme, step)
+            simulator.get_mutable_integrator().set_fixed_step_mode(True)
+        model.set_state(context, vx=SPEED)
         simulator.Initialize()
         simulator.AdvanceTo(duration)
+        return model.state.Eval(context).copy()
 
-    run()
+    error = abs(run() - run("runge_kutta3", 0.1 * LOG_PERIOD))
     times = [timed(run) for _ in range(repeat)]
     return {
         "rtf": duration / min(time.wall for time in times),
         "rtf_cpu": duration / min(time.cpu for time in times),
+        "error_mm": 1e3 * float(max(error[:2])),
+        "error_mrad_per_s": 1e3 * float(error[11]),
     }
 
 
@@ -110,6 +118,7 @@ def run_tyres(*, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
         "drives": {contact: drive(contact, duration=duration, repeat=repeat) for contact in ("point", "hydroelastic")},
         "single_track": {
             "model": reduced(_model, duration=duration, repeat=repeat),
+            "model_second_order": reduced(_model, scheme="runge_kutta2", duration=duration, repeat=repeat),
             "with_control_unit": reduced(_vehicle, duration=duration, repeat=repeat),
         },
     }

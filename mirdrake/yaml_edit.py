@@ -18,6 +18,7 @@ from mirdrake.errors import ConfigError
 from mirdrake.yaml_tree import dotted, parse_tree
 
 Scalar = bool | int | float | str | None
+Value = Scalar | tuple[Scalar, ...]
 
 
 class _Removed:
@@ -35,13 +36,13 @@ class Edit:
 
     Attributes:
         path: dotted path, or the keys one by one where a key has a dot in it; a number is the index of a list item.
-        value: text, number, true, false or None; or :data:`REMOVED`.
+        value: text, number, true, false or None; a tuple of these, written as a list in brackets; or :data:`REMOVED`.
         comment: a line to stand above the key, without ``#``.
         replaces: a comment line directly above that begins so gives way to the new one.
     """
 
     path: str | tuple[str, ...]
-    value: Scalar | _Removed
+    value: Value | _Removed
     comment: str = ""
     replaces: str = ""
 
@@ -81,6 +82,10 @@ def value_at(data: Any, keys: Sequence[str]) -> Any:
         else:
             return REMOVED
     return data
+
+
+def _value_text(value: Value) -> str:
+    return f"[{', '.join(map(scalar_text, value))}]" if isinstance(value, tuple) else scalar_text(value)
 
 
 def scalar_text(value: Scalar) -> str:
@@ -174,8 +179,8 @@ class _Editor:
             self._refuse(keys, "cannot be changed without changing something else; edit the file by hand")
         return text
 
-    def _set(self, keys: Sequence[str], value: Scalar) -> str:
-        written = scalar_text(value)
+    def _set(self, keys: Sequence[str], value: Value) -> str:
+        written = _value_text(value)
         if self.root is None:
             return _appended(self.text, _block(keys, written, "", self.newline), self.newline)
         node = self.root
@@ -190,6 +195,10 @@ class _Editor:
             if depth + 1 < len(keys) and node.kind == "scalar" and value_at(self.data, keys[: depth + 1]) is None:
                 inner = "".join(f"{{{scalar_text(one)}: " for one in keys[depth + 1 :])
                 return self._put(node, f"{inner}{written}{'}' * (len(keys) - depth - 1)}")
+        if isinstance(value, tuple) and node.kind == "list":
+            if not node.flow:
+                self._refuse(keys, "is a list in lines; write it in brackets, or take it out")
+            return self._put(node, written)
         if node.kind not in {"scalar", "alias"}:
             self._refuse(keys, f"is a {node.kind}; a single value is expected")
         if node.style in {"|", ">"}:
@@ -261,6 +270,8 @@ def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
 
 
 def _same(before: Any, value: Any) -> bool:
+    if isinstance(before, list) and isinstance(value, tuple):
+        return len(before) == len(value) and all(map(_same, before, value))
     numbers = all(isinstance(one, int | float) and not isinstance(one, bool) for one in (before, value))
     return (numbers and before == value) or (type(before) is type(value) and before == value)
 

@@ -81,11 +81,6 @@ def camber_by_roll(p: Any) -> tuple[float, float]:
     return leans[0], leans[1]
 
 
-def lateral_stiffness(p: Any) -> float:
-    """Dynamic stiffness [N/m] of spring and damper between an axle and the body, in the middle of the sweep, 1.1 Hz."""
-    return math.hypot(p.K_ras, 2.0 * math.pi * 1.1 * p.K_rad)
-
-
 def centre_of_sprung_mass(p: Any) -> tuple[float, float]:
     """Where the reference has it in the frame of our car, whose origin is below the rear axle [m], [m].
 
@@ -106,18 +101,19 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
 
     Each wheel has half of the mass of its axle, shared by carrier, knuckle and wheel. Our wheels lean with the body,
     the package's by what :func:`camber_by_roll` says: a factor on the coefficients of camber. Its axles give way to the
-    side, on a spring and a damper between axle and body; ours do not. A spring in series with a tyre makes a relaxation
-    length, cornering stiffness by lateral stiffness, and from there the tyre has its one if slip is felt at the axle.
+    side, on a spring and a damper between axle and body; ours do not. Spring and damper in series with a tyre are what
+    our tyres have as lateral stiffness and damping, and from there they have them if slip is felt at the axle. What is
+    lost is the mass of the axle's own motion, 6 % of the dynamic stiffness at 2 Hz.
     """
     folder.mkdir(parents=True)
     length, ratios = p.a + p.b, load_ratios(p) if mapped else (1.0, 1.0)
-    yielding = {"published": STIFF, "wheel_slip": 0.5 * lateral_stiffness(p)}[kind]
+    spring, damper = (STIFF, 0.0) if kind == "published" else (0.5 * p.K_ras, 0.5 * p.K_rad)  # of each wheel
     for name, lean in zip(("front", "rear"), camber_by_roll(p), strict=True):
-        parameters = tyre(p, camber=-lean if mapped else lean, lateral=yielding)
+        parameters = tyre(p, camber=-lean if mapped else lean, lateral=spring)
         (folder / f"{name}.tir").write_text(write_tir(parameters), encoding="utf-8")
 
-    def axle(spring: float, damper: float, torsion: float, track: float) -> dict[str, float]:
-        return {"stiffness": spring, "damping": damper, "anti_roll": -torsion / track**2}
+    def axle(stiffness: float, damping: float, torsion: float, track: float) -> dict[str, float]:
+        return {"stiffness": stiffness, "damping": damping, "anti_roll": -torsion / track**2}
 
     spec = {
         "name": folder.name,
@@ -133,6 +129,8 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
         "tyres": {
             "kind": "magic_formula",
             "rolling_resistance": 0.0,
+            "rolling_ratio": 1.0,
+            "lateral_damping": damper,
             "file": "front.tir",
             "rear_file": "rear.tir",
             "scale": {"lky": ratios[0], "lmuy": ratios[0]},

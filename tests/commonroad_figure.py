@@ -3,11 +3,13 @@
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 
 from mirdrake.vehicles import load_vehicle
 from tests.commonroad_car import centre_of_sprung_mass, plant_trace, single_track_trace, write_car
@@ -23,58 +25,122 @@ from tests.commonroad_rig import (
     reference_trace,
 )
 
-TITLES = {"step": "step, 0.4 g", "sweep": "sine sweep, 0.2 to 2 Hz, 0.3 g", "ramp": "ramp to 0.5 g"}
+TITLES = {"step": "Step to 0.4 g", "sweep": "Sine sweep, 0.3 g, 0.2 to 2 Hz", "ramp": "Ramp to 0.5 g"}
+HEADS = ("no jump", "slip only", "published", "as read", "reduced, no jump", "reduced, published")
+
+
+class Case(NamedTuple):
+    """Traces of a car in a manoeuvre: of the package in its three forms, of our full model in three, of our reduced."""
+
+    published: Trace
+    slip_only: Trace
+    wheel_slip: Trace
+    ours: Trace
+    ours_published: Trace
+    ours_as_read: Trace
+    reduced: Trace
+
+    def fits(self) -> tuple[tuple[float, float], ...]:
+        """Of yaw rate and lateral acceleration [%], in the order of :data:`HEADS`."""
+        return (
+            fits(self.wheel_slip, self.ours),
+            fits(self.slip_only, self.ours),
+            fits(self.published, self.ours_published),
+            fits(self.wheel_slip, self.ours_as_read),
+            fits(self.wheel_slip, self.reduced),
+            fits(self.published, self.reduced),
+        )
+
+
+def run(name: str, steering: str) -> Case:
+    """Everything of a car in a manoeuvre."""
+    p = car(name)
+    steer = manoeuvre(steering, p.a + p.b)
+
+    def package(kind: Reference) -> Trace:
+        return reference_trace(name, steer, kind=kind)
+
+    def ours(kind: Reference, *, mapped: bool = True) -> Trace:
+        with tempfile.TemporaryDirectory() as folder:
+            vehicle = load_vehicle(str(write_car(Path(folder) / "car", p, kind=kind, mapped=mapped)))
+            return plant_trace(vehicle, steer, centre_of_sprung_mass(p))
+
+    return Case(
+        package("published"),
+        package("slip_only"),
+        package("wheel_slip"),
+        ours("wheel_slip"),
+        ours("published"),
+        ours("wheel_slip", mapped=False),
+        single_track_trace(p, steer),
+    )
+
+
+def table(cases: dict[tuple[str, str], Case]) -> str:
+    """All fits as a table in Markdown."""
+    rows = ["| car | manoeuvre | " + " | ".join(HEADS) + " |", "|---" * (2 + len(HEADS)) + "|"]
+    for (name, steering), case in cases.items():
+        numbers = " | ".join(f"{yaw:.1f} / {side:.1f}" for yaw, side in case.fits())
+        rows.append(f"| {name} | {steering} | {numbers} |")
+    return "\n".join(rows) + "\n"
+
+
+def draw(cases: dict[tuple[str, str], Case], file: Path) -> None:
+    """The overlays, with the fits to the package with slip at the wheels in their corners."""
+    figure, axes = plt.subplots(6, 3, figsize=(13.0, 14.0), layout="constrained", sharex="col")
+    for (name, steering), case in cases.items():
+        row, column = 2 * list(CARS).index(name), MANOEUVRES.index(steering)
+        yaw, side = axes[row, column], axes[row + 1, column]
+        curves = [
+            (case.published, "package as published", {"color": "0.72", "lw": 1.2}),
+            (case.wheel_slip, "package, slip at the wheels, no jump", {"color": "black", "lw": 2.4}),
+            (case.reduced, "our single track", {"color": "tab:blue", "lw": 1.0, "ls": ":"}),
+            (case.ours, "our full model", {"color": "tab:orange", "lw": 1.2, "ls": "--"}),
+        ]
+        for trace, label, style in curves:
+            yaw.plot(trace.time, trace.yaw_rate, label=label, **style)
+            side.plot(trace.time, trace.lateral_acceleration / GRAVITY, label=label, **style)
+        for axis, number in zip((yaw, side), case.fits()[0], strict=True):
+            _mark(axis, f"{number:.1f} %", low=steering != "sweep")
+        if row == 0:
+            yaw.set_title(TITLES[steering])
+        if column == 0:
+            yaw.set_ylabel(f"{name}\nyaw rate [rad/s]")
+            side.set_ylabel(f"{name}\nlateral acc. [g]")
+    for axis in axes.flat:
+        axis.grid(alpha=0.3)
+        axis.margins(x=0.01)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    figure.align_ylabels(axes[:, 0])
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.savefig(file, dpi=80)
+    plt.close(figure)
+
+
+def _mark(axis: Axes, text: str, *, low: bool) -> None:
+    """The fit, where the curves leave room."""
+    if not low:
+        axis.margins(y=0.28)
+    axis.text(
+        0.97,
+        0.08 if low else 0.93,
+        f"fit {text}",
+        transform=axis.transAxes,
+        ha="right",
+        va="bottom" if low else "top",
+        color="tab:orange",
+        fontweight="bold",
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
+    )
 
 
 def main(file: Path) -> None:
     """Run everything, write the figure, print the table."""
-    figure, axes = plt.subplots(6, 3, figsize=(13.0, 13.0), layout="constrained", sharex="col")
-    heads = ("wheel slip", "published", "as read", "reduced, wheel slip", "reduced, published")
-    rows = ["| car | manoeuvre | " + " | ".join(heads) + " |", "|---" * 7 + "|"]
-    for index, name in enumerate(CARS):
-        p = car(name)
-        for column, steering in enumerate(MANOEUVRES):
-            steer = manoeuvre(steering, p.a + p.b)
-            reference = {kind: reference_trace(name, steer, kind=kind) for kind in ("wheel_slip", "published")}
-            ours = _ours(name, steering, "wheel_slip")
-            reduced = single_track_trace(p, steer)
-            pairs = [
-                fits(reference["wheel_slip"], ours),
-                fits(reference["published"], _ours(name, steering, "published")),
-                fits(reference["published"], _ours(name, steering, "published", mapped=False)),
-                fits(reference["wheel_slip"], reduced),
-                fits(reference["published"], reduced),
-            ]
-            numbers = " | ".join(f"{yaw:.1f} / {side:.1f}" for yaw, side in pairs)
-            rows.append(f"| {name} | {steering} | {numbers} |")
-            curves = [
-                (reference["published"], "package as published", {"color": "0.65", "lw": 1.0}),
-                (reference["wheel_slip"], "package, slip at the wheels", {"color": "black", "lw": 2.0}),
-                (reduced, "our single track", {"color": "tab:blue", "lw": 1.0, "ls": ":"}),
-                (ours, "our full model", {"color": "tab:red", "lw": 1.0, "ls": "--"}),
-            ]
-            for trace, label, style in curves:
-                axes[2 * index, column].plot(trace.time, trace.yaw_rate, label=label, **style)
-                axes[2 * index + 1, column].plot(trace.time, trace.lateral_acceleration / GRAVITY, label=label, **style)
-            if index == 0:
-                axes[0, column].set_title(TITLES[steering])
-        axes[2 * index, 0].set_ylabel(f"{name}\nyaw rate [rad/s]")
-        axes[2 * index + 1, 0].set_ylabel(f"{name}\nlateral acceleration [g]")
-    for axis in axes.flat:
-        axis.grid(alpha=0.3)
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    figure.savefig(file, dpi=75)
-    sys.stdout.write("\n".join(rows) + "\n")
-
-
-def _ours(name: str, steering: str, kind: Reference, *, mapped: bool = True) -> Trace:
-    p = car(name)
-    with tempfile.TemporaryDirectory() as folder:
-        vehicle = load_vehicle(str(write_car(Path(folder) / "car", p, kind=kind, mapped=mapped)))
-        return plant_trace(vehicle, manoeuvre(steering, p.a + p.b), centre_of_sprung_mass(p))
+    cases = {(name, steering): run(name, steering) for name in CARS for steering in MANOEUVRES}
+    draw(cases, file)
+    sys.stdout.write(table(cases))
 
 
 if __name__ == "__main__":

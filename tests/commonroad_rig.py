@@ -14,11 +14,12 @@ r vx with the velocities of that point along and across the heading.
 What the reference does that a car does not, and what is made of it:
 
 - Its slip angles take the lateral velocity of the sprung mass, at the height of its centre, although the axles have
-  velocities of their own (states 16 and 21): a body that rolls sways, but its tyres do not feel it. `wheel_slip`
-  puts the axles' velocities there; nothing else is changed.
+  velocities of their own (states 16 and 21), and the roll rate in the same slip angles is that of the axle: a body that
+  rolls sways, but its tyres do not feel it.
+  `slip_only` puts the axles' velocities there, in four lines; nothing else is changed.
 - Ply-steer and conicity (PHY1, PVY1) have the sign of the camber angle: the lateral force of each tyre jumps by 2 % of
   the load when the body rolls through zero, and a car that runs straight ahead starts to turn by itself, to the side
-  of its rounding errors. No car and no .tir file does that. `wheel_slip` leaves them out.
+  of its rounding errors. No car and no .tir file does that. `wheel_slip` is `slip_only` without them.
 - The coefficients of camber are those of axes with y left, but are used with y right: a wheel that leans to the right
   is pushed to the left. Our .tir file gets these coefficients with the other sign, to have the same tyre.
 - Yaw moments are taken about the centre of the sprung mass, loads are those of the sprung mass and of the axles, and
@@ -55,7 +56,7 @@ GRAVITY = 9.81
 CARS = {"Ford Escort": 1, "BMW 320i": 2, "VW Vanagon": 3}
 MANOEUVRES = ("step", "sweep", "ramp")
 
-Reference = Literal["published", "wheel_slip"]
+Reference = Literal["published", "slip_only", "wheel_slip"]
 Array = NDArray[np.floating[Any]]
 
 
@@ -162,7 +163,7 @@ _ON_WHEELS = (
 
 @cache
 def _dynamics(kind: Reference) -> Callable[[list[float], list[float], Any], list[float]]:
-    """The package's right-hand side, for "wheel_slip" with the four slip angles taken at the axles."""
+    """The package's right-hand side, but for "published" with the four slip angles taken at the axles."""
     text, known = inspect.getsource(package.vehicle_dynamics_mb), dict(vars(package))
     if kind == "published":
         return package.vehicle_dynamics_mb  # type: ignore[no-any-return]

@@ -30,18 +30,51 @@ def speed(t):
     return 20.0 + 7.0 * np.sin(0.2 * t)
 
 
+def steps(t):
+    """Steps to both sides, each within 0.1 s: 4 m/s² at 25 m/s, as in ISO 7401 [rad]."""
+    return 0.024 * np.tanh(50.0 * np.sin(2.0 * pi * t / 5.0) / (2.0 * pi))
+
+
+def sweep(t):
+    """0.2 to 4 Hz within 30 s, of 4 m/s² where it is slow [rad]."""
+    return 0.024 * np.sin(2.0 * pi * (0.2 + 0.5 * (3.8 / 30.0) * t) * t)
+
+
+def ramp(t):
+    """Up to 4 m/s² and back, to the left and to the right [rad]."""
+    return 0.024 * np.sin(2.0 * pi * t / 30.0)
+
+
+STANDARD = {"step": (steps, 25.0), "sweep": (sweep, 25.0), "ramp": (ramp, 25.0)}
+"""Steering and speed [m/s] of the manoeuvres that a test driver would do, 30 s each."""
+
+
 @cache
-def exact(duration=30.0, step=0.01):
-    """Time and exact channels; the recorded steering is what goes into delay and lag."""
+def exact(duration=30.0, step=0.01, manoeuvre=None):
+    """Time and exact channels; the recorded steering is what goes into delay and lag.
+
+    Args:
+        duration: [s].
+        step: of the samples [s].
+        manoeuvre: of :data:`STANDARD`; None: a bit of all at a changing speed.
+    """
     p = TRUTH
+    if manoeuvre is None:
+        steer, pace = steering, speed
+    else:
+        steer, constant = STANDARD[manoeuvre]
+
+        def pace(t):
+            return constant + 0.0 * t
+
     late, lag = p["steering_delay"], p["steering_lag"]
 
     def rates(t, x):
         vy, r, delta = x
-        v, angle = speed(t), delta + p["steering_offset"]
+        v, angle = pace(t), delta + p["steering_offset"]
         front = -p["cornering_stiffness_front"] * (np.arctan((vy + FRONT * r) / v) - angle) * np.cos(angle)
         rear = -p["cornering_stiffness_rear"] * np.arctan((vy - REAR * r) / v)
-        asked = steering(max(t - late, 0.0))
+        asked = steer(max(t - late, 0.0))
         return [
             (front + rear) / MASS - v * r,
             (FRONT * front - REAR * rear) / p["yaw_inertia"],
@@ -49,23 +82,23 @@ def exact(duration=30.0, step=0.01):
         ]
 
     time = np.arange(0.0, duration - 1e-9, step)
-    x = solve_ivp(
-        rates, (0.0, duration), [0.0, 0.0, steering(0.0)], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02
-    ).y
+    x = solve_ivp(rates, (0.0, duration), [0.0, 0.0, steer(0.0)], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02).y
     slope = np.array([rates(t, x[:, k])[0] for k, t in enumerate(time)])
-    v = speed(time)
+    v = pace(time)
     return time, {
         "vx": v,
         "vy": x[0],
         "yaw_rate": x[1],
         "lateral_acceleration": slope + v * x[1],
-        "road_wheel_angle": steering(time),
+        "road_wheel_angle": steer(time),
     }
 
 
-def lateral_log(seed=0, *, name="drive", use="train", duration=30.0, channels=("yaw_rate", "lateral_acceleration")):
+def lateral_log(
+    seed=0, *, name="drive", use="train", duration=30.0, channels=("yaw_rate", "lateral_acceleration"), manoeuvre=None
+):
     """A log with noise and offsets of the sensors."""
-    time, clean = exact(duration)
+    time, clean = exact(duration, manoeuvre=manoeuvre)
     random = np.random.default_rng(seed)
     seen = {"road_wheel_angle": clean["road_wheel_angle"]}
     for one in ("vx", *channels):
@@ -75,6 +108,12 @@ def lateral_log(seed=0, *, name="drive", use="train", duration=30.0, channels=("
 
 def lateral_data(seed=0, **options):
     return DataSet((lateral_log(seed, **options),), wheelbase=FRONT + REAR)
+
+
+def standard_data(seed=0):
+    """The standard set of manoeuvres, 90 s together."""
+    logs = [lateral_log(10 * seed + k, name=name, manoeuvre=name) for k, name in enumerate(STANDARD)]
+    return DataSet(tuple(logs), wheelbase=FRONT + REAR)
 
 
 COAST = {"rolling_resistance": 0.009, "drag": 0.45}

@@ -168,8 +168,8 @@ def test_duplicated_stamps_are_left_out():
 def test_dummy_first_rows_are_left_out(count):
     log = recorded(25)
     _, channels = clean()
-    angle = np.cumsum(channels["yaw_rate"]) * STEP
-    x, y = (np.cumsum(channels["vx"] * way(angle)) * STEP for way in (np.cos, np.sin))
+    angle = cumulative_trapezoid(channels["yaw_rate"], dx=STEP, initial=0.0)
+    x, y = (cumulative_trapezoid(channels["vx"] * way(angle), dx=STEP, initial=0.0) for way in (np.cos, np.sin))
     log = changed(log, x=x + 700_000.0, y=y + GPS_NORTH)
     values = {name: np.concatenate((np.zeros(count), kept)) for name, kept in log.channels.items()}
     report = checked(Log("dummy", "train", np.arange(float(len(log.time) + count)) * STEP, values))

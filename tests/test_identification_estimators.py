@@ -6,18 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.covariance import block_bootstrap, long_run
+from mirdrake.identification.estimators.covariance import Stretch, autoregression, block_bootstrap, score_covariance
 from mirdrake.identification.estimators.experiment_design import rank
 from mirdrake.identification.estimators.regression import coast_down, physical_road_load, regress, understeer
 from mirdrake.identification.fit import load_fit
+from mirdrake.identification.identifiability import _together
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import first_order, second_order
 from mirdrake.identification.online import OnlineSettings, filter_log
-from mirdrake.identification.parameters import Choice, choose
+from mirdrake.identification.parameters import Choice, Parameter, Unknown, choose
 from mirdrake.identification.validation import input_correlation, nrmse, whiteness
 from mirdrake.single_track import SingleTrackParameters
 from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_data, exact, lateral_data, lateral_log
@@ -112,6 +114,16 @@ def test_stiffnesses_of_one_slow_lane_change_are_not_identified():
         assert found[name].verdict == "not identifiable", found.table()
         assert "step" in found[name].words or "sweep" in found[name].words
     assert found.advice
+
+
+def test_combinations_are_products_or_sums():
+    a = Unknown(Parameter("stiffness", "N/rad", "", 1e5, 1.0, 1e9), "free")
+    b = Unknown(Parameter("inertia", "kg m^2", "", 2e3, 1.0, 1e9), "free")
+    c = Unknown(Parameter("delay", "s", "", 0.0, -1.0, 1.0, scale=0.05), "free")
+    d = Unknown(Parameter("lag", "s", "", 0.0, -1.0, 1.0, scale=0.1), "free")
+    assert _together([(a, 0.8), (b, -0.4)], 0.008) == "stiffness × inertia^-0.5: known to ± 2 %"
+    assert _together([(c, 0.8), (b, 0.4)], 0.008) == "delay + 0.025 s ln(inertia): known to ± 0.00098 s"
+    assert _together([(c, 0.6), (d, -0.5)], 0.006) == "delay - 0.42 lag: known to ± 0.00098 s"
 
 
 def test_a_prior_holds_what_the_log_does_not_say():
@@ -223,13 +235,50 @@ def test_intervals_of_a_regression_hold_for_correlated_residuals():
     assert 80 <= inside <= 99  # both at once; white-noise intervals would hold in 40
 
 
-def test_long_run_covariance_of_an_autoregression():
-    random = np.random.default_rng(0)
-    noise = np.zeros(50_000)
-    for k in range(1, len(noise)):
-        noise[k] = 0.7 * noise[k - 1] + random.normal()
-    found = long_run(noise[:, None], [slice(0, len(noise))])[0, 0] / len(noise)
-    assert found == pytest.approx(1.0 / 0.3**2, rel=0.15)
+def stretch(noise, slopes=None):
+    """One output, one parameter."""
+    slopes = np.ones(len(noise)) if slopes is None else slopes
+    return Stretch(slopes[:, None, None], noise[:, None], np.ones((len(noise), 1), dtype=bool))
+
+
+def coloured(count, seed=0, memory=0.7):
+    return lfilter([1.0], [1.0, -memory], np.random.default_rng(seed).normal(size=count))
+
+
+def test_covariance_of_the_sum_of_an_autoregression():
+    noise = coloured(50_000)
+    assert autoregression([noise])[1] == pytest.approx(-0.7, abs=0.02)
+    found, forgetful = score_covariance([stretch(noise)])
+    assert found[0, 0] / len(noise) == pytest.approx(1.0 / 0.3**2, rel=0.1)
+    assert forgetful[0, 0] / len(noise) == pytest.approx(1.0 / (1.0 - 0.7**2), rel=0.05)
+    # Two halves, of which one does not know of the other, and every second value missing.
+    halves, _ = score_covariance([stretch(noise[:25_000]), stretch(noise[25_000:])])
+    assert halves[0, 0] == pytest.approx(found[0, 0], rel=0.02)
+    there = (np.arange(len(noise)) % 2 == 0)[:, None]
+    gappy = Stretch(there[:, :, None].astype(float), np.where(there, noise[:, None], 0.0), there)
+    assert score_covariance([gappy])[0][0, 0] / len(noise) == pytest.approx(0.5 * 1.49 / 0.51 / 0.51, rel=0.1)
+
+
+def test_covariance_weighs_the_noise_at_the_frequencies_of_the_slopes():
+    """Against the closed form Σ Σ J γ J with the known correlation of the noise."""
+    noise = coloured(20_000)
+    for pace in (0.02, 0.3):
+        slopes = np.sin(pace * np.arange(len(noise)))
+        spectrum = 1.0 / abs(1.0 - 0.7 * np.exp(-1j * pace)) ** 2
+        found, forgetful = score_covariance([stretch(noise, slopes)])
+        assert found[0, 0] == pytest.approx(spectrum * 0.5 * len(noise), rel=0.1)
+    # A fast slope would be known better than with white noise; that is not believed.
+    found, forgetful = score_covariance([stretch(noise, np.sin(2.5 * np.arange(len(noise))))])
+    assert found[0, 0] == pytest.approx(forgetful[0, 0], rel=1e-9)
+
+
+def test_noise_that_is_white_or_grows_with_the_slopes_is_taken_as_it_is():
+    random = np.random.default_rng(3)
+    slopes = np.abs(np.sin(0.01 * np.arange(20_000)))
+    white = random.normal(size=len(slopes))
+    assert score_covariance([stretch(white, slopes)])[0][0, 0] == pytest.approx(np.sum(slopes**2), rel=0.04)
+    found = score_covariance([stretch(white * slopes, slopes)])[0][0, 0]
+    assert found == pytest.approx(np.sum(slopes**4), rel=0.06)
 
 
 def test_block_bootstrap_spreads_as_the_mean_does():

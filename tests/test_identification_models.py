@@ -10,7 +10,7 @@ from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.shooting import cut, simulate
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
-from mirdrake.identification.models.base import first_order, second_order
+from mirdrake.identification.models.base import first_order, second_order, smooth_between
 from mirdrake.identification.models.steer import play
 from mirdrake.identification.parameters import Choice, choose
 from mirdrake.single_track.dynamics import brush_force
@@ -57,7 +57,11 @@ def test_shots_side_by_side_are_one_trajectory(count):
 def test_derivatives_of_the_residuals_equal_differences(tyres):
     model = make_model(ModelSpec("single_track_roll", {"tyres": tyres}), lateral_data(), KNOWN)
     choices = HELD | {"steering_lag": Choice(guess=0.05), "steering_delay": Choice(guess=0.033)}
-    choices |= {"roll_steer": Choice(free=True), "accelerometer_height": Choice(guess=0.4)}
+    choices |= {
+        "roll_steer": Choice(free=True),
+        "roll_steer_rear": Choice(free=True),
+        "accelerometer_height": Choice(guess=0.4),
+    }
     drives, _ = make_drives(model, lateral_data().logs, 8.0)
     sigmas = {"yaw_rate": 0.003, "lateral_acceleration": 0.1}
     problem = Problem(model, drives, choose(model.parameters, choices), sigmas, joined=0.1)
@@ -100,6 +104,16 @@ def test_lag_and_second_order_are_exact_for_straight_lines():
         theirs = solve_ivp(edges, (0.0, time[-1]), [values[0], 0.0], t_eval=time, rtol=1e-9, atol=1e-10, max_step=0.01)
         assert ours == pytest.approx(theirs.y[0], abs=2e-6)
     assert first_order(values, 0.05, 0.0) is values
+
+
+def test_between_samples_there_is_no_corner_and_what_is_held_stays():
+    wave = np.sin(0.4 * np.arange(60))
+    places = np.linspace(2.0, 57.0, 500)
+    off = np.max(np.abs(smooth_between(wave, places) - np.sin(0.4 * places)))
+    assert off < 0.1 * np.max(np.abs(np.interp(places, np.arange(60), wave) - np.sin(0.4 * places)))
+    steps = np.repeat([0.0, 1.0, 3.0], 5)
+    assert set(smooth_between(steps, np.array([-3.0, 0.0, 3.3, 6.6, 12.5, 40.0])).tolist()) == {0.0, 1.0, 3.0}
+    assert smooth_between(wave, np.arange(60.0)) == pytest.approx(wave)
 
 
 def test_play_follows_behind_its_width():

@@ -103,7 +103,8 @@ def test_actuators_say_what_they_do(bolt):
 
 
 def test_a_camera_sees_as_high_as_its_picture_is_and_a_gps_sees_nothing(bolt):
-    camera, gps, _ = bolt.sensors
+    sensors = {sensor.name: sensor for sensor in bolt.sensors}
+    camera, gps = sensors["front_camera"], sensors["gps"]
     assert camera.across == pytest.approx((-math.radians(40.0), math.radians(40.0)))
     assert camera.upward == pytest.approx(camera.across)  # 800 x 800 pixels
     assert (camera.yaw, camera.pitch, camera.reach) == (0.0, 0.0, (0.1, 300.0))

@@ -20,6 +20,7 @@ from mirdrake.manoeuvres.metrics.steady import (
 from mirdrake.manoeuvres.metrics.straight import (
     coast_times,
     creep,
+    moves_off,
     road_load,
     stop_from,
     time_to_distance,
@@ -189,6 +190,14 @@ def test_times_of_a_steady_acceleration():
     assert time_to_distance(TIME, distance, 37.5, start=0.0) == pytest.approx(5.0, abs=1e-3)
     assert time_to_distance(TIME, distance, 36.0, start=1.0) == pytest.approx(4.0, abs=1e-3)
     assert math.isnan(time_to_speed(TIME, speed, 1000.0, start=0.0))
+
+
+def test_a_car_that_rocks_on_its_brakes_has_not_driven_off():
+    rocking = np.where(TIME < 1.0, 0.08 * np.sin(30.0 * TIME), 0.0)
+    speed = rocking + np.maximum(3.0 * (TIME - 1.2), 0.0)
+    assert moves_off(TIME, speed, 0.05) == pytest.approx(1.2 + 0.05 / 3.0)
+    assert moves_off(TIME, speed + 2.0, 0.05) == 0.0
+    assert math.isnan(moves_off(TIME, rocking, 0.05))
 
 
 def test_braking_at_eight_metres_a_second_squared():

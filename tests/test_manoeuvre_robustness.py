@@ -1,14 +1,16 @@
 """What the figures of a manoeuvre must not depend on: the driver's gains, the time step, and where a search begins."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
+from mirdrake.cli import main
 from mirdrake.diagram import assemble
-from mirdrake.manoeuvres import Rig, find_facts, read_settings, run_manoeuvre
+from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, read_settings, run_manoeuvre
 from mirdrake.manoeuvres.courses import eight, make_line
-from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec
+from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, ObstacleAvoidanceSpec
 from mirdrake.manoeuvres.search import find_highest
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
 from mirdrake.simulation import Simulation
@@ -128,14 +130,13 @@ def test_the_largest_lateral_acceleration_is_not_that_of_the_driver():
     assert found == pytest.approx([found[1]] * 3, rel=0.02)
 
 
-def _check_steps(name: str, contact: str) -> None:
+def _check_steps(name: str, contact: str, steps: tuple[float, float] = (5e-3, 2.5e-3)) -> None:
     """Halving the step changes each figure by less than 1 %; what is a percentage by less than 0.1, or near zero."""
     settings = read_settings(
         [f"steady_state_circle.{item}" for item in ("turns=left", "first_lateral=1.5", "speed_rate=0.6", "limit=4.5")]
     )
     coarse, fine = (
-        run_manoeuvre(name, _rig(plant={"time_step": dt, "contact": contact}), getattr(settings, name))
-        for dt in (5e-3, 2.5e-3)
+        run_manoeuvre(name, _rig(plant={"time_step": dt, "contact": contact}), getattr(settings, name)) for dt in steps
     )
     assert coarse.metrics
     assert [metric.key for metric in coarse.metrics] == [metric.key for metric in fine.metrics]
@@ -168,3 +169,54 @@ def test_transients_and_stops_do_not_depend_on_the_time_step(name, contact):
 )
 def test_figures_do_not_depend_on_the_time_step(name, contact):
     _check_steps(name, contact)
+
+
+@pytest.mark.slow
+def test_split_friction_does_not_depend_on_the_time_step():
+    _check_steps("split_friction_braking", "point", (2.5e-3, 1.25e-3))  # from its own default on
+
+
+@pytest.mark.slow
+def test_a_course_below_its_limit_does_not_depend_on_the_time_step():
+    """At 93 % of the highest speed. On the limit itself, peaks such as that of the sideslip do."""
+    rig, spec = _rig(), ObstacleAvoidanceSpec()
+    sections = spec.sections(rig.facts.width)
+    figures = []
+    for step in (5e-3, 2.5e-3):
+        record, room = spec._try(rig.with_step(step), sections, 50.0 / 3.6)
+        assert min(room) == pytest.approx(0.023, abs=0.002)
+        peaks = (record.lateral_acceleration, record.yaw_rate, record.sideslip, record.hand_wheel, record.roll)
+        inside = (record.x > 0.0) & (record.x < sections[-1].x1)
+        figures.append([float(np.max(np.abs(values[inside]))) for values in peaks])
+    assert figures[0] == pytest.approx(figures[1], rel=0.01)
+
+
+# --- every manoeuvre, every vehicle -----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
+@pytest.mark.parametrize("name", MANOEUVRES)
+def test_every_manoeuvre_gives_figures_or_says_why_not(tmp_path, capsys, name, vehicle):
+    """Through the command line with default settings: no figure missing without a word, none out of this world."""
+    code = main(["manoeuvre", name, vehicle, "--out", str(tmp_path / "out")])
+    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    (outcome,) = results["manoeuvres"]
+    verdict, reason = outcome["verdict"], outcome["reason"]
+    assert code == (verdict in {"fail", "diverged"})
+    assert verdict in {"done", "pass", "fail", "not possible"}, reason
+    assert bool(reason) == (verdict in {"fail", "not possible"})
+    assert "\n" not in reason
+    assert "Traceback" not in capsys.readouterr().err
+    if verdict != "not possible":
+        assert outcome["metrics"]
+    for key, metric in outcome["metrics"].items():
+        value, unit = metric["value"], metric["unit"]
+        if value is None:
+            assert metric.get("note"), f"{key}: no figure, and no word why"
+            continue
+        assert math.isfinite(value), key
+        if unit in {"s", "m", "Hz", "km/h", "kg", "g"} and not key.startswith(("understeer", "displacement")):
+            assert value >= 0.0, key
+        highest = {"%": 200.0, "g": 1.5, "m/s²": 15.0, "km/h": 400.0, "s": 400.0, "Hz": 20.0}
+        assert abs(value) <= highest.get(unit, math.inf), key

@@ -27,7 +27,16 @@ GLOBS = {
     "world": "worlds/*.yaml",
     "diagram": "diagrams/*.yaml",
 }
+MARKED = [*sorted(ROOT.glob("studies/**/*.yaml")), *sorted(ROOT.glob("worlds/groups/*.yaml"))]
+"""Files that name their kind in the key `mirdrake`, as world/1."""
+
+
+def kind_of(path: Path) -> str:
+    return str(yaml.safe_load(path.read_text("utf-8"))["mirdrake"]).partition("/")[0]
+
+
 FILES = [(kind, path) for kind, pattern in GLOBS.items() for path in sorted(ROOT.glob(pattern))]
+FILES += [(kind_of(path), path) for path in MARKED]
 
 
 def faults(kind: str, data: Any) -> list[str]:
@@ -52,8 +61,12 @@ def test_what_is_shipped_is_valid(kind, path):
 
 
 def test_each_kind_of_shipped_file_was_tried():
-    assert {kind for kind, _ in FILES} == set(GLOBS)
+    assert {kind for kind, _ in FILES} == {*GLOBS, "tuning", "identification"}
     assert set(GLOBS) <= set(KINDS)
+    shipped = {
+        path for folder in ("models", "worlds", "diagrams", "studies") for path in (ROOT / folder).rglob("*.yaml")
+    }
+    assert shipped == {path for _, path in FILES}, "a file that no schema was tried on"
 
 
 @pytest.mark.parametrize(

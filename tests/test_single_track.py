@@ -32,6 +32,7 @@ from mirdrake.single_track import (
     understeer_gradient,
 )
 from mirdrake.single_track.dynamics import BLEND_TIME, Variant, brush_force, evaluate, maths_of
+from mirdrake.single_track.fast import make_fast
 from mirdrake.single_track.parameters import PARAMETERS
 from mirdrake.single_track.system import state_names
 from mirdrake.vehicles import load_vehicle
@@ -419,6 +420,37 @@ def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(var
         slopes = (moved[0] - moved[1]) / (2.0 * step)
         derivatives = [value.derivatives()[column] if value.derivatives().size else 0.0 for value in exact]
         np.testing.assert_allclose(derivatives, slopes, rtol=2e-5, atol=2e-5 * max(1.0, np.abs(slopes).max()))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_fast_equations_give_the_same_numbers_to_the_last_bit(variant):
+    rng, states, inputs = np.random.default_rng(0), len(state_names(variant)), 5 if variant.actuators else 3
+    scales = np.resize([0.3, 4e3, 4e3, 1.0, 20.0], inputs)
+    for parameters in (ROLLING, replace(ROLLING, mass=1200.0, drag=0.4, rotating_mass=30.0, gravity_x=0.5)):
+        fast = make_fast(variant, states, inputs)
+        ready = fast.prepare(parameters.values())
+        for size in np.repeat([0.0, 1e-3, 0.1, 1.0, 5.0], 40):  # standstill, the blend, sliding
+            x, u = (size * rng.normal(size=states)).tolist(), (rng.normal(size=inputs) * scales).tolist()
+            x[3] *= 5.0
+            expected = evaluate(variant, parameters.values(), x, u, maths=FLOATS)
+            assert fast.rates(ready, x, u) == expected.state
+            assert fast.motion(ready, x, u) == expected.motion
+
+
+def test_changed_parameters_count_from_the_next_evaluation_on():
+    model = SingleTrack(CAR, BRUSH)
+    contexts = [model.CreateDefaultContext() for _ in range(2)]
+    found = []
+    for context in contexts:
+        model.set_state(context, vx=20.0)
+        model.steering.FixValue(context, [0.05])
+        model.forces.FixValue(context, [0.0, 0.0])
+        found.append(model.EvalTimeDerivatives(context).CopyToVector())
+    model.set_parameters(contexts[0], yaw_inertia=2.0 * CAR.yaw_inertia)
+    twice, once = (model.EvalTimeDerivatives(context).CopyToVector() for context in contexts)
+    assert 2.0 * twice[5] == pytest.approx(once[5])
+    assert once == pytest.approx(found[0], rel=0.0, abs=0.0)
+    assert model.EvalTimeDerivatives(contexts[0].Clone()).CopyToVector() == pytest.approx(twice, rel=0.0, abs=0.0)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from mirdrake.errors import ConfigError
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
-from mirdrake.tuning.loops.evaluate import LoopEvaluator
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, forget_bench
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.make import check_names, make_loop_spec
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
@@ -107,7 +107,9 @@ def test_a_swing_that_stays_is_unstable_and_one_that_dies_is_not() -> None:
     slow = judge(t, one, 1.0 - np.exp(-0.05 * t), one, course=course())
     assert (stays.status, dies.status, slow.status) == ("unstable", "ok", "ok")
     assert judge(t, one, np.where(t > 5.0, np.nan, 1.0), one, course=course()).status == "unstable"
-    assert judge(t, one, one, one, course=course(), others=(np.sin(5.0 * t),)).status == "unstable"
+    assert judge(t, one, one, one, course=course(), others={"a wheel": np.sin(5.0 * t)}).reason.startswith(
+        "a wheel swings"
+    )
 
 
 def test_figures_of_a_first_order_response() -> None:
@@ -143,6 +145,42 @@ def test_conditions_change_the_context_only() -> None:
     assert evaluate(BOLT).figures["iae"] == first
     assert evaluate({**BOLT, "kp": math.nan}).status == "unstable"
     assert evaluate({"kq": 1.0}).status == "failed"
+
+
+def test_a_trial_does_not_know_those_before_it() -> None:
+    evaluate = LoopEvaluator(speed_loop(duration=2.0), keep=True)
+    hard = Conditions(mass=1.2, friction=0.4, delay=0.1, grade=0.05)
+    tried = [(BOLT, hard), ({**BOLT, "kp": 600.0}, Conditions(mass=0.8)), (BOLT, Conditions())]
+    alone = []
+    for gains, conditions in tried:
+        forget_bench(evaluate.spec)
+        alone.append(evaluate(gains, conditions))
+    for (gains, conditions), first in reversed(list(zip(tried, alone, strict=True))):
+        again = evaluate(gains, conditions)
+        assert again.figures == pytest.approx(first.figures, rel=0.0, abs=0.0, nan_ok=True)
+        assert first.response is not None
+        assert again.response is not None
+        assert again.response.equals(first.response)
+
+
+def test_a_loop_that_runs_away_is_not_driven_to_the_end() -> None:
+    found = LoopEvaluator(speed_loop(duration=30.0), keep=True)({"kp": -1000.0, "ki": 0.0, "kd": 0.0})
+    assert found.status == "unstable"
+    assert found.reason == "the error grows beyond ten steps"
+    assert found.response is not None
+    assert float(found.response["t"].iloc[-1]) < 15.0
+
+
+def test_figures_of_a_speed_loop_do_not_hinge_on_the_step_of_the_plant() -> None:
+    spec, plain = speed_loop(), make_tuning({"vehicle": "bolt", "loop": "speed", "test": {"duration": 4.0}})
+    assert spec.diagram["plant"]["time_step"] == 0.02
+    half = make_loop_spec(plain.model_copy(update={"plant": type(plain.plant)(time_step=0.01)}))
+    assert half.diagram["plant"]["time_step"] == 0.01
+    for gains in (BOLT, {"kp": 600.0, "ki": 300.0, "kd": 20.0}):
+        whole, other = LoopEvaluator(spec)(gains).figures, LoopEvaluator(half)(gains).figures
+        assert whole["iae"] == pytest.approx(other["iae"], rel=0.02)
+        assert whole["rise_time"] == pytest.approx(other["rise_time"], rel=0.02)
+        assert whole["overshoot_percent"] == pytest.approx(other["overshoot_percent"], abs=0.3)
 
 
 def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:

@@ -183,6 +183,41 @@ def test_a_schedule_is_shown(sample: Path) -> None:
     assert table[2] == ["15.0\u00a0m/s", "15.0", "30.0", "0"]
 
 
+def test_a_schedule_that_was_tried_is_shown_with_its_verdicts(sample: Path) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    data["schedule"] = [{"speed": v, "gains": {"kp": v, "ki": 2.0 * v, "kd": 0.0}} for v in (5.0, 15.0)]
+    data["schedule_check"] = [
+        {"speed": v, "gains": name, "where": place, "cost": cost, "feasible": good, "status": "ok", "reason": ""}
+        for v, place in ((5.0, "tuned"), (10.0, "between"), (15.0, "tuned"))
+        for name, cost, good in (("scheduled", 0.1 * v, True), ("searched", 0.2 * v, v < 12.0))
+    ]
+    tables = _tables(render_tuning(TuningResult(sample.parent, data)))
+    table = next(rows for rows in tables if "Cost, scheduled" in rows[0])
+    assert table[2] == ["10.0\u00a0m/s", "between", "1.00", "feasible", "2.00", "feasible"]
+    assert table[3][-1] == "breaks a bound"
+
+
+@pytest.mark.parametrize(("use", "words"), [(0.8, "at most 80%"), (1.2, "In 1 of 20 runs the trial asks the driven")])
+def test_the_grip_that_runs_ask_for_and_the_corners_are_told(
+    sample: Path, tmp_path: Path, use: float, words: str
+) -> None:
+    data = json.loads((sample / "tuning.json").read_text())
+    tried = [
+        {"conditions": "mass × 0.80", "status": "unstable", "reason": "swings"},
+        {"conditions": "", "status": "ok"},
+    ]
+    data["robustness"]["corners"] = {data["best"]: tried}
+    runs = pd.read_parquet(sample / "monte_carlo.parquet")
+    runs["grip_use"] = [use if run == 7 else 0.5 for run in runs["run"]]
+    runs.to_parquet(tmp_path / "monte_carlo.parquet", index=False)
+    text = render_tuning(TuningResult(tmp_path, data))
+    assert words in text
+    table = next(rows for rows in _tables(text) if rows[0][:2] == ["Candidate", "Failed"])
+    assert table[0][3] == "Corners failed"
+    assert {row[0]: row[3] for row in table[2:]}[data["best"]] == "1 of 2"
+    assert 'title="mass × 0.80: swings"' in text
+
+
 def test_a_damaged_table_is_told_in_one_line(sample: Path, tmp_path: Path) -> None:
     (tmp_path / "tuning.json").write_bytes((sample / "tuning.json").read_bytes())
     (tmp_path / "map.parquet").write_bytes(b"PAR1 nonsense")

@@ -2,6 +2,7 @@
 
 import json
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,11 @@ from typing import Any
 
 import pytest
 
+from mirdrake.diagram import assemble
 from mirdrake.errors import ConfigError
+from mirdrake.report.tuning import write_tuning_report
+from mirdrake.simulation import Simulation
+from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.identify import identify_loop
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
@@ -23,7 +28,9 @@ from mirdrake.tuning.outcome import Candidate, accept
 from mirdrake.tuning.search import Trial
 from mirdrake.tuning.spec import load_tuning, make_tuning
 from mirdrake.tuning.tune import tune
+from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.importing import import_vehicle
+from mirdrake.vehicles.spec import Pid
 from tests import trap_packages
 
 ROOT = Path(__file__).parents[1]
@@ -104,10 +111,43 @@ def test_the_speed_of_the_wheels(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_gains_over_speed(tmp_path: Path) -> None:
-    result = tune({**SHORT, "schedule": {"speeds": [5, 15]}}, out=tmp_path / "out")
-    assert [row["speed"] for row in result.data["schedule"]] == [5.0, 15.0]
-    assert all(row["gains"]["kp"] > 0.0 for row in result.data["schedule"])
+def test_gains_over_speed_are_tuned_applied_and_driven_with(tmp_path: Path) -> None:
+    bolt = Path(shutil.copytree(ROOT / "models/bolt", tmp_path / "bolt"))
+    given = {**SHORT, "vehicle": str(bolt), "search": {"trials": 6, "confirm": 4}, "schedule": {"speeds": [5, 15]}}
+    result = tune(given, out=tmp_path / "out")
+    rows, check = result.data["schedule"], result.data["schedule_check"]
+    assert [row["speed"] for row in rows] == [5.0, 15.0]
+    assert [(row["speed"], row["where"]) for row in check[::2]] == [(5.0, "tuned"), (10.0, "between"), (15.0, "tuned")]
+    assert all(row["feasible"] for row in check if row["gains"] == "scheduled")
+    assert next(row for row in result.data["acceptance"] if "schedule" in row["what"])["met"]
+
+    plan_apply(result).write()
+    control = load_vehicle(str(bolt)).control.wheel_speed
+    assert isinstance(control, Pid)
+    assert control.schedule is not None
+    assert control.schedule.speeds == [5.0, 15.0]
+    for name, values in control.schedule.rows().items():
+        assert values == pytest.approx([row["gains"][name] for row in rows], rel=1e-5)
+    drive = [{"time": 0, "speed": 5}, {"time": 1, "speed": 5}, {"time": 5, "speed": 9}]
+    run = Simulation(
+        assemble(
+            {
+                "world": "empty",
+                "vehicles": {"ego": {"model": str(bolt), "speed": 5.0}},
+                "control": {"ego": {"kind": "schedule", "rows": drive}},
+                "plant": {"contact": "point"},
+            }
+        )
+    ).run(duration=7.0)
+    assert run.signals["ego.vx"].iloc[-1] == pytest.approx(9.0, abs=0.1)
+    assert "Cost, scheduled" in write_tuning_report(result.folder).read_text()
+
+
+def test_a_schedule_that_does_not_rise_or_has_no_place_is_refused() -> None:
+    with pytest.raises(ConfigError, match="speeds: must rise from 0 or more, got 15, 5"):
+        make_tuning({**SHORT, "schedule": {"speeds": [15, 5]}})
+    with pytest.raises(ConfigError, match=r"gains of this loop stand in no control\.yaml; leave it out"):
+        tune({"vehicle": "bolt", "loop": "path", **TRACK, "schedule": {"speeds": [5, 15]}}, out="nowhere")
 
 
 @pytest.mark.slow
@@ -137,12 +177,15 @@ def test_a_study_that_was_killed_ends_as_if_it_were_not(tmp_path: Path) -> None:
     whole = tune(SHORT, out=tmp_path / "whole")
     span, chance = time.monotonic() - began, random.Random(7)
     command = [sys.executable, "-c", _SCRIPT, json.dumps(SHORT), str(tmp_path / "killed")]
+    killed = 0
     for _ in range(5):
         with subprocess.Popen(command, cwd=ROOT) as process:
             try:
-                process.wait(2.0 + chance.uniform(0.1, 0.8) * span)
+                process.wait(2.0 + chance.uniform(0.05, 0.5) * span)
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGKILL)
+                killed += 1
+    assert killed == 5
     resumed = tune(SHORT, out=tmp_path / "killed")
     assert {**resumed.data, "wall_s": 0.0} == {**whole.data, "wall_s": 0.0}
     for name in ("responses", "trials", "frequency", "map", "monte_carlo"):

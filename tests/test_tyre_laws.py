@@ -479,11 +479,56 @@ def test_a_step_of_steer_has_63_percent_after_the_relaxation_length() -> None:
     assert relaxed_slip(state, motion, CONTACT)[1] == pytest.approx(0.01 * (1.0 - math.exp(-1.0)), rel=1e-9)
 
 
-@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
-def test_a_short_step_follows_the_rates(vx: float, slip: float, vy: float, along: float, across: float) -> None:
+DAMPED = RelaxationSettings(lateral_damping=5000.0)
+
+
+def test_a_damper_to_the_side_changes_no_steady_slip() -> None:
+    for vx in (20.0, -20.0, 3.0):
+        motion, state = Motion(vx, 0.0, 0.07 * abs(vx)), Deflection()
+        for _ in range(2000):
+            state = deflection_step(state, motion, CONTACT, period=1e-2, settings=DAMPED)
+        assert relaxed_slip(state, motion, CONTACT, DAMPED)[1] == pytest.approx(0.07, rel=1e-9)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 8.0])
+def test_a_damper_to_the_side_leads_as_a_body_of_voigt(frequency: float) -> None:
+    # Spring k and damper d give F = (k + i w d) v, the tyre F = C tan alpha, rolling i w v = Vy - Vx tan alpha.
+    vx, period, omega = 20.0, 1e-3, 2.0 * math.pi * frequency
+    spring = CONTACT.stiffness_y / CONTACT.length_y + 1j * omega * DAMPED.lateral_damping
+    expected = 1.0 / (vx + 1j * omega * CONTACT.stiffness_y / spring)
+    times = period * np.arange(round(6.0 / frequency / period))
+    state, slips = Deflection(), []
+    for t in times.tolist():
+        slips.append(relaxed_slip(state, Motion(vx, 0.0, math.cos(omega * t)), CONTACT, DAMPED)[1])
+        middle = math.cos(omega * (t + 0.5 * period))
+        state = deflection_step(state, Motion(vx, 0.0, middle), CONTACT, period=period, settings=DAMPED)
+    last = times > 3.0 / frequency - 0.5 * period
+    found = 2.0 * np.mean(np.exp(-1j * omega * times[last]) * np.array(slips)[last])
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_damper_to_the_side_is_one_at_standstill() -> None:
+    still = Motion(0.0, 0.0, 0.01)
+    damping = DAMPED.damping + DAMPED.lateral_damping
+    _, slip = relaxed_slip(Deflection(0.0, 0.002), still, CONTACT, DAMPED)
+    force = CONTACT.stiffness_y / CONTACT.length_y * 0.002 + damping * 0.01
+    assert CONTACT.stiffness_y * slip == pytest.approx(force)
+
+
+@pytest.mark.parametrize("settings", [RelaxationSettings(), DAMPED])
+@given(
+    vx=st.floats(-3.0, 3.0),
+    slip=st.floats(-3.0, 3.0),
+    vy=st.floats(-3.0, 3.0),
+    along=st.floats(-0.02, 0.02),
+    across=st.floats(-0.02, 0.02),
+)
+def test_a_short_step_follows_the_rates(
+    settings: RelaxationSettings, vx: float, slip: float, vy: float, along: float, across: float
+) -> None:
     state, motion, step = Deflection(along, across), Motion(vx, slip, vy), 1e-7
-    after = deflection_step(state, motion, CONTACT, period=step)
-    rates = deflection_rates(state, motion, CONTACT)
+    after = deflection_step(state, motion, CONTACT, period=step, settings=settings)
+    rates = deflection_rates(state, motion, CONTACT, settings)
     changes = [(new - old) / step for new, old in zip(after, state, strict=True)]
     assert changes == pytest.approx(list(rates), rel=1e-3, abs=1e-4)
 

@@ -95,6 +95,10 @@ def test_a_key_in_braces_has_its_comment_above_the_whole_entry() -> None:
         ("a: 'it''s\n  long'\nb: 1\n", Edit("a", 2), "a: 2\nb: 1\n"),
         ("a: |\n  text\n\nb: 1\n", Edit("c", 2), "a: |\n  text\n\nb: 1\nc: 2\n"),
         ("---\na: 1\n...\n", Edit("c", 2), "---\na: 1\nc: 2\n...\n"),
+        ("a: 1\n", Edit("b.c", (1.0, 2)), "a: 1\nb:\n  c: [1.0, 2]\n"),
+        ("a: [1, 2]  # m/s\nb: 3\n", Edit("a", (4, 5.5, 6)), "a: [4, 5.5, 6]  # m/s\nb: 3\n"),
+        ("a: [1.0,2]\n", Edit("a", (1, 2)), "a: [1.0,2]\n"),
+        ("a: 1\n", Edit("a", (1, 2)), "a: [1, 2]\n"),
     ],
 )
 def test_odd_layouts(before: str, edit: Edit, after: str) -> None:
@@ -107,6 +111,8 @@ def test_odd_layouts(before: str, edit: Edit, after: str) -> None:
         ("a: {b: 1}", Edit("a", 1), "control.yaml:1: a: is a mapping; a single value is expected"),
         ("x: 0\na: 5", Edit("a.b", 1), "control.yaml:2: a: is a single value; a mapping (key: value) is expected"),
         ("a: [1]", Edit("a.3", 1), "control.yaml:1: a: is a list of 1; '3' is not an index of it"),
+        ("a: [1]", Edit("a", 1), "control.yaml:1: a: is a list; a single value is expected"),
+        ("a:\n- 1\n", Edit("a", (1, 2)), "control.yaml:1: a: is a list in lines; write it in brackets, or take it out"),
         ("a: |\n  x\n", Edit("a", 1), "control.yaml:1: a: is a text of several lines; edit it by hand"),
         (
             "a: &x {b: 1}\nc: *x",

@@ -13,6 +13,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import WheelRates, cruise_step, wheel_speed_setpoints
+from mirdrake.controllers.gain_schedule import read_schedule
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, WHEELS
@@ -23,6 +24,9 @@ from mirdrake.vehicles.spec import Beliefs
 
 if TYPE_CHECKING:
     from mirdrake.plant import VehicleInPlant
+
+GAINS = ("kp", "ki", "kd")
+"""Order of the gains in a parameter."""
 
 _MESSAGE, _LAST = slice(0, 3), slice(3, 5)
 """Places in the memory of the last message and of the last speed and steering set-points; behind them the loops."""
@@ -47,7 +51,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             and leaves the wheels' actuators alone.
 
     Parameters of the Context: 0: kp, ki of the speed loop; then, for loops of kind pid, kp, ki, kd of the
-    wheel-speed loop and of the steering loop; with pedals kp, ki of theirs and a zero for the wheel-speed loop.
+    wheel-speed loop and of the steering loop; with pedals kp, ki of theirs and a zero for the wheel-speed loop. Gains
+    that control.yaml schedules over speed are read there, at the measured speed, whatever the parameter says.
 
     Between steering set-point and joints stands the steering actuator of vehicle.yaml: delay, lag, rate.
 
@@ -99,6 +104,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
                 gains = [loop.kp, loop.ki, loop.kd if loop.kind == "pid" else 0.0]
             self._gains.append(self.DeclareNumericParameter(_vector(gains)))
         self._filter_times = [0.0, *(loop.filter if loop else 0.0 for loop in (self._wheel_pid, self._steering_pid))]
+        schedules = [getattr(loop, "schedule", None) for loop in (control.wheel_speed, control.steering)]
+        self._tables = (None, *map(read_schedule, schedules))
         self._known_gains: dict[int, tuple[list[float], PidGains]] = {}
         self._wheels: dict[float, tuple[tuple[float, float], WheelRates]] = {}
         self._desired = self.DeclareDiscreteState(2 * count)
@@ -174,7 +181,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
                 speed,
                 slope,
                 index.forward_speed(x),
-                gains=self._read_gains(context, 1),
+                gains=self._read_gains(context, 1, x),
             )
             memory[self._foot] = foot.flat()
             state.get_mutable_value(self._pedals)[:] = pedals
@@ -185,7 +192,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
                 desired[index.steering_inputs[i]] = angle
                 desired[index.actuators + index.steering_inputs[i]] = (angle - old_angles[i]) / period
             else:
-                gains = self._read_gains(context, 2)
+                gains = self._read_gains(context, 2, x)
                 actuation[index.steering_inputs[i]] = self._pid(
                     memory, 5 + i, angle, x[index.steering_positions[i]], gains, self._steering_limits
                 )
@@ -212,7 +219,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             speed,
             index.forward_speed(x),
             period=self._period,
-            gains=self._read_gains(context, 0),
+            gains=self._read_gains(context, 0, x),
             limits=self._speed_limits,
         )
         rates = wheel_speed_setpoints(trimmed, ratios, radii=self._radii)
@@ -222,7 +229,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             if self._wheel_pid is None:
                 desired[index.actuators + index.wheel_inputs[i]] = rates[i]
             else:
-                gains = self._read_gains(context, 1)
+                gains = self._read_gains(context, 1, x)
                 actuation[index.wheel_inputs[i]] = self._pid(
                     memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits, push
                 )
@@ -261,9 +268,13 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         return control
 
-    def _read_gains(self, context: Context, group: int) -> PidGains:
-        """Gains of a loop from the Context; those read last are not made anew."""
+    def _read_gains(self, context: Context, group: int, x: Sequence[float]) -> PidGains:
+        """Gains of a loop from the Context, and from its table at the speed now; those read last are not made anew."""
         values = context.get_numeric_parameter(self._gains[group]).value().tolist()
+        table = self._tables[group]
+        if table is not None:
+            for name, value in table.at(abs(self._index.forward_speed(x))).items():
+                values[GAINS.index(name)] = value
         known = self._known_gains.get(group)
         if known is None or known[0] != values:
             kp, ki, kd = values if group else (*values, 0.0)

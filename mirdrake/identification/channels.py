@@ -66,6 +66,32 @@ _MORE_UNITS: dict[str, dict[str, float]] = {
     "rad/s": {"1/min": 0.10471975511965977},
 }
 
+_ANY_CASE = {"deg", "rad", "km/h", "m/s", "mph", "deg/s", "rad/s", "rpm", "1/min", "m/s^2", "m/s²", "ms"}
+
+
+_SPELLINGS = {
+    "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "m s-2": "m/s^2", "m*s^-2": "m/s^2", "mps2": "m/s^2",
+    "meter/s^2": "m/s^2", "g0": "g", "m/sec": "m/s", "mps": "m/s", "m s-1": "m/s", "m*s^-1": "m/s", "meter/s": "m/s",
+    "kph": "km/h", "kmh": "km/h", "km/hr": "km/h", "kmph": "km/h", "mi/h": "mph",
+    "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
+    "°/s": "deg/s", "deg/sec": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "dps": "deg/s", "deg s-1": "deg/s",
+    "rad/sec": "rad/s", "rad s-1": "rad/s", "1/s": "rad/s", "u/min": "rpm", "r/min": "rpm", "rev/min": "rpm",
+    "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "usec": "us", "µs": "us", "nsec": "ns",
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m", "n m": "N m", "nm": "N m", "n*m": "N m",
+    "percent": "%", "pct": "%", "none": "-", "unitless": "-",
+}  # fmt: skip
+"""How instruments and people spell units, in small letters."""
+
+
+def plain_unit(unit: str) -> str:
+    """A unit as it is spelt here: ``m/s^2`` of ``m/s2``, ``km/h`` of ``kph``, ``deg`` of ``degrees``."""
+    bare = unit.strip().replace("·", " ").replace("⁻¹", "-1").replace("\N{MASCULINE ORDINAL INDICATOR}", "°")
+    small = bare.lower()
+    known = _SPELLINGS.get(small)
+    if known is not None:
+        return known
+    return small if small in _ANY_CASE else bare
+
 
 def quantity(name: str) -> str:
     """The name of a channel without its source: ``yaw_rate`` of ``yaw_rate@imu``."""
@@ -91,6 +117,7 @@ def unit_factor(unit: str, si: str) -> float:
         ValueError: the unit is not known, or is one of another quantity.
     """
     more = _MORE_UNITS.get(si, {})
+    unit = unit if unit in more else plain_unit(unit)
     if unit in more:
         return more[unit]
     if si == "1":

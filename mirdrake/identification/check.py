@@ -3,8 +3,11 @@
 from collections.abc import Collection
 from dataclasses import replace
 
+import numpy as np
+
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.alignment import check_delays, check_response
+from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.excitation import check_excitation
 from mirdrake.identification.findings import DataReport, Finding
@@ -17,9 +20,9 @@ from mirdrake.identification.plausibility import (
     check_steering,
     check_step,
 )
-from mirdrake.identification.samples import check_glitches, check_values
+from mirdrake.identification.samples import check_glitches, check_turns, check_values, find_glitches
 from mirdrake.identification.spec import REPAIRS
-from mirdrake.identification.timing import check_first_rows, check_held, check_stamps, split_at_gaps
+from mirdrake.identification.timing import check_first_rows, check_held, check_stamps, held_together, split_at_gaps
 
 
 def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> DataReport:
@@ -66,16 +69,24 @@ def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[F
 
 
 def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> tuple[Log, list[Finding]]:
-    found = check_values(log)
+    log, found = check_turns(log)
+    found += check_values(_without_glitches(log) if "glitches" in allowed else log)
     # The clock first: everything else counts samples. Then single values, then what is compared between channels.
-    for name, check in (
-        ("held", check_held),
-        ("glitches", check_glitches),
-        ("step", check_step),
-        ("delays", check_delays),
-    ):
+    sources = held_together(log)
+    for name, check in (("held", check_held), ("glitches", check_glitches), ("step", check_step)):
         log, seen = check(log, repair=name in allowed)
         found += seen
+    log, seen = check_delays(log, sources, repair="delays" in allowed)
+    found += seen
     found += check_relations(log) + check_steering(log, wheelbase) + check_course(log) + check_place(log)
     found += check_gravity(log) + check_rest(log) + check_response(log)
     return log, found
+
+
+def _without_glitches(log: Log) -> Log:
+    """A log in which glitches are missing values: what will be mended is no fault of the range."""
+    channels = dict(log.channels)
+    for name, values in log.channels.items():
+        if channel(name).moves and (bad := find_glitches(values, channel(name).limit)).any():
+            channels[name] = np.where(bad, np.nan, values)
+    return replace(log, channels=channels)

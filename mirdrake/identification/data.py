@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError
-from mirdrake.identification.channels import channel, unit_factor
+from mirdrake.identification.channels import channel, plain_unit, unit_factor
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
 from mirdrake.identification.tables import Table
@@ -177,7 +177,7 @@ def _values(table: Table, name: str, column: Column, place: str) -> Array:
     numbers = table.numbers(column.column, place)
     si = channel(name).unit
     said = table.units.get(column.column)
-    if column.unit is not None and said and said != column.unit:
+    if column.unit is not None and said and plain_unit(said) != plain_unit(column.unit):
         raise ConfigError(
             f"{place}: unit '{column.unit}', but {table.name} says '{said}'; leave out one, or give the scale instead"
         )
@@ -196,7 +196,7 @@ def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
         return np.arange(float(rows)) * clock.step
     assert clock.column is not None  # the schema wants one of them
     numbers = table.numbers(clock.column, asked)
-    unit = clock.unit or table.units.get(clock.column) or "s"
+    unit = plain_unit(clock.unit or table.units.get(clock.column) or "s")
     try:
         factor = _FINE_UNITS.get(unit) or unit_factor(unit, "s")
     except ValueError as error:

@@ -158,13 +158,31 @@ def combinations(
         for variance, vector in zip(values_, vectors.T, strict=True):
             big = np.abs(vector) > 0.3
             if variance**0.5 < IDENTIFIED and big.sum() > 1:
-                vector = vector / vector[np.argmax(np.abs(vector))]
-                parts = [_part(free[index[k]], vector[k]) for k in np.flatnonzero(np.abs(vector) > 0.3)]
-                texts.append(f"{' '.join(parts)} is known to ± {196.0 * variance**0.5:.2g} %")
+                together = [(free[index[k]], float(vector[k])) for k in np.flatnonzero(big)]
+                texts.append(_together(together, float(variance) ** 0.5))
     return tuple(texts)
 
 
-def _part(one: Unknown, power: float) -> str:
-    if one.logarithmic:
-        return one.info.name if abs(power - 1.0) < 0.02 else f"{one.info.name}^{power:.2g}"
-    return f"exp({power:.2g} {one.info.name} / {one.info.scale:g} {one.info.unit})"
+def _together(parts: Sequence[tuple[Unknown, float]], sigma: float) -> str:
+    """A direction of the scaled parameters in words: a product of powers, or a sum if one of them may be zero."""
+    plain = [(one, weight) for one, weight in parts if not one.logarithmic]
+    first, lead = max(plain or parts, key=lambda part: abs(part[1]))
+    rest = [(one, weight / lead) for one, weight in parts if one is not first]
+    sigma /= abs(lead)
+    if not plain:
+        powers = "".join(f" × {one.info.name}^{weight:.2g}" for one, weight in rest)
+        return f"{first.info.name}{powers}: known to ± {196.0 * sigma:.2g} %"
+    text, scale, unit = first.info.name, first.info.scale, first.info.unit
+    for one, weight in rest:
+        size = abs(weight) * scale / (1.0 if one.logarithmic else one.info.scale)
+        per = unit if one.logarithmic else _over(unit, one.info.unit)
+        name = f"ln({one.info.name})" if one.logarithmic else one.info.name
+        text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {per}{' ' if per else ''}{name}"
+    return f"{text}: known to ± {1.96 * sigma * scale:.2g} {unit}"
+
+
+def _over(unit: str, other: str) -> str:
+    """A unit by another one; none if they are the same."""
+    if unit == other:
+        return ""
+    return unit if other == "1" else f"{unit}/({other})" if " " in other or "/" in other else f"{unit}/{other}"

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirdrake.identification.alignment import smooth
+from mirdrake.identification.alignment import delay_of, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log
 from mirdrake.identification.findings import Finding
 from mirdrake.identification.relations import Gain, Grid, explain, gain_of, make_grid, relations_of, step_factor
+from mirdrake.identification.timing import LONGEST_STEP, SHORTEST_STEP, usual_step
 
 GRAVITY = 9.80665
 
@@ -18,27 +19,34 @@ IMPOSSIBLE = 30.0
 STANDSTILL = 0.05
 """Slower than this a vehicle stands [m/s]."""
 
+_CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
+
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 
 
-def gains_of(log: Log) -> list[Gain]:
-    """How the relations of a log hold, of those that move enough to tell."""
+def gains_of(log: Log, *, sideways: bool = True) -> list[Gain]:
+    """How the relations of a log hold, of those that move enough to tell; `sideways` as in relations_of."""
     grid = make_grid(log)
-    gains = [gain_of(relation, grid) for relation in relations_of(grid.channels)]
+    gains = [gain_of(relation, grid) for relation in relations_of(grid.channels, sideways=sideways)]
     return [gain for gain in gains if gain is not None and abs(gain.correlation) > 0.7]
 
 
 def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """The true step against the stated one, from all relations that have a derivative in them."""
-    gains = gains_of(log)
+    gains = gains_of(log, sideways=False)
     factor = step_factor(gains)
+    step = usual_step(log.time)
     if factor is None:
-        return log, []
-    step = make_grid(log).step
+        if SHORTEST_STEP <= step <= LONGEST_STEP:
+            return log, []
+        text = f"a step of {step:.4g} s is none of a recorder, and no channels tell the true one: give the clock's unit"
+        return log, [Finding(log.name, "step", "", "fault", step, "s", text)]
     timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
     text = f"the true step is {factor * step:.5g} s, {factor:.4g} times the stated {step:.5g} s: " + "; ".join(
         f"{gain.relation} say {1.0 / gain.gain:.4g}" for gain in timed
     )
+    unit = next((unit for unit, size in _CLOCKS.items() if abs(factor / size - 1.0) < 0.05), None)
+    text += "" if unit is None else f": a clock {unit}?"
     done = f"time multiplied by {factor:.5g}" if repair else ""
     found = Finding(log.name, "step", "", "fault", factor * step, "s", text, done)
     return (replace(log, time=log.time[0] + factor * (log.time - log.time[0])) if repair else log), [found]
@@ -93,19 +101,25 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
             continue
         base = np.column_stack((speed[calm] * angle[calm], speed[calm]))
         solved = np.linalg.lstsq(base, rate[calm], rcond=None)[0]
-        gain, bias = float(solved[0]), -float(solved[1] / solved[0])
+        gain = float(solved[0])
         if correlation < 0.0:
             text = f"{name} to the left turns the vehicle to the right (correlation {correlation:.2f}): wrong sign"
             found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
         unit = channel(name).unit
-        if abs(bias) > max(0.03 * float(np.ptp(np.percentile(angle, (1, 99)))), 1e-9):
-            text = f"{name} is {bias:+.3g} {unit} where the vehicle runs straight: estimate an offset"
+        bias, spread = _steering_bias(speed[calm], _aligned(grid, name, angle)[calm], rate[calm])
+        if abs(bias) > max(0.01 * float(np.ptp(np.percentile(angle, (1, 99)))), 4.0 * spread, 1e-9):
+            shown = f"{bias:+.3g} ± {2.0 * spread:.2g}" + (f" {unit}" if unit != "1" else "")
+            text = f"{name} is {shown} where the vehicle runs straight: estimate an offset"
             found.append(Finding(log.name, "bias", name, "warning", bias, unit, text))
         if wheelbase is not None:
             scale = gain * wheelbase
             text = f"the yaw rate is {scale:.3g} times speed · {name} / wheelbase"
             odd = name == "road_wheel_angle" and not (0.5 if is_slow else 0.1) < abs(scale) < 1.25
-            if odd:
+            if name == "steering_wheel_angle":
+                text += f": a steering ratio of about {1.0 / scale:.3g}, with what the tyres slip"
+                odd = not 3.0 < abs(1.0 / scale) < 60.0
+                text += ": deg as rad, or the angle of the road wheels?" if odd else ""
+            elif odd:
                 text += ": deg as rad?" if abs(scale) < 0.05 else ": a scaled signal, or of the hand wheel?"
         else:
             scale, odd = 1.0 / gain, False
@@ -115,6 +129,27 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
             Finding(log.name, "relation", f"yaw_rate, {name}", "warning" if odd else "info", scale, unit, text)
         )
     return found
+
+
+def _aligned(grid: Grid, name: str, angle: np.ndarray) -> np.ndarray:
+    """The steering as the yaw rate follows it: a delay looks like an offset when turns to one side are quicker."""
+    delay = delay_of(grid.channels["yaw_rate"], grid.channels[name], grid.step)
+    if delay is None or abs(delay.correlation) < 0.7:
+        return angle
+    rows = np.arange(float(len(angle)))
+    return np.asarray(np.interp(rows - delay.value / grid.step, rows, angle))
+
+
+def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tuple[float, float]:
+    """The angle at which a vehicle runs straight, and its standard deviation, from ``r = v (g δ / (1 + K v²) - b)``."""
+    base = np.column_stack((speed * angle, speed, speed**3 * angle))
+    size = np.linalg.norm(base, axis=0)
+    if np.any(size == 0.0) or np.linalg.cond(base / size) > 50.0:
+        base = base[:, :2]
+    solved = np.linalg.lstsq(base, rate, rcond=None)[0]
+    rest, blocks = rate - base @ solved, np.array_split(np.arange(len(rate)), 10)
+    parts = [float(speed[rows] @ rest[rows]) / float(speed[rows] @ speed[rows]) for rows in blocks]
+    return -float(solved[1] / solved[0]), float(np.std(parts) / np.sqrt(9.0) / abs(solved[0]))
 
 
 def check_rest(log: Log) -> list[Finding]:
@@ -204,7 +239,7 @@ def check_gravity(log: Log) -> list[Finding]:
         name, sign = lean.get(relation.measured, ("", 1.0))
         if name not in grid.channels or np.std(grid.channels[name]) < 2e-3:
             continue
-        part = _tilt_part(grid, relation.measured, relation.right(grid), np.sin(grid.channels[name]))
+        part = _tilt_part(grid, relation.left(grid), relation.right(grid), np.sin(grid.channels[name]))
         if part is not None and abs(part[0]) > 5.0 * part[1] and 0.7 * GRAVITY < abs(part[0]) < 1.3 * GRAVITY:
             text = f"has {part[0]:.3g} ± {2 * part[1]:.2g} m/s^2 times the sine of {name} in it: gravity"
             if part[0] * sign < 0.0:
@@ -215,7 +250,7 @@ def check_gravity(log: Log) -> list[Finding]:
     return found
 
 
-def _tilt_part(grid: Grid, measured: str, right: np.ndarray, sine: np.ndarray) -> tuple[float, float] | None:
+def _tilt_part(grid: Grid, left: np.ndarray, right: np.ndarray, sine: np.ndarray) -> tuple[float, float] | None:
     """How much of sin(tilt) is in a relation, and its standard deviation, from means over half a second."""
     width = max(4, round(0.5 / grid.step))
     count = len(right) // width
@@ -228,7 +263,7 @@ def _tilt_part(grid: Grid, measured: str, right: np.ndarray, sine: np.ndarray) -
     base = np.column_stack((means(sine), means(right), np.ones(count)))
     if np.linalg.cond(base / np.maximum(np.linalg.norm(base, axis=0), 1e-12)) > 50.0:
         return None  # the tilt goes with the acceleration itself: roll in a bend cannot be told from a scale
-    target = means(grid.channels[measured])
+    target = means(left)
     solved = np.linalg.lstsq(base, target, rcond=None)[0]
     variance = float(np.sum((target - base @ solved) ** 2)) / (count - 3)
     return float(solved[0]), float(np.sqrt(variance * np.linalg.inv(base.T @ base)[0, 0]))

@@ -75,6 +75,7 @@ class Relation(NamedTuple):
         derivative: whether the right side has one derivative of time, so that it grows as the step is too short.
         right: the right side (n).
         timed: whether both sides have the same timing; without vy, ay leads vx r by the change of vy.
+        known: a part of the right side that has no derivative and stands on the left for the gain: ax + r vy = dvx/dt.
     """
 
     measured: str
@@ -83,13 +84,24 @@ class Relation(NamedTuple):
     derivative: bool
     right: Callable[[Grid], Array]
     timed: bool = True
+    known: Callable[[Grid], Array] | None = None
+
+    def left(self, grid: Grid) -> Array:
+        """What is measured, without the part that is known (n)."""
+        values = grid.channels[self.measured]
+        return values if self.known is None else values - self.known(grid)
 
     def __str__(self) -> str:
         return f"{self.measured}, {', '.join(self.others)}"
 
 
-def relations_of(channels: Channels) -> list[Relation]:
-    """The relations that the channels of a log allow."""
+def relations_of(channels: Channels, *, sideways: bool = True) -> list[Relation]:
+    """The relations that the channels of a log allow.
+
+    Args:
+        channels: of a log.
+        sideways: whether dvy/dt counts in the lateral acceleration; with a step that may be wrong it should not.
+    """
     found: list[Relation] = []
     forward = "vx" if "vx" in channels else "speed" if "speed" in channels else None
 
@@ -97,17 +109,18 @@ def relations_of(channels: Channels) -> list[Relation]:
         return grid.channels[name]
 
     def turn(grid: Grid) -> Array:
-        """R vy, as far as it is known."""
+        """-r vy, as far as it is known."""
         if "vy" in grid.channels and "yaw_rate" in grid.channels:
-            return get(grid, "yaw_rate") * get(grid, "vy")
+            return -get(grid, "yaw_rate") * get(grid, "vy")
         return np.zeros(len(next(iter(grid.channels.values()))))
 
     def side(grid: Grid) -> Array:
-        return grid.rate(get(grid, "vy")) if "vy" in grid.channels else np.zeros(len(get(grid, "yaw_rate")))
+        known = sideways and "vy" in grid.channels
+        return grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
 
     if forward and "longitudinal_acceleration" in channels:
         found.append(
-            Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)) - turn(g))
+            Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)), known=turn)
         )
     if forward and "lateral_acceleration" in channels and "yaw_rate" in channels:
         found.append(
@@ -137,10 +150,16 @@ def relations_of(channels: Channels) -> list[Relation]:
 
 
 def _travel(grid: Grid, forward: str) -> Array:
-    """Speed along the positions, smoothed over half a second, or as they are coarse, with the sign of the speed."""
-    quantum = max((resolution(grid.channels[a]) or 0.0) for a in ("x", "y"))
-    usual = max(float(np.median(np.abs(grid.channels[forward]))), 1e-3)
-    width = max(3, int(min(max(0.5, 10.0 * quantum / usual), 4.0) / grid.step) | 1)
+    """Speed along the positions, with the sign of the speed.
+
+    They are smoothed over so many rows that noise and resolution make little of the way that is gone meanwhile; over
+    more rows bends would be cut.
+    """
+    places = [grid.channels[a] for a in ("x", "y")]
+    noise = max(float(np.median(np.abs(np.diff(place, 3)))) / 3.0 for place in places)  # a ramp and a bend have none
+    quantum = max((resolution(place) or 0.0) for place in places)
+    way = np.hypot(*(np.diff(place[::5]) for place in places)) / 5.0
+    width = max(3, int(min(max(20.0 * noise, 10.0 * quantum) / max(float(np.percentile(way, 75.0)), 1e-9), 401)) | 1)
     box = np.ones(width) / width
     parts = [grid.rate(np.convolve(np.pad(grid.channels[a], width // 2, "edge"), box, "valid")) for a in ("x", "y")]
     return np.hypot(*parts) * np.sign(grid.channels[forward])
@@ -166,7 +185,7 @@ class Gain(NamedTuple):
 
 def gain_of(relation: Relation, grid: Grid) -> Gain | None:
     """How a relation holds, from means over windows, in which delays and noise count little; None: too little moves."""
-    left, right = grid.channels[relation.measured], relation.right(grid)
+    left, right = relation.left(grid), relation.right(grid)
     width = max(4, round(0.4 / grid.step))
     if len(left) < 20 * width:
         width = max(4, len(left) // 40)

@@ -6,13 +6,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from mirdrake.identification.channels import channel
+from mirdrake.identification.channels import channel, quantity
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding, Severity
 from mirdrake.identification.timing import fresh_rows, resolution
 
 WINDOW = 9
 """Samples of the median that a glitch stands out of: up to four in a row are found."""
+
+
+def check_turns(log: Log) -> tuple[Log, list[Finding]]:
+    """Headings that jump by a whole turn, as from 180 to -180 degrees, are counted on: the same angles."""
+    found, mended = [], {}
+    for name, values in log.channels.items():
+        if quantity(name) != "yaw":
+            continue
+        good = np.isfinite(values)
+        steps = np.diff(values[good])
+        turns = np.where(np.abs(steps) < 3.0 * np.pi, -np.round(steps / (2.0 * np.pi)), 0.0)  # more is a glitch
+        if turns.any():
+            mended[name] = values.copy()
+            mended[name][good] += 2.0 * np.pi * np.append(0.0, np.cumsum(turns))
+            count = int(np.count_nonzero(turns))
+            text = f"jumps by a whole turn {count} times, as headings do: it is counted on there"
+            found.append(Finding(log.name, "range", name, "info", float(count), "jumps", text))
+    return (replace(log, channels={**log.channels, **mended}) if mended else log), found
 
 
 def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from mirdrake.identification.channels import channel, unit_factor
+from mirdrake.identification.channels import channel, plain_unit, unit_factor
 from mirdrake.yaml_io import Duration, Length, Schema
 
 Repair = Literal["stamps", "gaps", "held", "glitches", "step", "delays"]
@@ -46,7 +46,7 @@ class TimeColumn(Schema):
     @field_validator("unit")
     @classmethod
     def _of_time(cls, unit: str | None) -> str | None:
-        if unit is not None and unit not in {"us", "ns"}:
+        if unit is not None and plain_unit(unit) not in {"us", "ns"}:
             unit_factor(unit, "s")
         return unit
 

@@ -15,6 +15,9 @@ GAP = 1.7
 LEAST_PART = 20
 """A stretch of fewer samples is no drive."""
 
+SHORTEST_STEP, LONGEST_STEP = 1e-5, 1.0
+"""No recorder of a drive has a shorter or a longer step [s]."""
+
 LONGEST_HOLD = 60
 """Rows over which a value may be held and still be a rate."""
 
@@ -27,7 +30,7 @@ def usual_step(time: Array) -> float:
 
 def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Stamps that go back, repeat or are bunched, gaps and missing values."""
-    found = []
+    log, found = _check_resolution(log, repair=repair)
     latest = np.maximum.accumulate(log.time)
     back = np.append(False, log.time[1:] < latest[:-1])
     steps = np.diff(latest)
@@ -49,7 +52,8 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     jitter = float(np.percentile(np.abs(steps - step), 90)) / step
     text = f"usual step {step:.6g} s ({1.0 / step:.5g} Hz); nine of ten within {max(100 * jitter, 1e-3):.2g} % of it"
     found.append(Finding(log.name, "stamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
-    gaps = np.flatnonzero(steps > GAP * step)
+    # Stamps that swing about even ones leave steps that are long, with short ones beside them.
+    gaps = np.flatnonzero(steps > max(GAP, 1.0 + 3.0 * jitter) * step)
     if len(gaps):
         lost = int(np.sum(np.round(steps[gaps] / step) - 1))
         longest = gaps[np.argmax(steps[gaps])]
@@ -61,13 +65,56 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         found.append(Finding(log.name, "gaps", "", severity, float(len(gaps)), "gaps", text))
     for name, values in log.channels.items():
         missing = int(np.isnan(values).sum())
-        if missing:
+        every = sparse_factor(values) if missing else None
+        if every is not None:
+            text = f"has a value in every {_ordinal(every)} row: its own rate is about {1.0 / (every * step):.4g} Hz"
+            found.append(Finding(log.name, "missing", name, "info", float(missing), "rows", text))
+        elif missing:
             part = missing / len(values)
             text = f"{missing} of {len(values)} values are missing ({100 * part:.2g} %)"
             found.append(
                 Finding(log.name, "missing", name, "fault" if part > 0.2 else "warning", float(missing), "rows", text)
             )
     return log, found
+
+
+def _check_resolution(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """A clock that is coarser than the rows: several rows in turn share a stamp, again and again."""
+    steps = np.diff(log.time)
+    starts = np.append(0, np.flatnonzero(steps != 0.0) + 1)
+    rows, ticks = np.diff(starts), np.diff(log.time[starts])
+    if len(rows) < LEAST_PART or np.any(steps < 0.0):
+        return log, []
+    # The first stretch may have begun before the log did, the last one goes on after it.
+    usual, tick = float(np.median(rows[1:])), float(np.median(ticks))
+    even = np.mean(np.abs(rows[1:] * tick / ticks[1:] - usual) <= max(1.0, 0.1 * usual))
+    if rows[1:].mean() < 1.5 or even < 0.9 or np.mean(np.abs(ticks / tick - np.round(ticks / tick)) < 0.01) < 0.9:
+        return log, []
+    step = float(np.sum(ticks[1:]) / np.sum(rows[1:]))
+    text = f"the stamps have steps of {tick:.4g} s, and {usual:g} rows share each: the true step is {step:.5g} s"
+    done = "rows spread evenly between the stamps" if repair else ""
+    found = [Finding(log.name, "stamps", "", "fault", step, "s", text, done)]
+    if repair:
+        at = np.arange(float(len(log.time)))
+        time = np.interp(at, starts[1:], log.time[starts[1:]])
+        time[: starts[1]] = log.time[starts[1]] + (at[: starts[1]] - starts[1]) * step
+        time[starts[-1] :] = log.time[starts[-1]] + (at[starts[-1] :] - starts[-1]) * step
+        log = replace(log, time=time)
+    return log, found
+
+
+def _ordinal(number: int) -> str:
+    return {2: "second", 3: "third"}.get(number, f"{number}th")
+
+
+def sparse_factor(values: Array) -> int | None:
+    """Rows from one value of a slow channel to the next, when the rows between are empty; None: it is no such one."""
+    rows = np.flatnonzero(np.isfinite(values))
+    if len(rows) < LEAST_PART:
+        return None
+    apart = np.diff(rows)
+    usual = int(np.median(apart))
+    return usual if usual >= 2 and np.mean(np.abs(apart - usual) <= 1) > 0.9 else None
 
 
 def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
@@ -155,16 +202,34 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if repair:
             channels = {name: values[keep] for name, values in log.channels.items()}
             log = replace(log, time=log.time[keep], channels=channels)
+            log, more = _check_slow(log, repair=repair)
+            found += more
         return log, found
-    found, mended = [], {}
+    return _check_slow(log, repair=repair)
+
+
+def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Single channels that come at a lower rate than the rows."""
+    factors = {name: hold_of(values) for name, values in log.channels.items() if channel(name).moves}
+    seen = {name: factor for name, factor in factors.items() if factor is not None}
+    step = usual_step(log.time)
+    fresh = {name: fresh_rows(log.channels[name]) for name in seen}
+    found: list[Finding] = []
+    mended: dict[str, Array] = {}
     for name, (factor, part) in seen.items():
         if factor < 1.15:
+            if part > 0.1:
+                text = (
+                    f"{100 * part:.2g} % of the rows repeat the one before while it moves, as often as values of steps "
+                    "so coarse do by chance: not taken for held"
+                )
+                found.append(Finding(log.name, "held", name, "info", 1.0, "rows", text))
             continue
         rate = 1.0 / (factor * step)
         exact = factor == int(factor)
         text = (
             f"is held over {factor:.3g} rows{'' if exact else ' in the mean'} while it moves: its true rate is about "
-            f"{rate:.4g} Hz ({100 * part:.2g} % of those rows repeat the one before)"
+            f"{rate:.3g} Hz ({100 * part:.2g} % of those rows repeat the one before)"
         )
         done = "joined by straight lines between fresh samples" if repair else ""
         found.append(Finding(log.name, "held", name, "warning", float(factor), "rows", text, done))
@@ -179,6 +244,25 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             values[rows[0] :][short & inner[rows[0] :]] = between[rows[0] :][short & inner[rows[0] :]]
             mended[name] = values
     return replace(log, channels={**log.channels, **mended}), found
+
+
+def held_together(log: Log) -> list[set[str]]:
+    """Channels that are held and change on the same rows: they come from one source, with one clock."""
+    fresh = {}
+    for name, values in log.channels.items():
+        hold = hold_of(values) if channel(name).moves else None
+        if hold is not None and hold[0] >= 1.3:
+            fresh[name] = fresh_rows(values)
+    found: list[set[str]] = []
+    for name, rows in fresh.items():
+        for group in found:
+            other = fresh[next(iter(group))]
+            if np.mean(other[rows]) > 0.9 and np.mean(rows[other]) > 0.8:
+                group.add(name)
+                break
+        else:
+            found.append({name})
+    return [group for group in found if len(group) > 1]
 
 
 def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[float, float]]) -> NDArray[np.int64] | None:
@@ -229,6 +313,8 @@ def hold_of(values: Array) -> tuple[float, float] | None:
 
     A whole factor is returned when the changes keep to a grid of rows. None: it moves too little to tell.
     """
+    if sparse_factor(values) is not None:  # the rows between are empty, not held
+        return None
     fresh = fresh_rows(values)
     changes = np.flatnonzero(fresh)[1:]
     if len(changes) < 20:
@@ -255,7 +341,25 @@ def hold_of(values: Array) -> tuple[float, float] | None:
         on_grid = np.bincount(here % factor).max() / len(here)
         if on_grid > 0.93 and np.mean(holds <= factor) > 0.5:
             return float(factor), 1.0 - 1.0 / factor
-    mean = float(holds.mean())
-    if usual == 1 and mean < 1.15:
-        return 1.0, 0.0
+    mean = float(holds.mean()) / (1.0 + _chance(steps[here - 1]))
+    if mean < 1.15:
+        return 1.0, 1.0 - 1.0 / float(holds.mean())
+    near = round(mean)
+    if near > 1 and abs(mean - near) < 0.03 * near:
+        mean = float(near)
     return mean if mean != int(mean) else mean + 1e-9, 1.0 - 1.0 / mean
+
+
+def _chance(changes: Array) -> float:
+    """How often coarse values repeat by chance, per change: as changes by none are beside those by one and two steps.
+
+    Args:
+        changes: sizes of the changes (n), not zero.
+    """
+    least = float(np.percentile(changes, 1.0))
+    counts = changes[changes < 8.0 * least] / least
+    if np.mean(np.abs(counts - np.round(counts)) < 0.1) < 0.95:
+        return 0.0  # fine values
+    ones, twos = (float(np.mean(np.round(counts) == number)) for number in (1, 2))
+    peak = min(max(ones / max(twos, 1e-3), 1.0), 10.0) ** (1.0 / 3.0)  # of a normal distribution
+    return float(0.5 * ones * len(counts) / len(changes) * peak)

@@ -17,7 +17,7 @@ from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.search import find_highest
 from mirdrake.worlds.world import GRAVITY
-from mirdrake.yaml_io import Length, Speed
+from mirdrake.yaml_io import Duration, Length, Speed
 
 _CHRONO = "Project Chrono double-lane-change demo"
 
@@ -30,10 +30,17 @@ class CourseSpec(ManoeuvreSpec):
 
     lowest: Speed = setting(30.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
     highest: Speed = setting(110.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    resolution: Speed = setting(2.0 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    resolution: Speed = setting(0.5 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
     margin: Length = setting(0.1, "between body and cones on the planned line, if there is room [m]", "own", ge=0.0)
     run_up: Length = setting(30.0, "straight way before the course [m]", "own", gt=0.0)
     run_out: Length = setting(25.0, "straight way behind the course [m]", "own", ge=0.0)
+    time_step: Duration = setting(
+        0.0025,
+        "of the plant, unless plant.time_step is given; sideslip at the limit needs it [s]",
+        "own",
+        scales=False,
+        gt=0.0,
+    )
 
     @abstractmethod
     def sections(self, width: float) -> list[Section]:
@@ -41,6 +48,7 @@ class CourseSpec(ManoeuvreSpec):
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """A bisection between the lowest and the highest speed."""
+        rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
             raise self.fault("highest", "must be above lowest")

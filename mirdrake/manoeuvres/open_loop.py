@@ -147,10 +147,11 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         speed = means(record.time, record.speed, self.window)[late]
         line = fit_line(ay, delta, self.fit_from, self.fit_to)
         fit = understeer_constant_speed(ay, delta, speed, facts.wheelbase, self.fit_from, self.fit_to)
+        ended = "the steering was at its last angle" if record.stop == "duration" else record.stop
         if line is None or fit is None or float(np.max(ay, initial=0.0)) < self.at:
             raise NotPossible(
                 f"it reached {np.max(ay, initial=0.0) / GRAVITY:.2f} g of the {self.at / GRAVITY:.2f} g that are "
-                f"needed ({record.stop})"
+                f"needed ({ended})"
             )
         angle = facts.ratio * (line.offset + line.slope * self.at)
         note = f"{line.low:.2f} to {line.high:.2f} m/s², {line.count} points"
@@ -158,7 +159,7 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         per_g = math.degrees(fit.slope) * GRAVITY
         outcome.add("understeer", "Understeer gradient, road wheels", per_g, "deg/g", note)
         outcome.add("understeer_hand", "The same at the hand-wheel", per_g * facts.ratio, "deg/g")
-        outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", record.stop)
+        outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", ended)
         at_most = float(delta[int(np.argmax(ay))])
         outcome.add("hand_wheel", "Hand-wheel angle there", math.degrees(at_most) * facts.ratio, "deg")
         points = Line("recorded", ay[::10], np.degrees(delta[::10]) * facts.ratio, "dots")

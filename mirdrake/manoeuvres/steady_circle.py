@@ -91,8 +91,11 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         mean = float(np.mean(gradients))
         outcome.add("understeer", "Understeer gradient, mean", math.degrees(mean) * GRAVITY, "deg/g")
         outcome.add("largest", "Largest lateral acceleration, mean", float(np.mean(peaks)) / GRAVITY, "g")
-        outcome.add("characteristic_speed", "Characteristic speed", characteristic_speed(wheelbase, mean) / KMH, "km/h")
-        outcome.add("critical_speed", "Critical speed", critical_speed(wheelbase, mean) / KMH, "km/h")
+        for key, text, value, word in (
+            ("characteristic_speed", "Characteristic speed", characteristic_speed(wheelbase, mean), "oversteers"),
+            ("critical_speed", "Critical speed", critical_speed(wheelbase, mean), "understeers"),
+        ):
+            outcome.add(key, text, value / KMH, "km/h", "" if math.isfinite(value) else f"none: it {word}")
         for label, drawn in (("Hand-wheel angle", lines), ("Sideslip angle", sides_lines), ("Roll angle", roll_lines)):
             outcome.charts.append(Chart("Lateral acceleration", "m/s²", label, "deg", tuple(drawn)))
 

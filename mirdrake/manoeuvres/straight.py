@@ -12,14 +12,15 @@ from mirdrake.manoeuvres.metrics.straight import (
     FOOT,
     KMH,
     MILE,
+    MOVED,
     MPH,
     coast_times,
+    moves_off,
     road_load,
     stop_from,
     time_to_distance,
     time_to_speed,
 )
-from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.yaml_io import Duration, Length, Speed
@@ -27,9 +28,6 @@ from mirdrake.yaml_io import Duration, Length, Speed
 _LINE = {"kind": "straight", "length": 1.0}
 _STEADY_HANDS = {"course": 0.0, "preview": 0.2}
 """How the driver of a brake test keeps to his line: he catches a car that turns before it has left it."""
-
-_MOVED = 0.05
-"""Speed from which on a vehicle counts as moving [m/s]."""
 
 
 def _line(length: float) -> dict[str, Any]:
@@ -93,7 +91,7 @@ class AccelerationSpec(ManoeuvreSpec):
     standard: ClassVar[str] = "0-100 km/h, 0-60 mph, quarter mile, as magazines measure"
 
     throttle: float = setting(1.0, "position of the pedal [-]", "own", gt=0.0, le=1.0)
-    wait: Duration = setting(0.5, "standing before [s]", "own", ge=0.0)
+    wait: Duration = setting(1.0, "standing before [s]", "own", ge=0.0)
     rollout: Length = setting(
         FOOT, "way whose time is subtracted [m]", "E", "Edmunds, Car and Driver", scales=False, gt=0.0
     )
@@ -121,10 +119,9 @@ class AccelerationSpec(ManoeuvreSpec):
             return "all done" if state[6] > wanted * 1.001 and state[0] > quarter * 1.01 else None
 
         record = rig.run("full_throttle", driver, duration=self.longest, stop=stop)
-        moving = np.flatnonzero(record.vx > _MOVED)
-        if not len(moving):
+        begin = moves_off(record.time, record.vx, MOVED)
+        if not math.isfinite(begin):
             raise NotPossible(f"it did not move off within {self.longest:g} s")
-        begin = crossing(record.time, record.vx, _MOVED)
         roll = time_to_distance(record.time, record.distance, self.rollout, start=begin)
         reached = float(np.max(record.vx))
         speeds = [("30mph", 30.0 * MPH, "30 mph"), ("60mph", 60.0 * MPH, "60 mph"), ("75mph", 75.0 * MPH, "75 mph")]
@@ -146,7 +143,7 @@ class AccelerationSpec(ManoeuvreSpec):
         outcome.add("rollout_time", f"Time of the first {self.rollout:.4g} m", roll, "s")
         peak = float(np.max(record.longitudinal_acceleration[record.time > begin + 0.1]))
         outcome.add("peak", "Largest acceleration", peak, "m/s²")
-        outcome.add("begin", "Moving since the pedal", begin - self.wait, "s", f"time counts from {_MOVED:g} m/s on")
+        outcome.add("begin", "Moving since the pedal", begin - self.wait, "s", f"time counts from {MOVED:g} m/s on")
         shown = record.time > self.wait - 0.2
         _speed_charts(outcome, record, shown)
 
@@ -201,11 +198,19 @@ class SplitFrictionSpec(ManoeuvreSpec):
     sideways: Length = setting(1.75, "largest offset that passes: half a lane [m]", "own", gt=0.0)
     yaw: float = setting(math.radians(15.0), "largest heading error that passes [rad]", "own", gt=0.0)
     lowest: float = setting(0.5, "deceleration below which it counts as not possible [m/s^2]", "own", gt=0.0)
+    time_step: Duration = setting(
+        0.0025,
+        "of the plant, unless plant.time_step is given; the first steering needs it [s]",
+        "own",
+        scales=False,
+        gt=0.0,
+    )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run."""
         if rig.kind == "single_track":
             raise NotPossible("the single-track model has one wheel an axle, none of them left or right")
+        rig = rig.with_step(self.time_step)
         strip = {"rect": {"center": [2500.0, 50.0], "size": [6000.0, 100.0]}, "mu": self.slippery, "name": "slippery"}
         record = brake_run(
             rig,
@@ -231,13 +236,13 @@ class SplitFrictionSpec(ManoeuvreSpec):
             "yaw", "Largest heading error", math.degrees(heading), "deg", f"at most {math.degrees(self.yaw):.0f} deg"
         )
         outcome.add("yaw_rate", "Largest yaw rate", float(np.max(np.abs(np.degrees(record.yaw_rate)))), "deg/s")
-        first = record.time < 0.3 + 1.0
-        outcome.add("yaw_1s", "Heading after 1 s of braking", float(np.degrees(record.yaw[first][-1])), "deg")
+        later = float(np.interp(0.3 + 1.0, record.time, np.degrees(record.yaw)))
+        outcome.add("yaw_1s", "Heading after 1 s of braking", later, "deg")
         angle = np.abs(np.degrees(record.hand_wheel))
         outcome.add(
             "hand_wheel", "Largest hand-wheel angle", float(np.max(angle)), "deg", "UN R13-H: 240 deg, recalled"
         )
-        early = float(np.max(angle[record.time < 0.3 + 2.0]))
+        early = float(np.max(angle[record.time < 0.3 + 2.0 + 1e-6]))
         outcome.add("hand_wheel_2s", "The same in the first 2 s", early, "deg", "UN R13-H: 120 deg, recalled")
         driven = (record.vx > 0.2 * self.speed) & (record.vx < 0.8 * self.speed)
         mean = float(np.mean(np.degrees(record.hand_wheel[driven]))) if driven.any() else math.nan

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, Outcome
-from mirdrake.manoeuvres.metrics.straight import FOOT, coast_times, time_to_distance, time_to_speed
+from mirdrake.manoeuvres.metrics.straight import (
+    FOOT,
+    MOVED,
+    coast_times,
+    moves_off,
+    time_to_distance,
+    time_to_speed,
+)
 from mirdrake.manoeuvres.metrics.straight import KMH as _KMH
 from mirdrake.manoeuvres.published import (
     BrakingDistance,
@@ -26,8 +33,6 @@ from mirdrake.manoeuvres.registry import MANOEUVRES, run_manoeuvre
 from mirdrake.manoeuvres.rig import Rig
 
 _MARGIN = 3.0 * _KMH
-_MOVED = 0.05
-"""Speed from which on a vehicle counts as moving, as in the manoeuvre acceleration [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +151,7 @@ def _read(figure: Figure, drive: Drive) -> Reading:
 
 
 def _accelerated(figure: TimeToSpeed | TimeToDistance | SpeedAtDistance, record: Record) -> Reading:
-    moving = np.flatnonzero(record.vx > _MOVED)
-    begin = float(record.time[moving[0]])
+    begin = moves_off(record.time, record.vx, MOVED)
     roll = time_to_distance(record.time, record.distance, FOOT, start=begin)
     reached = f"it reached {float(np.max(record.vx)) / _KMH:.0f} km/h"
     if isinstance(figure, TimeToSpeed):

@@ -15,6 +15,7 @@ from mirdrake.controllers.ackermann import Ackermann, make_steering_law
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import cruise_step
+from mirdrake.controllers.gain_schedule import read_schedule
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, STATE
@@ -107,6 +108,7 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.command = declare_vector_input(self, "command", COMMAND)
         self.state = declare_vector_input(self, "state", STATE)
         self.steering_angle = declare_vector_input(self, "steering_angle", STEERING[:1])
+        self._table = read_schedule(getattr(control.wheel_speed, "schedule", None))
         self._gains = self.DeclareNumericParameter(BasicVector(loop))
         self._steering = self.DeclareDiscreteState(len(STEERING))
         self._forces = self.DeclareDiscreteState(len(FORCES))
@@ -166,6 +168,9 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         # Speed loop: the pedals, or what acts on the wheels ahead of their servos.
         kp, ki = context.get_numeric_parameter(self._gains).value().tolist()
         if self._pedal_law is not None:
+            if self._table is not None:
+                now_at = self._table.at(abs(measured))
+                kp, ki = now_at.get("kp", kp), now_at.get("ki", ki)
             foot, pedals = self._pedal_law.step(
                 PedalState(memory[_GEAR], PidState(*memory[_SPEED])),
                 speed,
@@ -203,12 +208,15 @@ class SingleTrackControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         drive = self._push * slope * self._grip
         if self._wheel_pid is not None:
-            gains = self._wheel_pid
+            loop = self._wheel_pid
+            gains = {"kp": loop.kp, "ki": loop.ki, "kd": loop.kd}
+            if self._table is not None:
+                gains |= self._table.at(abs(measured))
             memory[_WHEEL], torque = pid_step(
                 PidState(*memory[_WHEEL]),
                 trimmed / self._radius,
                 measured / (self._radius * self._stretch),
-                gains=PidGains(gains.kp, gains.ki, gains.kd, filter_time=gains.filter),
+                gains=PidGains(**gains, filter_time=loop.filter),
                 period=period,
                 limits=self._wheel_limits,
                 feedforward=self._push * slope,

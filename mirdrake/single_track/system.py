@@ -1,18 +1,20 @@
 """The single-track model as a Drake system, for double, AutoDiffXd and symbolic Expression."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import pi, remainder
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, OutputPort
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, OutputPort, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from mirdrake.controllers.vectors import STATE
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.signals import Signals, declare_vector_input, declare_vector_output, signals
 from mirdrake.single_track.dynamics import TYRES, Variant, evaluate, maths_of
+from mirdrake.single_track.fast import make_fast
 from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
 
 STEERING = signals(
@@ -97,6 +99,10 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             self.forces = declare_vector_input(self, "forces", FORCES[: 2 + servo])
             self.DeclareContinuousState(len(self.state_names))
             self._parameters = self.DeclareNumericParameter(BasicVector_[T](parameters.values()))
+            if plain:
+                self._fast = make_fast(variant, len(self.state_names), 3 + 2 * servo)
+                ready = ValueProducer(allocate=Value[object], calc=self._prepare)
+                self._ready = self.DeclareCacheEntry("constants", ready, {self.all_parameters_ticket()})
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
             if variant.tyres == "kinematic" and not variant.actuators:
                 needs.add(self.steering.ticket())
@@ -115,23 +121,30 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             Impl._construct(self, other.parameters, other.variant, converter=converter)
 
         def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:  # noqa: N802
-            derivatives.get_mutable_vector().SetFromVector(self._evaluate(context).state)
+            if plain:
+                x = context.get_continuous_state_vector().CopyToVector().tolist()
+                rates = self._fast.rates(self._ready.Eval(context), x, self._inputs(context))
+            else:
+                rates = self._evaluate(context).state
+            derivatives.get_mutable_vector().SetFromVector(rates)
 
-        def _read(self, context: Context) -> tuple[Sequence[Any], Sequence[Any]]:
-            x = context.get_continuous_state_vector().CopyToVector()
-            p = context.get_numeric_parameter(self._parameters)
-            return (p.get_value().tolist(), x.tolist()) if plain else (p.CopyToVector(), x)
+        def _prepare(self, context: Context, constants: Any) -> None:
+            parameters = context.get_numeric_parameter(self._parameters).get_value().tolist()
+            constants.set_value(self._fast.prepare(parameters))
 
-        def _evaluate(self, context: Context) -> Any:
-            p, x = self._read(context)
+        def _inputs(self, context: Context) -> list[Any]:
             steering, forces = self.steering.Eval(context).tolist(), self.forces.Eval(context).tolist()
             u = [steering[0], forces[0], forces[1]]
-            if self.variant.actuators:
-                u += [steering[1], forces[2]]
-            return evaluate(self.variant, p, x, u, maths=maths)
+            return [*u, steering[1], forces[2]] if self.variant.actuators else u
+
+        def _evaluate(self, context: Context) -> Any:
+            x = context.get_continuous_state_vector().CopyToVector()
+            p = context.get_numeric_parameter(self._parameters).CopyToVector()
+            return evaluate(self.variant, p, x, self._inputs(context), maths=maths)
 
         def _calc_state(self, context: Context, output: Any) -> None:
-            p, x = self._read(context)
+            x = context.get_continuous_state_vector().CopyToVector().tolist()
+            p = context.get_numeric_parameter(self._parameters)
             zero = T(0.0)
             if self.variant.tyres == "kinematic":
                 delta = x[-1] if self.variant.actuators else self.steering.Eval(context)[0]
@@ -146,8 +159,12 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             output.SetFromVector([context.get_continuous_state_vector().CopyToVector()[-1]])
 
         def _calc_motion(self, context: Context, output: Any) -> None:
-            zero = T(0.0)  # makes floats into T
-            output.SetFromVector([zero + value for value in self._evaluate(context).motion])
+            if plain:
+                x = context.get_continuous_state_vector().CopyToVector().tolist()
+                output.SetFromVector(self._fast.motion(self._ready.Eval(context), x, self._inputs(context)))
+            else:
+                zero = T(0.0)  # makes floats into T
+                output.SetFromVector([zero + value for value in self._evaluate(context).motion])
 
         def set_parameters(self, context: Context, **changes: Any) -> None:
             """Change parameters of a Context by name.

@@ -9,7 +9,7 @@
 ==============================  ======  =============================================================================
 
 A new knob is a line in :func:`find_knobs`. Gains of servos are no knobs: Drake keeps them in the plant, not in the
-Context.
+Context. Nor are gains that control.yaml schedules over speed.
 """
 
 from collections.abc import Callable, Mapping
@@ -68,6 +68,8 @@ def find_knobs(vehicles: Mapping[str, Vehicle], world: World) -> dict[str, Knob]
             knobs += _loop(name, "wheel_speed", 1, _WHEEL_UNITS)
         if control.steering.kind == "pid":
             knobs += _loop(name, "steering", 2, _STEERING_UNITS)
+        fixed = {f"{name}.{path}" for path in control.scheduled_gains()}
+        knobs = [knob for knob in knobs if knob.name not in fixed]
         knobs.append(Knob(f"{name}.mass_scale", "1", partial(_scale_mass, name), positive=True))
     if len({world.ground.mu, *(mu for _, mu in world.friction_areas)}) == 1:
         knobs.append(Knob("road.friction", "1", _set_friction, positive=True))

@@ -15,6 +15,9 @@ from mirdrake.yaml_io import Schema, parse_tree, parse_yaml, read_text, shown, w
 DIGITS = 6
 """Significant digits that are written."""
 
+Values = dict[str, float | str | tuple[float, ...]]
+"""What to write, by dotted path in control.yaml."""
+
 _PROVENANCE = "tuned "
 _KINDS: dict[tuple[str, str], type[Schema]] = {
     ("wheel_speed", "servo"): VelocityServo,
@@ -30,9 +33,12 @@ def plan_apply(
 ) -> FileChange:
     """The change to control.yaml that a candidate asks for; write it with its ``write()``.
 
+    A study with a schedule gives gains over speed unless a candidate is named: the gains of the best, and a
+    ``schedule`` in the same section of control.yaml, whose rows count. Any other gains take such a schedule away.
+
     Args:
         result: of the study.
-        candidate: its name; by default the best.
+        candidate: its name; by default the best, with the schedule if the study has one.
         vehicle: name or folder of the vehicle; by default that of the study. With ``@<variant>`` the gains go into
             the variant's file if it has an entry for this loop's controller, else to control.yaml.
         today: for the provenance line; by default the date of now, UTC.
@@ -43,12 +49,20 @@ def plan_apply(
     """
     chosen = result.candidate(candidate)
     _check_feasible(result, chosen)
-    values = _values(result, chosen)
+    schedule = result.data.get("schedule") if candidate is None else None
+    if candidate is None and not schedule and (result.data.get("spec") or {}).get("schedule"):
+        raise ConfigError(
+            f"{_place(result)}: schedule: the study found none that holds; name the candidate whose gains shall serve "
+            "every speed with --candidate"
+        )
+    values = _values(result, chosen) | _schedule_values(result, schedule or [])
     name = vehicle or result.data.get("vehicle")
     if not name:
         raise ConfigError(f"{_place(result)}: vehicle: the study names none; say which with --vehicle")
     target = _Target(str(name), values)
     comment = provenance(result, chosen, today or datetime.now(UTC).date())
+    if schedule:
+        comment += f", schedule over {len(schedule)} speeds"
     return change_file(
         target.path,
         _edits(values, target.dropped(values), comment, target.prefix),
@@ -88,14 +102,9 @@ def _because(chosen: dict[str, Any]) -> str:
     return f" ({chosen['reason']})" if chosen.get("reason") else ""
 
 
-def _values(result: TuningResult, chosen: dict[str, Any]) -> dict[str, float | str]:
+def _values(result: TuningResult, chosen: dict[str, Any]) -> Values:
     """What to write, by dotted path in control.yaml: settings that the gains need, then the gains."""
-    if chosen.get("kind") == "scheduled":
-        raise ConfigError(
-            f"{_place(result)}: candidate '{chosen['name']}' has gains over speed, and control.yaml has no place for "
-            "them; choose another with --candidate"
-        )
-    values: dict[str, float | str] = dict(result.loop.get("settings") or {})
+    values: Values = dict(result.loop.get("settings") or {})
     for gain, value in chosen["gains"].items():
         path = result.loop["gains"].get(gain, {}).get("path")
         if not path:
@@ -103,16 +112,34 @@ def _values(result: TuningResult, chosen: dict[str, Any]) -> dict[str, float | s
                 f"{_place(result)}: loop.gains.{gain}: has no place in control.yaml (a loop of a diagram?); "
                 "write the gains into the diagram by hand"
             )
-        if not isinstance(value, int | float) or not math.isfinite(value):
-            raise ConfigError(f"{_place(result)}: candidate '{chosen['name']}': {gain} is {value}, not a finite number")
-        values[path] = float(f"{float(value):.{DIGITS}g}")
+        values[path] = _digits(value, f"{_place(result)}: candidate '{chosen['name']}': {gain}")
     return values
+
+
+def _schedule_values(result: TuningResult, rows: list[dict[str, Any]]) -> Values:
+    """Gains over speed, by dotted path in control.yaml."""
+    if not rows:
+        return {}
+    place, values = f"{_place(result)}: schedule", Values()
+    for gain, entry in result.loop["gains"].items():
+        section, _, name = entry["path"].rpartition(".")
+        values[f"{section}.schedule.speeds"] = tuple(_digits(row["speed"], f"{place}: speed") for row in rows)
+        values[f"{section}.schedule.{name}"] = tuple(
+            _digits(row["gains"].get(gain), f"{place}: {gain} at {row['speed']:g} m/s") for row in rows
+        )
+    return values
+
+
+def _digits(value: Any, what: str) -> float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ConfigError(f"{what} is {value}, not a finite number")
+    return float(f"{float(value):.{DIGITS}g}")
 
 
 class _Target:
     """The file that the gains go into: control.yaml, or a variant's file that has the section itself."""
 
-    def __init__(self, name: str, values: dict[str, float | str]) -> None:
+    def __init__(self, name: str, values: Values) -> None:
         self.folder, self.variant = find_vehicle(name)
         self.change = load_variant(self.folder, self.variant)
         self.sections = {path.split(".")[0] for path in values}
@@ -120,7 +147,7 @@ class _Target:
         self.prefix = ("control",) if self.in_variant else ()
         self.path = variants(self.folder)[str(self.variant)] if self.in_variant else self.folder / "control.yaml"
 
-    def dropped(self, values: dict[str, float | str]) -> list[str]:
+    def dropped(self, values: Values) -> list[str]:
         """Keys of the file that go, because a loop gets another kind of controller.
 
         Raises:
@@ -135,7 +162,7 @@ class _Target:
             if schema is None:
                 continue
             for path in values:
-                group, _, field = path.partition(".")
+                group, field = path.split(".")[:2]
                 if group == section and field not in schema.model_fields:
                     raise ConfigError(
                         f"{where(control, section, 'kind')}: is {given}, which has no {field}; the study tuned another "
@@ -144,7 +171,29 @@ class _Target:
             inside = value_at(data, (*self.prefix, section))
             if isinstance(inside, dict):
                 dropped += [f"{section}.{field}" for field in inside if field not in schema.model_fields]
+                dropped += self._old_schedule(section, inside, values)
         return dropped
+
+    def _old_schedule(self, section: str, inside: dict[str, Any], values: Values) -> list[str]:
+        """What is there of a schedule and does not fit the new gains: all of it, or single gains."""
+        new = [path for path in values if path.startswith(f"{section}.schedule.")]
+        given = inside.get("schedule")
+        if not new:
+            self._check_below(section)
+            return [f"{section}.schedule"] if "schedule" in inside else []
+        if not isinstance(given, dict):
+            return []
+        return [f"{section}.schedule.{key}" for key in given if f"{section}.schedule.{key}" not in new]
+
+    def _check_below(self, section: str) -> None:
+        """Refuse constant gains of a variant whose control.yaml has a schedule."""
+        if self.in_variant:
+            below = load_part(self.folder, "control", ControlSpec, VariantSpec(description="none"))
+            if getattr(getattr(below, section), "schedule", None) is not None:
+                raise ConfigError(
+                    f"{where(below, section, 'schedule')}: would act over these gains of the variant "
+                    f"'{self.variant}'; take it out first"
+                )
 
     def check(self, text: str) -> None:
         """Refuse a text of the file with which the controllers would not load."""
@@ -156,11 +205,11 @@ class _Target:
             parse_yaml(text, ControlSpec, name=name)
 
 
-def _edits(values: dict[str, float | str], dropped: list[str], comment: str, prefix: tuple[str, ...]) -> list[Edit]:
+def _edits(values: Values, dropped: list[str], comment: str, prefix: tuple[str, ...]) -> list[Edit]:
     edits: list[Edit] = []
     sections: set[str] = set()
     for path, value in values.items():
-        section = path.rpartition(".")[0]
+        section = path.partition(".")[0]
         above = {} if section in sections else {"comment": comment, "replaces": _PROVENANCE}
         sections.add(section)
         edits.append(Edit((*prefix, *path.split(".")), value, **above))

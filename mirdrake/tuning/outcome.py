@@ -10,12 +10,13 @@ import pandas as pd
 
 from mirdrake.paths import installed_version
 from mirdrake.tuning.designs import Design
-from mirdrake.tuning.loops.base import LoopSpec
+from mirdrake.tuning.identify import Model
+from mirdrake.tuning.loops.base import Fidelity, LoopSpec
 from mirdrake.tuning.loops.reduced import critical_model, pid_of
 from mirdrake.tuning.margins import loop_response
 from mirdrake.tuning.robustness import Robustness
 from mirdrake.tuning.search import Trial, Trials
-from mirdrake.tuning.spec import TuningSpec
+from mirdrake.tuning.spec import AT_LEAST, TuningSpec
 
 MARGINS = ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
 
@@ -45,7 +46,7 @@ def accept(
     """What a tuned loop shall reach, and whether it does.
 
     IAE at most half of the baseline's, the constraints, no run of the Monte Carlo unstable, and a cost below that of
-    the best rule.
+    the best rule which keeps the constraints and is stable in all runs, too.
     """
     figures = winner.trial.figures
     rows: list[dict[str, Any]] = []
@@ -55,14 +56,20 @@ def accept(
     rows.append({"what": f"IAE over that of the baseline{words}", "value": share, "limit": 0.5, "met": share <= 0.5})
     for name, limit in constraints.items():
         value = figures.get(name, math.nan)
-        more = name in ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
-        rows.append({"what": name, "value": value, "limit": limit, "met": value >= limit if more else value <= limit})
+        met = value >= limit if name in AT_LEAST else value <= limit
+        rows.append({"what": name, "value": value, "limit": limit, "met": met})
     if robust is not None:
         failures = robust.failures(winner.design.name).failures
         rows.append({"what": "Monte-Carlo runs not stable", "value": failures, "limit": 0, "met": failures == 0})
-    if rule is not None and rule.trial.feasible:
+    if rule is not None and rule.trial.feasible and robust is not None and robust.failures(rule.design.name).failures:
+        stable = robust.failures(winner.design.name).failures == 0
+        rows.append({"what": "keeps the constraints and is stable in all runs, which no rule is",
+                     "value": float(winner.trial.feasible and stable), "limit": 1,
+                     "met": winner.trial.feasible and stable})  # fmt: skip
+    elif rule is not None and rule.trial.feasible:
+        also = "" if robust is None else " and is stable in all runs"
         rows.append(
-            {"what": f"cost against the best rule that keeps the constraints, {rule.design.name}",
+            {"what": f"cost against the best rule that keeps the constraints{also}, {rule.design.name}",
              "value": winner.trial.cost, "limit": rule.trial.cost,
              "met": winner.trial.feasible and winner.trial.cost < rule.trial.cost}
         )  # fmt: skip
@@ -86,7 +93,7 @@ def baseline_words(spec: TuningSpec, *, loop_of_signals: bool) -> str:
     if loop_of_signals:
         return "as the diagram has them" if spec.baseline == "published" else "as the study gives them"
     if spec.baseline == "published":
-        return "100, 0.01 and 10 as the papers have them on every joint"
+        return "100, 0.01 and 10 on every joint, the untuned gains of the papers' vehicles"
     return "as the study gives them"
 
 
@@ -104,6 +111,17 @@ def candidate_data(one: Candidate) -> dict[str, Any]:
         "feasible": trial.feasible,
         "status": trial.status,
         "reason": trial.reason,
+    }
+
+
+def model_data(model: Model) -> dict[str, Any]:
+    """A model of the loop as tuning.json has it."""
+    return {
+        "name": model.name,
+        "kind": model.kind,
+        "parameters": {name: list(pair) for name, pair in model.parameters.items()},
+        "fit_percent": model.fit_percent,
+        "note": model.note,
     }
 
 
@@ -130,11 +148,27 @@ def responses_table(tried: list[Candidate]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
 
 
-def trials_table(coarse: Trials, fine: Trials) -> pd.DataFrame:
-    """Trials on the reduced model, then those on the plant."""
-    first, second = coarse.table.assign(fidelity="reduced"), fine.table.assign(fidelity="plant")
-    second["number"] += len(first)
-    return pd.concat([first, second], ignore_index=True)
+def trials_table(
+    coarse: Trials, *fine: Trials, limits: Mapping[str, float], coarse_on: Fidelity = "reduced"
+) -> pd.DataFrame:
+    """Trials of the search, then those of the searches on the plant, numbered through, with their fidelity.
+
+    Of the latter those that break the limit of a margin are the reduced model's: see
+    :class:`mirdrake.tuning.loops.evaluate.LoopEvaluator`.
+    """
+    parts = [coarse.table.assign(fidelity=coarse_on)]
+    margins = {name: limit for name, limit in limits.items() if name in MARGINS}
+    for one in fine:
+        table = one.table
+        broken = np.zeros(len(table), dtype=bool)
+        for name, limit in margins.items():
+            if name in table:
+                value = table[name].to_numpy(dtype=float)
+                broken |= value < limit if name in AT_LEAST else value > limit
+        parts.append(table.assign(fidelity=np.where(broken, "reduced", "plant")))
+    table = pd.concat(parts, ignore_index=True)
+    table["number"] = range(len(table))
+    return table
 
 
 def frequency_table(loop: LoopSpec, chosen: list[Candidate]) -> pd.DataFrame:

@@ -5,7 +5,6 @@ were tuned promise nothing between these points; so the check tries the interpol
 """
 
 import math
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,9 @@ import pandas as pd
 from pydrake.systems.framework import Context
 
 from mirdrake.controllers.checks import check_number
+from mirdrake.controllers.gain_schedule import GainTable
 from mirdrake.controllers.pid import NO_LIMITS, DiscretePid, PidGains, PidLimits
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.errors import RunError
 from mirdrake.signals import declare_vector_input, signals
 from mirdrake.studies.calls import open_executor
 from mirdrake.studies.journal import Journal
@@ -27,53 +27,7 @@ from mirdrake.tuning.search import LIMIT, Evaluations, judge, search
 EvaluatorAt = Callable[[float], Evaluator]
 """The evaluator of the loop at a speed [m/s]."""
 
-
-@dataclass(frozen=True)
-class GainTable:
-    """Gains over speed.
-
-    Attributes:
-        speeds: [m/s], rising.
-        gains: values of each gain, one per speed, by name.
-
-    Raises:
-        ConfigError: no speed, speeds that do not rise, or rows of other lengths.
-    """
-
-    speeds: tuple[float, ...]
-    gains: dict[str, tuple[float, ...]]
-
-    def __post_init__(self) -> None:
-        if not self.speeds or any(b <= a for a, b in zip(self.speeds, self.speeds[1:], strict=False)):
-            raise ConfigError(f"schedule.speeds: must rise, got {', '.join(f'{v:g}' for v in self.speeds) or 'none'}")
-        for name, values in self.gains.items():
-            if len(values) != len(self.speeds):
-                raise ConfigError(f"schedule.{name}: {len(self.speeds)} values are needed, got {len(values)}")
-            for value in (*values, *self.speeds):
-                check_number("schedule", name, value)
-
-    def at(self, speed: float) -> dict[str, float]:
-        """Gains at a speed [m/s]: on straight lines between the speeds, held beyond them."""
-        after = bisect_right(self.speeds, speed)
-        if after in (0, len(self.speeds)):
-            return {name: values[max(after - 1, 0)] for name, values in self.gains.items()}
-        low, high = self.speeds[after - 1], self.speeds[after]
-        part = (speed - low) / (high - low)
-        return {
-            name: values[after - 1] + part * (values[after] - values[after - 1]) for name, values in self.gains.items()
-        }
-
-    def between(self, count: int = 1) -> list[float]:
-        """Speeds between those of the table, so many in each gap, evenly [m/s]."""
-        return [
-            low + (high - low) * k / (count + 1)
-            for low, high in zip(self.speeds, self.speeds[1:], strict=False)
-            for k in range(1, count + 1)
-        ]
-
-    def data(self) -> list[dict[str, Any]]:
-        """A row a speed, as plain data: speed and gains."""
-        return [{"speed": speed, "gains": self.at(speed)} for speed in self.speeds]
+__all__ = ["EvaluatorAt", "GainTable", "ScheduledPid", "check_schedule", "tune_schedule"]
 
 
 def tune_schedule(

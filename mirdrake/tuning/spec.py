@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,12 @@ from mirdrake.studies.spec import Number
 from mirdrake.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, read_text, shown, validate
 
 PUBLISHED = {"kp": 100.0, "ki": 0.01, "kd": 10.0}
-"""Gains that the papers of the vehicles give to every joint, as they stand in the ``@published`` variants.
+"""Untuned gains of the vehicles of the papers, to compare with.
+
+They stand on every joint in the control files of *Software-in-the-loop Modeling and Simulation Framework for Autonomous
+Vehicles* (``bulldogbolt_control.yaml`` of the Bolt) and of the CAT Vehicle; *Avrora Unior Car-like Robot in Gazebo
+Environment* calls the tuning of its joints future work and prints no values. In the Bolt's file the controllers are of
+kinds that read no gains, so there they never acted: see README.md of each vehicle, Variants.
 
 On a steered joint they are N m/rad, N m/(rad s) and N m s/rad, on a driven wheel N m s/rad, N m/rad and N m s²/rad, for
 each joint by itself: the joint's torque from the error of its own angle or speed.
@@ -133,7 +139,13 @@ class DiagramLoop(Schema):
 class ScheduleSpec(Schema):
     """Gains over speed."""
 
-    speeds: list[Speed] = Field(min_length=2, description="where the loop is tuned anew [m/s]")
+    speeds: list[Speed] = Field(min_length=2, description="where the loop is tuned anew, rising [m/s]")
+
+    @model_validator(mode="after")
+    def _rise(self) -> "ScheduleSpec":
+        if self.speeds[0] < 0.0 or any(low >= high for low, high in pairwise(self.speeds)):
+            raise ValueError(f"speeds: must rise from 0 or more, got {', '.join(f'{v:g}' for v in self.speeds)}")
+        return self
 
 
 class TuningSpec(Schema):

@@ -7,9 +7,15 @@ section 8.6 for low speed (after Besselink). With the deflections u (along) and 
     u' = -Vsx - |Vx| u / σx        kappa'     = u / σx - (k / Cx) Vsx
     v' =  Vy  - |Vx| v / σy        tan alpha' = v / σy + (k / Cy) Vy
 
-Rolling steadily this gives kappa = -Vsx / |Vx| and tan alpha = Vy / |Vx| exactly. At standstill u and v are springs of
-stiffness C / σ, so that a car stands on a slope without creeping; k is their damper, which fades between standstill
-and the speed `low`: k = k0 (1 + cos(π Vx / low)) / 2.
+A carcass, and what carries it, may give way to the side on a damper d beside the spring C / σy, at all speeds, as a
+body of Voigt does: C tan alpha' = (C / σy) v + d v'. The patch drifts after the rim, v' = Vy - |Vx| tan alpha', and
+both together are, with g = C / (C + d |Vx|)::
+
+    v' = g (Vy - |Vx| v / σy)      tan alpha' = g (v / σy + (d / C) Vy)
+
+Rolling steadily all of it gives kappa = -Vsx / |Vx| and tan alpha = Vy / |Vx| exactly. At standstill u and v are
+springs of stiffness C / σ, so that a car stands on a slope without creeping; k is their damper, which fades between
+standstill and the speed `low`: k = k0 (1 + cos(π Vx / low)) / 2.
 
 A spring must not be wound up by a wheel that spins or slides at standstill, nor keep the deflection of a locked wheel
 after the stop. The book freezes the state then; here, below `low` and with the same weight as k, a motion that winds
@@ -36,12 +42,13 @@ _MOST_PARTS = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelaxationSettings:
-    """Settings of the behaviour at low speed.
+    """Settings of the dampers, and of the behaviour at low speed.
 
     Attributes:
         low: speed below which damping and sliding come in [m/s].
         damping: k0, damper between patch and rim at standstill [N s/m]; about 4 % of critical for a car on its tyres,
             a quarter of critical for the spin of a wheel.
+        lateral_damping: d, damper beside the lateral spring at all speeds [N s/m].
 
     Raises:
         ConfigError: not a finite number, or negative; low not positive.
@@ -49,6 +56,7 @@ class RelaxationSettings:
 
     low: float = 1.0
     damping: float = 1000.0
+    lateral_damping: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -118,8 +126,16 @@ def relaxed_slip(
         return 0.0, 0.0
     damping = settings.damping * low_speed_weight(motion.vx, settings.low)
     kappa = state.along / contact.length_x - damping / contact.stiffness_x * motion.slip_x
-    tan_alpha = state.across / contact.length_y + damping / contact.stiffness_y * motion.vy
-    return kappa, tan_alpha
+    tan_alpha = state.across / contact.length_y
+    if settings.lateral_damping:
+        share = _share_of_spring(motion, contact, settings)
+        tan_alpha = share * (tan_alpha + settings.lateral_damping / contact.stiffness_y * motion.vy)
+    return kappa, tan_alpha + damping / contact.stiffness_y * motion.vy
+
+
+def _share_of_spring(motion: Motion, contact: Contact, settings: RelaxationSettings) -> float:
+    """g, the part of a lateral velocity that the spring takes up [1]; the patch follows the rest at once."""
+    return contact.stiffness_y / (contact.stiffness_y + settings.lateral_damping * abs(motion.vx))
 
 
 def deflection_step(
@@ -145,9 +161,10 @@ def deflection_step(
     limit_x = _WOUND * contact.friction_x / contact.stiffness_x * contact.length_x
     limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
     speed = abs(motion.vx)
+    share = _share_of_spring(motion, contact, settings) if settings.lateral_damping else 1.0
     return Deflection(
         _step(state.along, -motion.slip_x, speed / contact.length_x, limit_x, weight, period),
-        _step(state.across, motion.vy, speed / contact.length_y, limit_y, weight, period),
+        _step(state.across, share * motion.vy, share * speed / contact.length_y, limit_y, weight, period),
     )
 
 
@@ -162,8 +179,10 @@ def deflection_rates(
     limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
     speed = abs(motion.vx)
     decay_x = speed / contact.length_x + _sliding(state.along, -motion.slip_x, limit_x, weight)
-    decay_y = speed / contact.length_y + _sliding(state.across, motion.vy, limit_y, weight)
-    return -motion.slip_x - decay_x * state.along, motion.vy - decay_y * state.across
+    share = _share_of_spring(motion, contact, settings)
+    across = share * motion.vy
+    decay_y = share * speed / contact.length_y + _sliding(state.across, across, limit_y, weight)
+    return -motion.slip_x - decay_x * state.along, across - decay_y * state.across
 
 
 def _sliding(deflection: float, velocity: float, limit: float, weight: float) -> float:

@@ -89,6 +89,7 @@ class SpinningWheel(NamedTuple):
         radius: unloaded [m].
         spring: how it is pressed in under a load.
         static_load: its load at rest [N].
+        lateral_damping: of its damper to the side, beside the spring [N s/m].
     """
 
     place: WheelPlace
@@ -99,6 +100,7 @@ class SpinningWheel(NamedTuple):
     radius: float
     spring: TyreSpring
     static_load: float
+    lateral_damping: float
 
 
 def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[SpinningWheel]:
@@ -107,8 +109,8 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     Raises:
         ConfigError: a .tir file is missing or wrong.
     """
-    laws = make_tyre_laws(part.vehicle)
-    if laws is None:
+    laws, tyres = make_tyre_laws(part.vehicle), part.vehicle.spec.tyres
+    if laws is None or tyres.kind == "coulomb":
         return []
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, plant.world_frame().CalcPoseInWorld(context))
@@ -133,6 +135,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
                 part.vehicle.geometry.wheel_radii[index],
                 part.compression[rear],
                 float(half * ((1.0 - share) if rear else share)),
+                tyres.lateral_damping,
             )
         )
     return wheels
@@ -209,7 +212,10 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
     ) -> None:
         super().__init__()
         self._wheels = tuple(wheels)
-        self._settings = [RelaxationSettings(damping=DAMPING_BY_LOAD * wheel.static_load) for wheel in wheels]
+        self._settings = [
+            RelaxationSettings(damping=DAMPING_BY_LOAD * wheel.static_load, lateral_damping=wheel.lateral_damping)
+            for wheel in wheels
+        ]
         self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
         self._first, self._period = first, plant.time_step()
         self._curves: list[tuple[tuple[float, float, float], TyreAtLoad] | None] = [None] * len(wheels)

@@ -5,9 +5,10 @@ Dimensions and masses are not repeated here; they are measured on the kinematics
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mirdrake.errors import did_you_mean
 from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints
@@ -155,6 +156,32 @@ class PositionServo(Schema):
     damping: float = Field(ge=0, description="[N m s/rad] per steered wheel")
 
 
+class GainSchedule(Schema):
+    """Gains over the measured speed of the car, forward or backward: straight lines between the speeds, held beyond."""
+
+    speeds: list[Annotated[Speed, Field(ge=0)]] = Field(min_length=2, description="[m/s] rising")
+    kp: list[Annotated[float, Field(ge=0)]] | None = Field(default=None, description="[-] as kp of the loop")
+    ki: list[Annotated[float, Field(ge=0)]] | None = Field(default=None, description="[-] as ki of the loop")
+    kd: list[Annotated[float, Field(ge=0)]] | None = Field(default=None, description="[-] as kd of the loop")
+
+    @model_validator(mode="after")
+    def _fits(self) -> "GainSchedule":
+        if any(not low < high for low, high in pairwise(self.speeds)):
+            raise ValueError(f"speeds: must rise, got {', '.join(f'{speed:g}' for speed in self.speeds)}")
+        rows = self.rows()
+        if not rows:
+            raise ValueError("no gain is given; write for example kp: [300, 400], one for each speed")
+        for name, values in rows.items():
+            if len(values) != len(self.speeds):
+                raise ValueError(f"{name}: {len(self.speeds)} values are needed, one for each speed, not {len(values)}")
+        return self
+
+    def rows(self) -> dict[str, tuple[float, ...]]:
+        """Values of each gain that is scheduled, by name."""
+        given = {"kp": self.kp, "ki": self.ki, "kd": self.kd}
+        return {name: tuple(values) for name, values in given.items() if values is not None}
+
+
 class Pid(Schema):
     """Torque from a discrete PID controller; the unit of the error is rad (steering) or rad/s (wheel speed)."""
 
@@ -165,6 +192,7 @@ class Pid(Schema):
     filter: Duration = Field(default=0.0, ge=0, description="[s] time constant of the derivative's low-pass")
     max_torque: Torque | None = Field(default=None, gt=0, description="[N m] limit; empty: the joint's own limit")
     max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part alone")
+    schedule: GainSchedule | None = Field(default=None, description="gains over speed, in place of those above")
 
 
 class PedalControl(Schema):
@@ -178,6 +206,13 @@ class PedalControl(Schema):
     ki: float = Field(default=0.5, ge=0, description="[1/s²]")
     hold_speed: Speed = Field(default=0.3, gt=0, description="[m/s] below it a standing command presses the hold brake")
     hold_grade: float = Field(default=0.3, ge=0, description="[-] grade on which the hold brake holds, as weight share")
+    schedule: GainSchedule | None = Field(default=None, description="gains over speed, in place of those above; no kd")
+
+    @model_validator(mode="after")
+    def _no_kd(self) -> "PedalControl":
+        if self.schedule is not None and self.schedule.kd is not None:
+            raise ValueError("schedule: pedals have no kd; leave it out")
+        return self
 
 
 class ControlSpec(Schema):
@@ -189,6 +224,16 @@ class ControlSpec(Schema):
     speed: SpeedControl = Field(default_factory=SpeedControl)
     wheel_speed: Annotated[VelocityServo | Pid | PedalControl, Field(discriminator="kind")]
     steering: Annotated[PositionServo | Pid, Field(discriminator="kind")]
+
+    def scheduled_gains(self) -> frozenset[str]:
+        """Dotted paths of the gains that follow a schedule over speed."""
+        loops = {"wheel_speed": self.wheel_speed, "steering": self.steering}
+        return frozenset(
+            f"{name}.{gain}"
+            for name, loop in loops.items()
+            if loop.kind != "servo" and loop.schedule is not None
+            for gain in loop.schedule.rows()
+        )
 
 
 # --- variants/<name>.yaml ----------------------------------------------------------------------------------------

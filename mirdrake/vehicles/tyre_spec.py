@@ -30,6 +30,12 @@ class _SlipTyres(_AnyTyres):
         description="[-] effective rolling radius over the unloaded one; radial tyres of cars have 0.97 by ETRTO: a "
         "rolling circumference of 3.05 diameters (recalled)",
     )
+    lateral_damping: float = Field(
+        default=0.0,
+        ge=0,
+        description="[N s/m] damper of a tyre and its bushings to the side, beside the spring that makes the "
+        "relaxation length",
+    )
 
 
 class BrushAxle(Schema):

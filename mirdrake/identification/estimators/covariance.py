@@ -1,53 +1,126 @@
 """How sure an estimate is when residuals are correlated in time.
 
-The estimate moves by the sum of the influences of all samples, ψ_t = A⁻¹ Jᵀ_t w_t r_t with A the information matrix.
-Its covariance is that of the sum. White residuals give A⁻¹; residuals of real logs are not white, and A⁻¹ is too small
-by a large factor. Here: the long-run covariance of the influences, each prewhitened by an autoregression of first order
-(D. W. K. Andrews and J. C. Monahan, Econometrica 60, 1992) and weighed by Bartlett's kernel (W. K. Newey and K. D.
-West, Econometrica 55, 1987); and beside it a block bootstrap, whose blocks are long against that correlation.
+To first order the estimate moves by A⁻¹ g, with the information matrix A = Σ Jₜᵀ Jₜ and g = Σ Jₜᵀ rₜ over all samples
+of all outputs; J are derivatives of the residuals r over their noise. With white residuals of one size the covariance
+of g is A, and that of the estimate A⁻¹. Residuals of real logs are not white, and A⁻¹ is too small by a large factor.
+
+The derivatives are known; only the correlation of the residuals has to be found (E. A. Morelli and V. Klein,
+Determining the accuracy of maximum likelihood parameter estimates with colored residuals, NASA CR-194893, 1994). Here
+it is that of an autoregression by output, a(q) r = e, by Burg's method, of the order with the least information
+criterion of Akaike (as W. J. den Haan and A. Levin, A practitioner's guide to robust covariance matrix estimation,
+Handbook of Statistics 15, 1997): what is white stays white, and nothing is lost by asking. Then g = Σ bₜᵀ eₜ, where b
+follows from J by the same recursion backwards in time. The eₜ have no memory, so the covariance of g is
+Σ bₜᵀ eₜ eₜᵀ bₜ, whatever their size is from sample to sample (H. White, Econometrica 48, 1980): noise that grows with
+the motion is covered, too.
+
+A fit takes out of the residuals what is at its own frequencies, and a model that is wrong leaves residuals that seem to
+cancel. So in no direction the covariance is taken to be below what the same residuals give without memory.
+
+Beside it a block bootstrap, whose blocks are long against that correlation.
 """
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-_MOST = 0.97
-"""Largest autoregression of the prewhitening."""
+_FEWEST = 8
+"""Samples in a row that tell something of their correlation, by order of the autoregression."""
 
 
-def long_run(series: Array, groups: list[slice]) -> Array:
-    """Covariance of the sum of a series (p, p).
+class Stretch(NamedTuple):
+    """Samples that follow one another in time.
 
-    Args:
-        series: (n, p).
-        groups: rows that follow one another in time; between groups there is no correlation.
+    Attributes:
+        slopes: derivatives of the residuals (n, outputs, p).
+        residuals: over their noise, times their weight in a robust loss (n, outputs).
+        measured: where there is a value (n, outputs); elsewhere slopes and residuals are zero.
     """
-    p = series.shape[1]
-    series = series - series.mean(axis=0)  # priors pull against the data
-    top = sum(np.sum(series[rows][1:] * series[rows][:-1], axis=0) for rows in groups)
-    rho = np.clip(top / np.maximum(np.sum(series**2, axis=0), 1e-300), -_MOST, _MOST)
-    colour = 1.0 / (1.0 - rho)
-    total = np.zeros((p, p))
-    for rows in groups:
-        part = series[rows]
-        white = part.copy()
-        white[1:] -= rho * part[:-1]
-        n = len(white)
-        lags = min(int(np.ceil(4.0 * (n / 100.0) ** (2.0 / 9.0))) + int(0.01 * n), n - 1)
-        one = white.T @ white
-        for lag in range(1, lags + 1):
-            cross = white[lag:].T @ white[:-lag]
-            one += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
-        total += one
-    return np.asarray(colour[:, None] * total * colour[None, :])
+
+    slopes: Array
+    residuals: Array
+    measured: NDArray[np.bool_]
 
 
-def inflation(series: Array, groups: list[slice]) -> Array:
-    """Variance of the sum over that of independent samples, by column (p)."""
-    return np.asarray(
-        np.diag(long_run(series, groups)) / np.maximum(np.sum((series - series.mean(axis=0)) ** 2, axis=0), 1e-300)
-    )
+def score_covariance(stretches: Sequence[Stretch]) -> tuple[Array, Array]:
+    """Covariance of Σ Jᵀ r with the memory of the residuals, and without (p, p) each.
+
+    Between stretches there is no memory. Samples on both sides of a value that is missing count as neighbours.
+    """
+    outputs = stretches[0].residuals.shape[1]
+    models = [autoregression([one.residuals[one.measured[:, k], k] for one in stretches]) for k in range(outputs)]
+    coloured, white = [_Sums(stretches[0].slopes.shape[2]) for _ in range(2)]
+    for slopes, residuals, measured in stretches:
+        sums = np.zeros((len(slopes), slopes.shape[2]))
+        for k, model in enumerate(models):
+            rows = measured[:, k]
+            if not rows.any():
+                continue
+            fresh = lfilter(model, [1.0], residuals[rows, k])
+            ahead = lfilter([1.0], model, slopes[rows, k][::-1], axis=0)[::-1]
+            sums[rows] += ahead * fresh[:, None]
+        coloured.add(sums)
+        white.add(np.einsum("nop,no->np", slopes, residuals))
+    return _at_least(coloured.covariance, white.covariance), white.covariance
+
+
+def autoregression(series: Sequence[Array]) -> Array:
+    """Coefficients 1, a1, a2, … of the autoregression that several stretches of a noise share.
+
+    Burg's method; order by the information criterion of Akaike, at most 10 log10 n.
+    """
+    ahead = [one for one in series if len(one)]
+    count = sum(len(one) for one in ahead)
+    model = best = np.ones(1)
+    if count == 0:
+        return model
+    power = sum(float(one @ one) for one in ahead) / count
+    most = min(int(10.0 * np.log10(count)), max(len(one) for one in ahead) // _FEWEST)
+    behind, least = ahead, count * np.log(max(power, 1e-300))
+    for order in range(1, most + 1):
+        ahead, behind = [one[1:] for one in ahead], [one[:-1] for one in behind]
+        top = sum(float(f @ b) for f, b in zip(ahead, behind, strict=True))
+        size = sum(float(f @ f + b @ b) for f, b in zip(ahead, behind, strict=True))
+        if size <= 1e-12 * power * count:
+            break
+        turn = -2.0 * top / size
+        model = np.append(model, 0.0) + turn * np.append(model, 0.0)[::-1]
+        ahead, behind = (
+            [f + turn * b for f, b in zip(ahead, behind, strict=True)],
+            [b + turn * f for f, b in zip(ahead, behind, strict=True)],
+        )
+        power *= 1.0 - turn * turn
+        cost = count * np.log(max(power, 1e-300)) + 2.0 * order
+        if cost < least:
+            best, least = model, cost
+    return best
+
+
+class _Sums:
+    """Sum of squares of rows about their mean, which is not zero where priors pull against the data."""
+
+    def __init__(self, size: int) -> None:
+        self._count, self._sum, self._square = 0, np.zeros(size), np.zeros((size, size))
+
+    def add(self, rows: Array) -> None:
+        self._count += len(rows)
+        self._sum += rows.sum(axis=0)
+        self._square += rows.T @ rows
+
+    @property
+    def covariance(self) -> Array:
+        return np.asarray(self._square - np.outer(self._sum, self._sum) / max(self._count, 1))
+
+
+def _at_least(noise: Array, least: Array) -> Array:
+    """A covariance, in no direction below another one."""
+    size = np.sqrt(np.maximum(np.diag(least), 1e-300))
+    values, vectors = np.linalg.eigh((noise - least) / np.outer(size, size))
+    return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
 
 
 def block_bootstrap(information: list[Array], scores: list[Array], prior: Array, count: int, seed: int = 0) -> Array:

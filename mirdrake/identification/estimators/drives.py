@@ -19,6 +19,9 @@ FINEST = 0.004
 MOST = 400_000
 """Samples of a data set; more are averaged, too."""
 
+HISTORY = 2.0
+"""Inputs that a piece of a drive gets from before its beginning, for delays and lags [s]."""
+
 LEAST = 20
 """Fewer samples are no drive."""
 
@@ -129,7 +132,7 @@ def _pieces(drive: Drive, length: float | None) -> list[Drive]:
     if length is None:
         return [drive]
     rows = max(round(length / drive.step), LEAST)
-    count = max(drive.size // rows, 1)
+    count, history = max(drive.size // rows, 1), round(HISTORY / drive.step)
     edges = [k * rows for k in range(count)] + [drive.size]
     return [
         Drive(
@@ -137,6 +140,7 @@ def _pieces(drive: Drive, length: float | None) -> list[Drive]:
             # An input goes on to the first sample of the next piece.
             {name: values[first:last] for name, values in drive.inputs.items()},
             {name: values[first:last] for name, values in drive.outputs.items()},
+            {name: values[max(first - history, 0) : first] for name, values in drive.inputs.items()},
         )
         for first, last in pairwise(edges)
     ]  # fmt: skip

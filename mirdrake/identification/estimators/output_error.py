@@ -16,7 +16,7 @@ from mirdrake.identification.estimators.experiment_design import lists_manoeuvre
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.profile import profiles_of
-from mirdrake.identification.estimators.solve import Solution, solve
+from mirdrake.identification.estimators.solve import Solution, minimise, solve
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import combinations, judge
 from mirdrake.identification.models.base import Array, Drive, Model, ModelSpec
@@ -200,7 +200,7 @@ def held_out(model: Model, log: Log, unknowns: Sequence[Unknown], problem: Probl
     drives, _ = make_drives(model, (log,))
     again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)
     try:
-        z = solve(again, EstimatorOptions(iterations=20), passes=1).z
+        z = minimise(again, EstimatorOptions(iterations=20)).z
         return list(zip(drives, again.traces(z), strict=True))
     except (RunError, FloatingPointError):
         return [(drive, np.full((len(model.outputs), drive.size), np.nan)) for drive in drives]

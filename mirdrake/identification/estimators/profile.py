@@ -7,10 +7,11 @@ import pandas as pd
 
 from mirdrake.errors import RunError
 from mirdrake.identification.estimators.options import EstimatorOptions
-from mirdrake.identification.estimators.solve import Solution, solve
+from mirdrake.identification.estimators.solve import Solution, minimise
 
-_STEPS = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
+_SIDES = ((-1.0, -2.0, -3.0), (1.0, 2.0, 3.0))
 _WIDEST = 1.5
+_CLOSE = 5e-3  # of half of the rise
 
 
 def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.DataFrame]:
@@ -22,29 +23,36 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
     found = {}
     problem = solution.problem
     quick = replace(options, iterations=15)
-    least = solve(problem, quick, solution.z, passes=1).cost
+    least = minimise(problem, quick, solution.z).cost
+    close = max(_CLOSE / max(least, 1e-9), 1e-8)
     for i, one in enumerate(problem.free):
         name = one.info.name
         sigma = min(float(np.sqrt(solution.covariance[i, i])), _WIDEST)
         centre = float(solution.z[i])
         rows = [(one.to_value(centre), 0.0)]
-        widened = max(float(solution.covariance[i, i] / max(solution.white[i, i], 1e-300)), 1.0)
-        for step in _STEPS:
-            scaled = centre + step * sigma
-            value = one.to_value(scaled)
-            if not one.info.low <= value <= one.info.high:
-                continue
-            held = [
-                replace(other, kind="fixed", prior=None, info=replace(other.info, guess=value))
-                if other.info.name == name
-                else other
-                for other in problem.unknowns
-            ]
-            part = replace(problem, unknowns=held)
-            try:
-                other = solve(part, quick, np.delete(solution.z, i), passes=1)
-            except RunError:
-                continue
-            rows.append((value, 2.0 * max(other.cost - least, 0.0) / widened))
+        widened = float(solution.covariance[i, i] / max(solution.white[i, i], 1e-300)) or 1.0
+        # The other unknowns follow on a straight line at first, and then on from the neighbour.
+        follow = np.delete(solution.white[:, i], i) / max(solution.white[i, i], 1e-300)
+        follow = np.append(follow, np.zeros(len(solution.z) - len(problem.free)))
+        for side in _SIDES:
+            rest, last = np.delete(solution.z, i), 0.0
+            for step in side:
+                value = one.to_value(centre + step * sigma)
+                if not one.info.low <= value <= one.info.high:
+                    break
+                held = [
+                    replace(other, kind="fixed", prior=None, info=replace(other.info, guess=value))
+                    if other.info.name == name
+                    else other
+                    for other in problem.unknowns
+                ]
+                try:
+                    other = minimise(
+                        replace(problem, unknowns=held), quick, rest + (step - last) * sigma * follow, close=close
+                    )
+                except RunError:
+                    break
+                rest, last = other.z, step
+                rows.append((value, 2.0 * max(other.cost - least, 0.0) / widened))
         found[name] = pd.DataFrame(sorted(rows), columns=["value", "cost"])
     return found

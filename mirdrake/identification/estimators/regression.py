@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.estimators.covariance import long_run
+from mirdrake.identification.estimators.covariance import Stretch, score_covariance
 from mirdrake.identification.fit import Fit, FittedParameter
 from mirdrake.identification.models.base import Array, channel_of
 from mirdrake.identification.models.single_track import SPEED
@@ -74,8 +74,9 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
     rest = y - X @ values
     inside = (X * weights[:, None]).T @ X
     inverse = np.linalg.inv(inside / np.outer(size, size)) / np.outer(size, size)
-    influence = (X * (weights * rest)[:, None]) @ inverse
-    covariance = long_run(influence, list(groups) if groups else [slice(0, n)]) * n / (n - p)
+    pulls, there = (weights * rest)[:, None], np.ones((n, 1), dtype=bool)
+    stretches = [Stretch(X[rows, None], pulls[rows], there[rows]) for rows in groups or [slice(0, n)]]
+    covariance = inverse @ score_covariance(stretches)[0] @ inverse * n / (n - p)
     own = np.sqrt(np.diag(inside))
     values_ = np.linalg.eigvalsh(inside / np.outer(own, own))
     return Regression(values, covariance, rest, float(values_[-1] / max(values_[0], 1e-300)))

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from mirdrake.errors import RunError
-from mirdrake.identification.estimators.covariance import block_bootstrap, inflation, long_run
+from mirdrake.identification.estimators.covariance import Stretch, block_bootstrap, score_covariance
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.models.base import Array
@@ -44,8 +45,43 @@ class Solution:
     message: str
 
 
-def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *, passes: int = 3) -> Solution:
-    """Fit.
+class Minimum(NamedTuple):
+    """Where the cost is least.
+
+    Attributes:
+        z: unknowns.
+        problem: with the noise found.
+        cost: half the sum of the losses.
+        message: of the optimiser.
+    """
+
+    z: Array
+    problem: Problem
+    cost: float
+    message: str
+
+
+def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None) -> Solution:
+    """Fit, in turns with the noise of the outputs, and how sure it is.
+
+    Raises:
+        RunError: the model cannot follow the drive from the first guess.
+    """
+    found = minimise(problem, options, z, passes=3)
+    return _finish(found.problem, options, found.z, found.cost, found.message)
+
+
+def minimise(
+    problem: Problem, options: EstimatorOptions, z: Array | None = None, *, passes: int = 1, close: float | None = None
+) -> Minimum:
+    """Least squares.
+
+    Args:
+        problem: with a first idea of the noise.
+        options: how.
+        z: where to start.
+        passes: most turns with the noise; 1: it stays as it is.
+        close: relative change of the cost that ends it; None: that of the model.
 
     Raises:
         RunError: the model cannot follow the drive from the first guess.
@@ -65,7 +101,8 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *
         result = least_squares(
             problem.residuals, z, jac=problem.jacobian, bounds=(low, high), method="trf", x_scale=1.0,
             loss=robust(options.loss if turn or passes == 1 else "soft_l1", problem.measured), f_scale=1.0,
-            max_nfev=options.iterations, xtol=tolerance, ftol=fine if turn or passes == 1 else coarse, gtol=1e-8,
+            max_nfev=options.iterations, xtol=tolerance, gtol=1e-8,
+            ftol=close or (fine if turn or passes == 1 else coarse),
         )  # fmt: skip
         z = result.x
         if passes == 1:
@@ -75,7 +112,7 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None, *
         if turn and all(abs(problem.sigmas[name] / before[name] - 1.0) < 0.02 for name in before):
             break
     assert result is not None
-    return _finish(problem, options, z, float(result.cost), str(result.message))
+    return Minimum(z, problem, float(result.cost), str(result.message))
 
 
 def robust(loss: str, measured: int) -> Callable[[Array], Array]:
@@ -132,12 +169,6 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray((vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(size, size))
 
 
-def _at_least(noise: Array, least: Array) -> Array:
-    """Long-run noise, in no direction below what white residuals give: correlation that helps is not believed."""
-    values, vectors = np.linalg.eigh(noise - least)
-    return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
 def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, message: str) -> Solution:
     p = len(problem.free)
     residuals, jacobian = problem.residuals(z), problem.jacobian(z)
@@ -153,38 +184,36 @@ def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, 
     information = inner.T @ inner
     prior = inner[data:].T @ inner[data:]
     inverse = _inverse(information)
-    # What belongs to one sample is added up over the outputs, then followed in time.
-    scores, groups, at, begin = [], [], 0, 0
-    blocks, rights = [], []
+    stretches, blocks, rights, at = [], [], [], 0
     for drive, mask in zip(problem.drives, problem.masks, strict=True):
-        part = slice(at, at + mask.size)
-        score = jacobian[part] * (weights[part] * residuals[part])[:, None]
-        each = score.reshape(drive.size, len(mask), -1).sum(axis=1)
-        scores.append(each)
-        groups.append(slice(begin, begin + drive.size))
+        part, shape = slice(at, at + mask.size), (drive.size, len(mask))
+        slopes, pulls = jacobian[part].reshape(*shape, -1), (weights[part] * residuals[part]).reshape(shape)
+        stretches.append(Stretch(slopes, pulls, mask.T))
+        each = np.einsum("nop,no->np", slopes, pulls)
         length = max(int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step)), 10)
         count = max(drive.size // length, 1)
         for rows_ in np.array_split(np.arange(drive.size), count):
             block = slice(at + int(rows_[0]) * len(mask), at + (int(rows_[-1]) + 1) * len(mask))
             blocks.append(inner[block].T @ inner[block])
             rights.append(each[rows_].sum(axis=0))
-        at, begin = at + mask.size, begin + drive.size
-    series = np.concatenate(scores)
+        at += mask.size
     # Information of the data as it would be if they were weighed by their long-run noise; then what is known besides.
     measured = inner[:data].T @ inner[:data]
     size = np.sqrt(np.maximum(np.diag(measured), 1e-300))
     inside = measured / np.outer(size, size)
-    noise = long_run(series / size, groups)
+    noise, forgetful = (one / np.outer(size, size) for one in score_covariance(stretches))
     noise *= problem.samples / max(problem.samples - problem.size, 1)
-    noise = _at_least(noise, inside)
     effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
     spread = _inverse(effective + prior)[:p, :p]
-    influence = series @ inverse[:, :p]
     white = inverse[:p, :p]
+    moved = inverse[:p] * size
+    inflation = np.einsum("ij,jk,ik->i", moved, noise, moved) / np.maximum(
+        np.einsum("ij,jk,ik->i", moved, forgetful, moved), 1e-300
+    )
     draws = None
     if options.bootstrap and len(blocks) > 4:
         draws = block_bootstrap(blocks, rights, prior, options.bootstrap, options.seed)[:, :p]
     return Solution(
-        z, problem, cost, spread, white, inflation(influence, groups), _inverse(white),
+        z, problem, cost, spread, white, inflation, _inverse(white),
         tuple(bound), draws, message,
     )  # fmt: skip

@@ -201,12 +201,13 @@ class LongitudinalModel(Model):
             if kind == "none":
                 found.append(zero)
                 continue
-            values = drive.at(channels[kind], times, p[f"{name}_delay"])
+            wide, early = drive.with_history(times)
+            values = drive.at(channels[kind], wide, p[f"{name}_delay"])
             if kind == "torque":
                 values = (values if name == "drive" else np.abs(values)) / p["wheel_radius"]
             elif kind == "pedal":
                 values = values * p["brake_force"]
-            found.append(first_order(values, step, p[f"{name}_lag"]))
+            found.append(first_order(values, step, p[f"{name}_lag"])[early:])
         found.append(np.sin(drive.at("grade", times)) if self._grade else zero)
         return np.stack(found)
 

@@ -203,8 +203,9 @@ class JointLoopModel(_Direct):
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
         """The answer of the loop."""
         step = float(times[1] - times[0])
-        asked = p["gain"] * drive.at(self._input, times, p["delay"]) + p["offset"]
-        return second_order(asked, step, p["natural_frequency"], p["damping_ratio"])[None]
+        wide, early = drive.with_history(times)
+        asked = p["gain"] * drive.at(self._input, wide, p["delay"]) + p["offset"]
+        return second_order(asked, step, p["natural_frequency"], p["damping_ratio"])[None, early:]
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """The joint."""

@@ -184,6 +184,7 @@ class SingleTrackModel(Model):
                 Parameter(
                     "roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0
                 ),
+                Parameter("roll_steer_rear", "1", "the same at the rear", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
                 Parameter(
                     "accelerometer_height",
                     "m",
@@ -217,7 +218,10 @@ class SingleTrackModel(Model):
         if self._roll:
             delta = delta + p["roll_steer"] * x[2]
         a, b, m = p["front_length"], p["rear_length"], p["mass"]
-        slips = (np.arctan((x[0] + a * x[1]) / v) - delta, np.arctan((x[0] - b * x[1]) / v))
+        rear = np.arctan((x[0] - b * x[1]) / v)
+        if self._roll:
+            rear = rear - p["roll_steer_rear"] * x[2]
+        slips = (np.arctan((x[0] + a * x[1]) / v) - delta, rear)
         loads = (m * (GRAVITY / (a + b)) * b, m * (GRAVITY / (a + b)) * a)
         forces = [
             self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), slips, loads, strict=True)

@@ -60,11 +60,12 @@ def steering_parameters(channel: str) -> tuple[Parameter, ...]:
 def steering_angle(p: Mapping[str, float], drive: Drive, channel: str, times: Array) -> Array:
     """Angle of the front wheels (times) [rad]."""
     step = float(times[1] - times[0])
-    angle = drive.at(channel, times, p["steering_delay"]) / p["steering_ratio"]
+    wide, early = drive.with_history(times)
+    angle = drive.at(channel, wide, p["steering_delay"], smooth=True) / p["steering_ratio"]
     angle = first_order(angle, step, p["steering_lag"])
     if p["steering_backlash"] > 0.0:
         angle = play(angle, p["steering_backlash"])
-    return angle + p["steering_offset"]
+    return angle[early:] + p["steering_offset"]
 
 
 def play(values: Array, width: float) -> Array:

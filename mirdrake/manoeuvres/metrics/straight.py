@@ -18,6 +18,8 @@ MPH = 0.44704
 """[m/s]"""
 KMH = 1.0 / 3.6
 """[m/s]"""
+MOVED = 0.05
+"""Speed from which on a vehicle counts as moving [m/s]."""
 
 
 def time_to_speed(time: Array, speed: Array, wanted: float, *, start: float) -> float:
@@ -29,6 +31,18 @@ def time_to_distance(time: Array, distance: Array, wanted: float, *, start: floa
     """Time from `start` until a way is covered [s], from where the vehicle stood then; NaN if never."""
     here = float(np.interp(start, time, distance))
     return crossing(time, distance - here, wanted, after=start) - start
+
+
+def moves_off(time: Array, speed: Array, level: float) -> float:
+    """When a standing vehicle drives off [s]: the last time it passes `level` before 20 of it; NaN if it never does.
+
+    What an automatic does before, as it creeps against its brakes or rocks on its wheels, does not count.
+    """
+    driving = np.flatnonzero(speed > 20.0 * level)
+    if not len(driving):
+        return math.nan
+    slow = np.flatnonzero(speed[: driving[0]] <= level)
+    return crossing(time, speed, level, after=float(time[slow[-1]])) if len(slow) else float(time[0])
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
@@ -15,19 +15,27 @@ from mirdrake.controllers.pid import PidLimits
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import make_spec
 from mirdrake.errors import ConfigError, RunError, did_you_mean
-from mirdrake.manoeuvres.record import bicycle_angles
 from mirdrake.studies.job import _NUMERICS
 from mirdrake.studies.knobs import find_knobs
 from mirdrake.telemetry import vehicle_states
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
-from mirdrake.tuning.loops.judge import judge
+from mirdrake.tuning.loops.judge import AWAY, judge
 from mirdrake.tuning.models import Floats
 from mirdrake.tyres import RoadFriction
 from mirdrake.vehicles import WHEELS
 
 GRAVITY = 9.80665
 """[m/s²]"""
+
+LOOK = 1.0
+"""Simulated time between two looks whether a trial has run away [s]."""
+
+
+def _bicycle_angles(left: Floats, right: Floats) -> Floats:
+    from mirdrake.manoeuvres.record import bicycle_angles  # a worker that tunes speeds need not import manoeuvres
+
+    return bicycle_angles(left, right)
 
 
 class PlantBench:
@@ -48,6 +56,9 @@ class PlantBench:
         self.part = part
         self.period = float(spec.options["period"])
         plant = self.assembly.parts.plant
+        self._step = float(plant.time_step())
+        self._start: Context | None = None  # and that of the trials, which is set back to it
+        self._context: Context | None = None
         knobs = find_knobs({spec.vehicle: part.vehicle}, self.assembly.parts.world)
         self._knobs = {name.removeprefix(f"{spec.vehicle}."): knob for name, knob in knobs.items()}
         self._late: LateActuator = self.assembly.diagram.GetSubsystemByName("late")
@@ -74,8 +85,28 @@ class PlantBench:
 
     def context(self, gains: Mapping[str, float], conditions: Conditions) -> Context:
         """A new Context with gains and conditions in it, the car at its start."""
+        context = self.assembly.make_context()
+        self._set(context, gains, conditions)
+        return context
+
+    def _context_again(self, gains: Mapping[str, float], conditions: Conditions) -> Context:
+        """The same, but in the Context of the trial before."""
+        if self._start is None:
+            self._start = self.assembly.make_context()
+        context, self._context = self._context, None  # whose trial breaks off is not used again
+        if context is None:
+            context = self._start.Clone()
+            self.simulator.reset_context(context)
+        context.SetTimeStateAndParametersFrom(self._start)
+        for tap in self.assembly.taps.values():
+            tap.sink.FindMutableLog(context).Clear()
+        self._tilt(context, 0.0)
+        self._set(context, gains, conditions)
+        return context
+
+    def _set(self, context: Context, gains: Mapping[str, float], conditions: Conditions) -> None:
+        """Write gains and conditions into a Context."""
         spec, assembly = self.spec, self.assembly
-        context = assembly.make_context()
         for name, value in gains.items():
             path = spec.paths.get(name)
             if path is None:
@@ -86,6 +117,7 @@ class PlantBench:
         if conditions.friction is not None and conditions.friction != spec.nominal["friction"]:
             self._knobs["road.friction"].turn(assembly, context, conditions.friction)
         delay = spec.nominal["delay"] if conditions.delay is None else conditions.delay
+        delay = max(delay + 0.5 * self.period - self._step, 0.0)  # the plant's step is the first part of it
         self._late.set_delay(self._late.GetMyContextFromRoot(context), delay)
         if conditions.grade:
             self._tilt(context, conditions.grade)
@@ -94,14 +126,13 @@ class PlantBench:
             rows = np.random.default_rng(conditions.seed).normal(0.0, conditions.noise, count)
             self._noisy.set_noise(self._noisy.GetMyContextFromRoot(context), self._noisy_places(), rows)
         self.command(context, spec.course["speed"], 0.0)
-        return context
 
     def _tilt(self, context: Context, grade: float) -> None:
         """What a grade changes of gravity, as a force on the centre of mass of every body."""
         plant = self.assembly.parts.plant
         plant_context = plant.GetMyMutableContextFromRoot(context)
         forces = []
-        for index in plant.GetBodyIndices(self.part.instance):
+        for index in plant.GetBodyIndices(self.part.instance) if grade else ():
             body = plant.get_body(index)
             inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
             mass = float(inertia.get_mass())
@@ -116,7 +147,7 @@ class PlantBench:
             )
             forces.append(force)
         port = plant.get_applied_spatial_force_input_port()
-        port.FixValue(plant_context, AbstractValue.Make(forces))
+        port.FixValue(plant_context, Value[list[ExternallyAppliedSpatialForce]](forces))
 
     def _noisy_places(self) -> list[int]:
         """Elements of the plant's state that the loop measures: angles or speeds of joints, or the car's velocity."""
@@ -157,23 +188,17 @@ class PlantBench:
         course = dict(self.spec.course) | dict(course or {})
         if not all(math.isfinite(value) for value in gains.values()):
             return Evaluation("unstable", reason="a gain is not finite")
-        context = self.context(gains, conditions)
-        reason = ""
+        context = self._context_again(gains, conditions)
         try:
-            self._advance(context, course)
+            away = self._advance(context, course, noise=conditions.noise)
         except RuntimeError as error:
             reason = str(error).strip().splitlines()[0]
             if not _NUMERICS.search(reason):
                 raise RunError(reason) from None
-        if reason:
             return Evaluation("unstable", reason=reason)
+        self._context = context
         t, reference, output, effort = self.signals(context)
-        others: tuple[Floats, ...] = ()
-        if self.spec.kind == "steering":  # two joints may swing against each other
-            x = self.assembly.taps["plant_state"].sink.FindLog(context).data()
-            left, right = (x[joint.position_start()] for joint in self.part.steering)
-            others = (np.array(left - right, dtype=float),)
-        return judge(
+        found = judge(
             t,
             reference,
             output,
@@ -182,21 +207,45 @@ class PlantBench:
             limits=self.limits,
             noise=conditions.noise,
             margins=margins,
-            others=others,
+            others=self._others(context, output),
         )
+        if away and found.status == "ok":
+            return Evaluation("unstable", response=found.response, reason="the output runs away")
+        return found
 
-    def _advance(self, context: Context, course: Mapping[str, Any]) -> None:
-        simulator, spec = self.simulator, self.spec
-        simulator.reset_context(context)
+    def _others(self, context: Context, output: Floats) -> dict[str, Floats]:
+        """What must not swing either, by what it is: two joints against each other, driven wheels against the road."""
+        x = self.assembly.taps["plant_state"].sink.FindLog(context).data()
+        if self.spec.kind == "steering":
+            left, right = (x[joint.position_start()] for joint in self.part.steering)
+            return {"the steered wheels, against each other": np.array(left - right, dtype=float)}
+        if self.spec.kind != "speed":
+            return {}
+        first = self.assembly.parts.plant.num_positions()
+        rates = {WHEELS[i]: x[first + self.part.wheels[i].velocity_start()] for i in self._driven}
+        return {
+            f"the {wheel.replace('_', ' ')} wheel, out of grip,": np.array(self.radius * rate - output, dtype=float)
+            for wheel, rate in rates.items()
+        }
+
+    def _advance(self, context: Context, course: Mapping[str, Any], *, noise: float = 0.0) -> bool:
+        """Drive the course, to its end or until the loop has run away, which no later moment can mend; whether."""
+        simulator, spec, step = self.simulator, self.spec, course["step"]
         simulator.Initialize()
         simulator.AdvanceTo(course["step_time"])
-        step = course["step"]
         speed = course["speed"] + (step * self.radius if spec.kind == "wheel_speed" else step)
         self.command(context, *((course["speed"], step) if spec.kind == "steering" else (speed, 0.0)))
-        if course["load"]:
-            simulator.AdvanceTo(course["load_time"])
-            self._push(context, self._late.load, course["load"])
-        simulator.AdvanceTo(course["duration"])
+        start = {"steering": 0.0, "speed": course["speed"]}.get(spec.kind, course["speed"] / self.radius)
+        far = (AWAY + 2.0) * abs(step) + 5.0 * noise + abs(start)  # a tiny step is for looking at where it settles
+        ends = [course["load_time"], course["duration"]] if course["load"] else [course["duration"]]
+        for end in ends:
+            while (now := context.get_time()) < end:
+                simulator.AdvanceTo(min(now + LOOK, end))
+                if not abs(self.measure(context) - start) < far:
+                    return True
+            if end < course["duration"]:
+                self._push(context, self._late.load, course["load"])
+        return False
 
     @property
     def radius(self) -> float:
@@ -213,7 +262,7 @@ class PlantBench:
         positions = plant.num_positions()
         if self.spec.kind == "steering":
             left, right = (x[joint.position_start()] for joint in self.part.steering)
-            output, reference = bicycle_angles(left, right), status[1]
+            output, reference = _bicycle_angles(left, right), status[1]
         elif self.spec.kind == "speed":
             pose = x[self.part.base.floating_positions_start() :][:7]
             twist = x[positions + self.part.base.floating_velocities_start_in_v() :][:6]
@@ -244,7 +293,7 @@ class PlantBench:
             left, right = (np.array([x[joint.position_start()]]) for joint in self.part.steering)
             if apart:
                 return 0.5 * float(left[0] - right[0])
-            return float(bicycle_angles(left, right)[0])
+            return float(_bicycle_angles(left, right)[0])
         if self.spec.kind == "speed":
             pose = x[self.part.base.floating_positions_start() :][:7, None]
             twist = x[positions + self.part.base.floating_velocities_start_in_v() :][:6, None]

@@ -28,10 +28,10 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
     Output port:
         y (size): ``late(u + excitation) + load``.
 
-    Parameters of the Context: 0: delay [s]; 1: excitation (size) [u]; 2: load (size) [u]. All may change while it runs:
-    excitation and load act from the next update on.
+    Parameters of the Context: 0: delay [s]; 1: excitation (size) [u], then load (size) [u]. All may change while it
+    runs: excitation and load act from the next update on.
 
-    State: discrete, group 0 the controls of the last periods, newest first; 1: excitation and load in force.
+    State: discrete, excitation and load in force, then the controls of the last periods, newest first.
 
     Args:
         size: number of controls.
@@ -42,13 +42,11 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         self.size = int(size)
         self.period = check_number("LateActuator", "period", period, unit="s", above=0.0)
-        self._rows = math.ceil(LONGEST / self.period) + 2
+        rows = math.ceil(LONGEST / self.period) + 2
         self.u = self.DeclareVectorInputPort("u", self.size)
         self._delay = self.DeclareNumericParameter(BasicVector([0.0]))
-        self._excitation = self.DeclareNumericParameter(BasicVector([0.0] * self.size))
-        self._load = self.DeclareNumericParameter(BasicVector([0.0] * self.size))
-        self._past = self.DeclareDiscreteState([0.0] * (self._rows * self.size))
-        self._force = self.DeclareDiscreteState([0.0] * (2 * self.size))
+        self._force = self.DeclareNumericParameter(BasicVector([0.0] * (2 * self.size)))
+        self._memory = self.DeclareDiscreteState([0.0] * ((2 + rows) * self.size))
         self.y = self.DeclareVectorOutputPort(
             "y",
             self.size,
@@ -68,37 +66,31 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def excite(self, context: Context, values: list[float]) -> None:
         """Write what is added to the controls, before the delay."""
-        context.get_mutable_numeric_parameter(self._excitation).SetFromVector(values)
+        context.get_mutable_numeric_parameter(self._force).get_mutable_value()[: self.size] = values
 
     def load(self, context: Context, values: list[float]) -> None:
         """Write what is added behind the delay."""
-        context.get_mutable_numeric_parameter(self._load).SetFromVector(values)
+        context.get_mutable_numeric_parameter(self._force).get_mutable_value()[self.size :] = values
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         n = self.size
-        now = self.u.Eval(context)
-        force = context.get_discrete_state(self._force).value()
+        memory = context.get_discrete_state(self._memory).value()
         delay = context.get_numeric_parameter(self._delay).value()[0]
-        if delay == 0.0:
-            output.SetFromVector(now + force[:n] + force[n:])
-            return
-        row = np.concatenate([now + force[:n], context.get_discrete_state(self._past).value()])
         periods = delay / self.period
         whole = math.floor(periods + 1e-9)
         part = max(periods - whole, 0.0)
-        late = (1.0 - part) * row[whole * n : (whole + 1) * n]
+        at = (1 + whole) * n  # the newest past control is at 2 n
+        late = memory[at : at + n] if whole else self.u.Eval(context) + memory[:n]
         if part:
-            late = late + part * row[(whole + 1) * n : (whole + 2) * n]
-        output.SetFromVector(late + force[n:])
+            late = (1.0 - part) * late + part * memory[at + n : at + 2 * n]
+        output.SetFromVector(late + memory[n : 2 * n])
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         n = self.size
-        force = context.get_discrete_state(self._force).value()
-        past = context.get_discrete_state(self._past).value()
-        values.set_value(self._past, np.concatenate([self.u.Eval(context) + force[:n], past[:-n]]))
-        excitation = context.get_numeric_parameter(self._excitation).value()
-        load = context.get_numeric_parameter(self._load).value()
-        values.set_value(self._force, np.concatenate([excitation, load]))
+        old, new = context.get_discrete_state(self._memory).value(), values.get_mutable_value(self._memory)
+        new[: 2 * n] = context.get_numeric_parameter(self._force).value()
+        new[2 * n : 3 * n] = self.u.Eval(context) + old[:n]
+        new[3 * n :] = old[2 * n : -n]
 
 
 class NoisySensor(LeafSystem):  # type: ignore[misc, unused-ignore]

@@ -1,5 +1,7 @@
 """From a response to its figures, and whether the loop is stable."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,9 @@ from mirdrake.tuning.models import Floats
 
 SWING = 0.1
 """A loop is unstable if its error swings at the end by more than this part of the step, root mean square."""
+
+AWAY = 10.0
+"""A loop is unstable if its error grows beyond so many steps."""
 
 DYING = 0.6
 """A swing that has shrunk to this part from one quarter of the time to the next dies out."""
@@ -27,14 +32,15 @@ def judge(
     limits: PidLimits = NO_LIMITS,
     noise: float = 0.0,
     margins: dict[str, float] | None = None,
-    others: tuple[Floats, ...] = (),
+    others: Mapping[str, Floats] = MappingProxyType({}),
 ) -> Evaluation:
     """Figures of a trial.
 
     Costs are taken from the step to the end; overshoot, rise and settling from the step to the load, the steady error
     over the last tenth before the load. The loop is unstable if a number is not finite, if the error leaves ten steps,
     or if, without its straight line, it swings over the last quarter of the time by more than :data:`SWING` of the
-    step, noise aside, and the swing does not die out.
+    step, noise aside, and the swing does not die out. Of `others` the swing counts alike: where the wheels of a car
+    slip in turns its speed is smooth.
 
     Args:
         t: [s], shape (n,).
@@ -45,24 +51,27 @@ def judge(
         limits: of the effort.
         noise: standard deviation of the measurement [y].
         margins: figures to add.
-        others: signals that must not swing either [y], each of shape (n,).
+        others: signals that must not swing either [y], each of shape (n,), by what swings then.
     """
     response = pd.DataFrame({"t": t, "reference": reference, "output": output, "effort": effort})
     if not (np.isfinite(output).all() and np.isfinite(effort).all()) or len(t) < 20:
         return Evaluation("unstable", response=response, reason="a number is not finite")
     step = abs(float(course["step"]))
     error = reference - output
-    if np.abs(error).max() > 10.0 * step + 5.0 * noise:
+    if np.abs(error).max() > AWAY * step + 5.0 * noise:
         return Evaluation("unstable", response=response, reason="the error grows beyond ten steps")
     span = t[-1] - t[0]
     last, before = t >= t[-1] - 0.25 * span, (t >= t[-1] - 0.5 * span) & (t < t[-1] - 0.25 * span)
-    swings = [(_swing(t[before], signal[before]), _swing(t[last], signal[last])) for signal in (error, *others)]
-    early, swing = max(swings, key=lambda pair: pair[1])
     bound = SWING * step + 2.0 * noise
-    if swing > bound and (swing > DYING * early or swing > 5.0 * bound):
-        return Evaluation(
-            "unstable", response=response, reason=f"swings at the end by {swing:.3g}, {swing / step:.0%} of the step"
-        )
+    found = []
+    for name, signal in {"": error, **others}.items():
+        early, swing = _swing(t[before], signal[before]), _swing(t[last], signal[last])
+        if swing > bound and (swing > DYING * early or swing > 5.0 * bound):
+            found.append((swing, name))
+    if found:
+        swing, name = max(found)
+        words = f"{name} swings at the end by {swing:.3g}, {swing / step:.0%} of the step".strip()
+        return Evaluation("unstable", response=response, reason=words)
     whole = t >= course["step_time"] - 1e-9
     loaded = course["load"] != 0.0
     first = whole & (t < course["load_time"] - 1e-9) if loaded else whole

@@ -69,6 +69,8 @@ def make_loop_spec(spec: TuningSpec, *, noise: bool | None = None, speed: float 
         group, key = path.split(".")
         control.setdefault(group, {})[key] = value
     control.setdefault(section, {}).update(dict.fromkeys(units, 0.0))
+    if getattr(getattr(vehicle.control, section), "schedule", None) is not None:
+        control[section]["schedule"] = None
     if joint == "wheel":
         slope = SLOPE if spec.test.slope is None else spec.test.slope
         control.setdefault("speed", {}).update({"max_acceleration": slope, "max_deceleration": slope})
@@ -216,5 +218,10 @@ def _path(spec: TuningSpec) -> Any:
 
 
 def _plant(spec: TuningSpec, rate: float) -> dict[str, Any]:
-    """Point contact, and two steps of the plant a period, unless the file says."""
-    return {"contact": "point", "time_step": 0.5 / rate} | spec.plant.model_dump(exclude_unset=True)
+    """Point contact and the longest step that will do, unless the file says.
+
+    Steered joints are light and stiff; they take two steps of the plant a period. A car's speed takes one, if its
+    actuators are late by half a period at least: half a period more or less of delay would be seen.
+    """
+    steps = 2 if spec.loop == "steering" or spec.test.delay < 0.5 / rate else 1
+    return {"contact": "point", "time_step": 1.0 / rate / steps} | spec.plant.model_dump(exclude_unset=True)

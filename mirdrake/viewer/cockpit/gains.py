@@ -35,7 +35,8 @@ class Gain:
 def list_gains(vehicle: Vehicle) -> list[Gain]:
     """The gains of a vehicle that do something.
 
-    With pedals the speed loop is theirs; servos have gains of Drake's, which are fixed once the plant is built.
+    With pedals the speed loop is theirs; servos have gains of Drake's, which are fixed once the plant is built; gains
+    that control.yaml schedules over speed are none of these.
     """
     control, found = vehicle.control, []
     if control.wheel_speed.kind == "pedals":
@@ -57,7 +58,8 @@ def list_gains(vehicle: Vehicle) -> list[Gain]:
         steering = control.steering
         units = ("N m/rad", "N m/(rad s)", "N m s/rad")
         found += _pid("steering", (steering.kp, steering.ki, steering.kd), units, 2)
-    return found
+    fixed = control.scheduled_gains()
+    return [gain for gain in found if gain.path not in fixed]
 
 
 def set_gain(control: VehicleControl, context: Context, gain: Gain, value: float) -> None:

@@ -1,0 +1,152 @@
+"""Which rule to compare with, and which candidate is the best: by cost, among those that stand the Monte Carlo."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from mirdrake.tuning.designs import Design
+from mirdrake.tuning.grip import axles_of, grip_use
+from mirdrake.tuning.loops.base import Conditions
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
+from mirdrake.tuning.outcome import Candidate
+from mirdrake.tuning.robustness import draw_conditions, read_ranges
+from mirdrake.tuning.scenarios import corners, hardest, words
+from mirdrake.tuning.search import Trial, Trials
+from mirdrake.tuning.stages import Stages, rounded
+
+POOL = 8
+"""Candidates that are shaken at most before the one that fails least is taken; rules, too."""
+
+HARD = 6
+"""Draws in which others have failed, known to a search at most."""
+
+
+class Selection:
+    """Chooses among candidates.
+
+    Attributes:
+        hard: draws of the Monte Carlo in which candidates that keep the constraints have failed.
+        fallen_rules: rules that keep the constraints, cost less than the one compared with, and fail in some draw.
+    """
+
+    def __init__(self, stages: Stages, tried: Sequence[Candidate]) -> None:
+        self.stages, self._tried = stages, tried
+        spreads = read_ranges(stages.ranges) if stages.ranges else {}
+        runs = stages.spec.robustness.runs
+        self._draws = draw_conditions(spreads, runs=runs, seed=stages.spec.seed) if spreads and runs else []
+        self._first = hardest(stages.spec, stages.ranges) if self._draws else []
+        self.hard: tuple[Conditions, ...] = ()
+        self.fallen_rules: list[Candidate] = []
+        self._failures: dict[str, int] = {}
+        self._made: dict[tuple[float, ...], Candidate] = {}
+
+    def failures(self, one: Candidate) -> int:
+        """Runs of the Monte Carlo in which a candidate is not stable; those draws become hard ones."""
+        name = one.design.name
+        if name not in self._failures:
+            robust = self.stages.shake([one])
+            lost = [] if robust is None else robust.table.loc[robust.table["status"] != "ok", "run"].tolist()
+            self._failures[name] = len(lost)
+            new = [self._draws[run] for run in lost if self._draws[run] not in self.hard]
+            self.hard = (*self.hard, *new)[:HARD]
+        return self._failures[name]
+
+    def best_rule(self) -> Candidate | None:
+        """The cheapest rule that keeps the constraints and stands the Monte Carlo; if none does, that nearest to it."""
+        rules = sorted((one for one in self._tried if one.design.kind == "rule"), key=lambda one: one.rank)
+        able = [one for one in rules if one.trial.feasible]
+        for one in able[:POOL]:
+            if not self.failures(one):
+                return one
+            self.fallen_rules.append(one)
+        if self.fallen_rules:
+            nearest = min(self.fallen_rules, key=self.failures)
+            self.fallen_rules.remove(nearest)
+            return nearest
+        return rules[0] if rules else None
+
+    def best(self, fine: Sequence[Trials]) -> Candidate | None:
+        """The cheapest candidate that keeps the constraints and is stable in all runs of the Monte Carlo.
+
+        If none is, the one that fails least among those that were shaken; None if none keeps the constraints.
+        """
+        known = [one for one in self._tried if one.trial.feasible and one.design.kind != "baseline"]
+        found = [one for trials in fine for one in trials.trials if one.feasible]
+        pool: list[Candidate | Trial] = sorted([*known, *found], key=_cost)
+        fallen: list[tuple[int, int, Candidate]] = []
+        for at, one in enumerate(pool):
+            chosen = one if isinstance(one, Candidate) else self._searched(one)
+            if chosen is None:
+                continue
+            lost = self.failures(chosen)
+            if not lost:
+                return chosen
+            fallen.append((lost, at, chosen))
+            if len(fallen) == POOL:
+                break
+        return min(fallen)[2] if fallen else None
+
+    def good(self, best: Candidate, rule: Candidate | None) -> bool:
+        """Whether a candidate stands the Monte Carlo, and costs less than the rule if that does."""
+        if self.failures(best):
+            return False
+        return rule is None or bool(self.failures(rule)) or best.trial.cost < rule.trial.cost
+
+    def _searched(self, trial: Trial) -> Candidate | None:
+        """A trial as a candidate, rounded; None if it does not stand what comes first, or the rounding."""
+        gains = rounded(trial.gains)
+        key = tuple(gains.values())
+        if key in self._made:
+            return self._made[key]
+        if not self.stages.stands(gains, [*self.hard, *self._first]):
+            return None
+        how = f"{self.stages.spec.search.method} on the reduced model, refined on the plant"
+        name = "searched" if not self._made else f"searched {len(self._made) + 1}"
+        (chosen,) = self.stages.try_designs([Design(name, "searched", how, gains)], "best")
+        if not chosen.trial.feasible:
+            return None
+        self._made[key] = chosen
+        return chosen
+
+    # --- what the reader must know ---
+
+    def notes(self, winner: Candidate) -> list[str]:
+        """Rules that look better than they are."""
+        runs = self.stages.spec.robustness.runs
+        return [
+            f"{one.design.name} costs {one.trial.cost:.4g}, but is not stable in {self.failures(one)} of {runs} runs"
+            for one in self.fallen_rules
+            if one is not winner
+        ]
+
+    def corners(self, chosen: Sequence[Candidate]) -> dict[str, list[dict[str, str]]]:
+        """Corners of the ranges, harder than nearly every draw: conditions, status and reason for each candidate."""
+        if self.stages.bare:
+            return {}
+        places, evaluate = corners(self.stages.ranges), LoopEvaluator(self.stages.loop)
+        found: dict[str, list[dict[str, str]]] = {}
+        for one in chosen:
+            rows = [evaluate(one.design.gains, place) for place in places]
+            found[one.design.name] = [
+                {"conditions": words(place), "status": row.status, "reason": row.reason}
+                for place, row in zip(places, rows, strict=True)
+            ]
+        return found
+
+    def with_grip(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The Monte Carlo with what each run asks of the tyres, over what they can give."""
+        loop = self.stages.loop
+        if self.stages.bare or loop.kind == "steering":
+            return table
+        bench: Any = bench_of(loop)
+        axles = axles_of(bench)
+        use = [grip_use(axles, loop, one) for one in self._draws]
+        at = list(table.columns).index("seed")
+        table = table.copy()
+        table.insert(at, "grip_use", [use[run] for run in table["run"]])
+        return table
+
+
+def _cost(one: Candidate | Trial) -> float:
+    return one.trial.cost if isinstance(one, Candidate) else one.cost
