@@ -137,9 +137,9 @@ def test_a_diagram_of_the_working_directory_hides_ours(
 def test_list_shows_what_there_is(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     code, out, err = here("list")
     assert (code, err) == (0, "")
-    assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams"]
+    assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams", "studies"]
     out = here("list", "all")[1]
-    kinds = ["models", "worlds", "diagrams", "props", "sensors", "drivers", "blocks"]
+    kinds = ["models", "worlds", "diagrams", "studies", "props", "sensors", "drivers", "blocks"]
     assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == kinds
     for name in ("bolt", "test_track", "empty", "bolt_test_track", "cone", "sick_lms291", "hold_lane", "low_pass"):
         assert re.search(rf"^  {name} +\S", out, flags=re.MULTILINE)

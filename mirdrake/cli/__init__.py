@@ -38,7 +38,7 @@ VERBS = {
 _TEXT = """\
 Model, simulate, identify and tune car-like vehicles with Drake.
 
-  mirdrake list                         what there is: vehicles, worlds, diagrams; list all for more
+  mirdrake list                         what there is: vehicles, worlds, diagrams, studies; list all for more
   mirdrake run bolt_test_track          a Chevrolet Bolt drives a lap; results go to runs/
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
   mirdrake drive bolt                   drive by hand in a browser: keys, game pad, gains while driving; record
@@ -55,8 +55,9 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake study study.yaml             many variations of a diagram over all cores, resumable
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
-Names are looked up in the folders models/, worlds/ and diagrams/ of MIRDRAKE_PATH, of the working directory and of
-mirdrake itself; a path works as well. Exit codes: 0 done, 1 a check failed or a run diverged, 2 bad input.
+Names are looked up in the folders models/, worlds/, diagrams/ and studies/ of MIRDRAKE_PATH, of the working
+directory and of mirdrake itself; a path works as well.
+Exit codes: 0 done, 1 a check failed or a run diverged, 2 bad input.
 """
 
 
@@ -69,8 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0 done, 1 a run diverged or a check failed, 2 bad input, 130 interrupted before there was anything to keep.
     """
-    options = _parser().parse_args(arguments)
     try:
+        options = _parser().parse_args(arguments)
         code: int = options.verb.run(options)
         sys.stdout.flush()  # here, where a reader that has gone is no error
     except MirdrakeError as error:

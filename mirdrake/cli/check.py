@@ -3,12 +3,15 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
-from mirdrake.cli.verb import add_set, kind_of
-from mirdrake.errors import MirdrakeError
+from mirdrake.cli.verb import STUDIES, add_set, kind_of
+from mirdrake.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.paths import find
+from mirdrake.yaml_io import parse_tree, shown
 
-HELP = "check diagrams, vehicles and worlds without running them"
+HELP = "check diagrams, vehicles, worlds and studies without running them"
 MORE = """\
 Every fault is one line with file and line number. Of a vehicle, all files are checked: YAML, xacro, URDF, meshes,
 variants; if they are sound, whether it stands still for a second. bolt@published checks that variant alone.
@@ -54,10 +57,30 @@ def _check_one(name: str, overrides: Sequence[str]) -> tuple[Sequence[str], Sequ
             return found.faults, found.failures, found.remarks
         if kind == "worlds":
             return [fault.text for fault in check_world(name, overrides=overrides)], (), ()
+        if kind == "studies":
+            _check_study(name, overrides)
+            return (), (), ()
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         return (), (), [f"output '{port}' is not read" for port in assemble(spec).unread]
     except MirdrakeError as error:
         return str(error).splitlines(), (), ()
+
+
+def _check_study(name: str, overrides: Sequence[str]) -> None:
+    """Read a file of studies/ with the reader of its format.
+
+    Raises:
+        ConfigError: its faults.
+    """
+    path = find("studies", name)
+    data, _ = parse_tree(path.read_text(encoding="utf-8", errors="replace"), shown(path))
+    head = data.get("mirdrake") if isinstance(data, dict) else None
+    if head not in STUDIES:
+        raise ConfigError(
+            f"{shown(path)}:1: mirdrake: {head!r} is no format of a study; {did_you_mean(str(head), STUDIES)}"
+        )
+    module, _, function = STUDIES[head].partition(":")
+    getattr(import_module(module), function)(path, overrides=overrides)
 
 
 def _holds_vehicle(path: Path) -> bool:

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from mirdrake.paths import names, search_folders
 from mirdrake.yaml_io import shown
 
-HELP = "list vehicles, worlds, diagrams, props, sensors, and the kinds of drivers and blocks"
+HELP = "list vehicles, worlds, diagrams, studies, props, sensors, and the kinds of drivers and blocks"
 MORE = """\
-Without a word, vehicles, worlds and diagrams; with one, what it says.
+Without a word, vehicles, worlds, diagrams and studies; with one, what it says.
 
 examples:
   mirdrake list drivers
   mirdrake list all"""
 
-FILES = ("models", "worlds", "diagrams")
+FILES = ("models", "worlds", "diagrams", "studies")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

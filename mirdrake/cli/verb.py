@@ -19,8 +19,16 @@ def add_set(parser: argparse.ArgumentParser) -> None:
     )
 
 
+STUDIES = {
+    "study/1": "mirdrake.studies.spec:load_study",
+    "tuning/1": "mirdrake.tuning.spec:load_tuning",
+    "identification/1": "mirdrake.identification.study:load_identification",
+}
+"""What reads the files of studies/, by the format in their first line."""
+
+
 def kind_of(name: str) -> str:
-    """What a name or path stands for: "models", "worlds", "diagrams" or "runs".
+    """What a name or path stands for: "models", "worlds", "diagrams", "studies" or "runs".
 
     Raises:
         ConfigError: nothing has that name.
@@ -35,9 +43,10 @@ def kind_of(name: str) -> str:
         from mirdrake.yaml_io import parse_tree
 
         data, _ = parse_tree(path.read_text(encoding="utf-8", errors="replace"), shown(path))
-        return "worlds" if isinstance(data, dict) and "mirdrake" in data else "diagrams"
-    for kind in ("worlds", "diagrams"):
+        head = data.get("mirdrake") if isinstance(data, dict) else None
+        return "studies" if head in STUDIES else "diagrams" if head is None else "worlds"
+    for kind in ("worlds", "diagrams", "studies"):
         if name in names(kind):
             return kind
-    known = [*names("models"), *names("worlds"), *names("diagrams")]
+    known = [name for kind in ("models", "worlds", "diagrams", "studies") for name in names(kind)]
     raise ConfigError(f"nothing is called '{name}'; {did_you_mean(name, known)}")

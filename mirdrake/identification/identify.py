@@ -10,13 +10,15 @@ import numpy as np
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.check import check_data
-from mirdrake.identification.data import DataSet, load_data, make_data
+from mirdrake.identification.data import DataSet, hold_out, load_data, make_data
 from mirdrake.identification.estimators import EstimatorOptions, fit
+from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport
 from mirdrake.identification.fit import Fit
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import Model
 from mirdrake.identification.parameters import Choice, Parameter
+from mirdrake.identification.refusal import refuse_faults
 from mirdrake.identification.study import ParameterSpec, StudySpec, Value, in_study, inline_data
 from mirdrake.logs import write_file
 from mirdrake.single_track import estimate_parameters
@@ -85,16 +87,24 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
     tell("checking the data")
     check = check_data(data)
     _check_alive(check.data)
+    drives = check.data if spec.hold_out is None else hold_out(check.data, spec.hold_out)
     kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
     if kind == "plant" and spec.vehicle is not None:
         options = {"vehicle": _vehicle_of(folder, spec.vehicle), **options}
     model_spec, asked = ModelSpec(kind, options), {**given, **_fixed_numbers(spec)}
     try:
-        model = make_model(model_spec, check.data, asked)
+        model = make_model(model_spec, drives, asked)
+        if not spec.force:
+            refuse_faults(check, {*model.inputs, *model.outputs})
         choices = make_choices(spec, model, given, vehicle)
-        stages = _run_stages(spec, model_spec, model, check.data, choices, tell)
+        stages = _run_stages(spec, model_spec, model, drives, choices, tell)
         tell("fitting")
-        final = fit(check.data, model_spec, parameters=choices, options=_options(spec), name=spec.name)
+        chosen = choose_structure(drives, model_spec, choices, _options(spec))
+        final = fit(
+            drives, chosen.model, parameters=chosen.choices, options=_options(spec), name=spec.name,
+            start=chosen.start,
+        )  # fmt: skip
+        final = replace(final, notes=(*chosen.notes, *final.notes))
     except ConfigError as error:
         raise in_study(spec, error) from None
     return Identification(spec.name, spec.about, check, final, tuple(stages), vehicle, given, time.monotonic() - began)

@@ -113,9 +113,9 @@ def value_told(used: Used) -> str:
         text = number_told(float(value)) if isinstance(value, int | float) else str(value)
     extra = ""
     if used.unit == "m/s" and isinstance(value, float):
-        extra = f" ({value * 3.6:.1f} km/h)"
+        extra = f" ({number_told(value * 3.6)} km/h)"
     elif used.unit.startswith("rad") and isinstance(value, float):
-        extra = f" ({math.degrees(value):.1f} {used.unit.replace('rad', 'deg')})"
+        extra = f" ({number_told(math.degrees(value))} {used.unit.replace('rad', 'deg')})"
     return f"{text} {used.unit}".rstrip() + extra
 
 

@@ -14,6 +14,7 @@ from mirdrake.identification.parameters import Unknown
 Array = NDArray[np.float64]
 
 STEP, DURATION = 0.01, 20.0
+_FINER = 4
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def rank(
     candidates: Mapping[str, Mapping[str, Array]] | None = None,
     speed: float = 20.0,
 ) -> tuple[Candidate, ...]:
-    """Manoeuvres, the best first, by D-optimality.
+    """Manoeuvres, the best first, by D-optimality; without those that the model cannot follow.
 
     Args:
         model: the model.
@@ -111,6 +112,8 @@ def rank(
     found = []
     for name, channels in (candidates or _candidates(model, values, speed)).items():
         gained = information(model, unknowns, values, sigmas, channels)
+        if not np.isfinite(gained).all():
+            continue
         after = np.linalg.inv(now + gained)
         signs = [np.linalg.slogdet(matrix)[1] for matrix in (before, after)]
         found.append(
@@ -148,10 +151,12 @@ def _driven(model: Model, values: Mapping[str, float], drive: Drive) -> Drive:
     """The drive with what the model itself shows, so that guesses of its states along the way are near."""
     u, seen = model.drive(values, drive, drive.time), np.empty((len(model.outputs), drive.size))
     x = model.start(values, drive, np.zeros(1, dtype=np.intp))
+    step = drive.step / _FINER  # a small robot is stiff: its yaw answers within milliseconds
     for k in range(drive.size):
         now = u[:, k, None, None]
         seen[:, k] = model.observe(x[..., None], now, values)[:, 0, 0]
-        x = x + drive.step * model.rates(x[..., None], now, values)[..., 0]
+        for _ in range(_FINER):
+            x = x + step * model.rates(x[..., None], now, values)[..., 0]
     return replace(drive, outputs=dict(zip(model.outputs, seen, strict=True)))
 
 

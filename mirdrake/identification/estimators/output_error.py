@@ -33,6 +33,7 @@ def fit(
     parameters: Mapping[str, Choice] | None = None,
     options: EstimatorOptions | None = None,
     name: str = "fit",
+    start: Mapping[str, float] | None = None,
 ) -> Fit:
     """Fit a model to the training logs of a data set and try it on all of its logs.
 
@@ -42,6 +43,7 @@ def fit(
         parameters: choices by name; those left out are as the model has them.
         options: how to fit.
         name: of the study.
+        start: values of the free parameters from which the search begins; None: their guesses.
 
     Raises:
         ConfigError: the data or the choices cannot give a fit; one line per fault.
@@ -60,7 +62,7 @@ def fit(
         raise ConfigError(
             f"data: {problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
         )
-    solution = solve(problem, options)
+    solution = solve(problem, options, None if start is None else problem.scaled(start))
     result = describe(data, solution, unknowns, name=name, options=options, notes=notes)
     return replace(result, seconds=time.perf_counter() - begun)
 
@@ -164,9 +166,15 @@ def best_manoeuvre(solution: Solution) -> list[str]:
     top = max(float(np.nanpercentile(values, 98.0)) for values in speeds)
     if top < 0.2:
         return []
-    known = np.asarray(np.linalg.inv(solution.covariance), dtype=np.float64)
+    try:
+        known = np.asarray(np.linalg.inv(solution.covariance), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return []
     values = problem.values(solution.z)
-    best = rank(model, problem.unknowns, values, problem.sigmas, known=known, speed=top)[0]
+    ranked = rank(model, problem.unknowns, values, problem.sigmas, known=known, speed=top)
+    best = next((one for one in ranked if np.isfinite(one.d_gain)), None)
+    if best is None:
+        return []
     return [
         f"of the standard manoeuvres at up to {top:.3g} m/s, '{best.name}' would help most: standard deviations "
         f"would be {best.d_gain:.2g} times those of now, in the mean"

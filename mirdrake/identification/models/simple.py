@@ -53,7 +53,7 @@ class KinematicModel(_Direct):
         self._speed = channel_of(offered, SPEED, "the speed", self.kind)
         self.inputs = (self._steer, self._speed)
         self.outputs = pick_outputs(offered, ["yaw_rate", "lateral_acceleration"], outputs, self.kind)
-        length = wheelbase or given.get("wheelbase", 2.7)
+        length = wheelbase or given.get("wheelbase", given.get("assumed_wheelbase", 2.7))
         known = wheelbase is not None or "wheelbase" in given or self._steer != "road_wheel_angle"
         self.parameters = (
             Parameter(

@@ -85,7 +85,7 @@ class SingleTrackModel(Model):
 
     def _make(self, given: Mapping[str, float], wheelbase: float | None) -> tuple[Parameter, ...]:
         lengths = [given.get("front_length"), given.get("rear_length")]
-        total = wheelbase or 2.7
+        total = wheelbase or given.get("assumed_wheelbase", 2.7)
         said = "half of the given wheelbase" if wheelbase else "assumed, no wheelbase is given"
         front = lengths[0] or (max(total - lengths[1], 0.1 * total) if lengths[1] else 0.5 * total)
         rear = lengths[1] or (max(total - front, 0.1 * total) if lengths[0] else 0.5 * total)

@@ -10,6 +10,8 @@ from mirdrake.identification.parameters import Parameter
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 NAMES = frozenset({"steering_ratio", "steering_offset", "steering_delay", "steering_lag", "steering_backlash"})
 
+_FINER = 4
+
 _RATIO = {"road_wheel_angle": 1.0, "steering_wheel_angle": 15.0, "steering_command": 1.5}
 
 
@@ -59,10 +61,13 @@ def steering_parameters(channel: str) -> tuple[Parameter, ...]:
 
 def steering_angle(p: Mapping[str, float], drive: Drive, channel: str, times: Array) -> Array:
     """Angle of the front wheels (times) [rad]."""
-    step = float(times[1] - times[0])
     wide, early = drive.with_history(times)
-    angle = drive.at(channel, wide, p["steering_delay"], smooth=True) / p["steering_ratio"]
-    angle = first_order(angle, step, p["steering_lag"])
+    # A lag is exact for straight lines: short ones.
+    many = _FINER if p["steering_lag"] > 0.0 else 1
+    step = float(times[1] - times[0]) / many
+    fine = wide[0] + step * np.arange(many * (len(wide) - 1) + 1)
+    angle = drive.at(channel, fine, p["steering_delay"], smooth=True) / p["steering_ratio"]
+    angle = first_order(angle, step, p["steering_lag"])[::many]
     if p["steering_backlash"] > 0.0:
         angle = play(angle, p["steering_backlash"])
     return angle[early:] + p["steering_offset"]

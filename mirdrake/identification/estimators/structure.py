@@ -1,0 +1,132 @@
+"""Which options a model needs, where a study leaves them open: tyres that saturate, a lag of the steering.
+
+The plain model is fitted first, then what might be added to it, from where the first fit ended and with its noise. What
+makes the residuals clearly smaller, and has values with a meaning, is kept.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mirdrake.errors import RunError
+from mirdrake.identification.data import DataSet
+from mirdrake.identification.estimators.drives import make_drives
+from mirdrake.identification.estimators.options import EstimatorOptions
+from mirdrake.identification.estimators.output_error import first_noise, known_value
+from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.solve import Minimum, minimise
+from mirdrake.identification.models.base import ModelSpec
+from mirdrake.identification.models.registry import TURNING, make_model
+from mirdrake.identification.parameters import Choice, choose
+
+LIMIT = 3.0
+"""Lateral acceleration from which on tyres may be seen to saturate [m/s²]."""
+
+WORTH = 0.01
+"""Part of the cost that an addition must save."""
+
+MEANT = {"steering_lag": (2e-3, 0.9), "friction_front": (0.1, 2.5), "friction_rear": (0.1, 2.5)}
+"""Between which values an addition has a meaning."""
+
+EARLY = -0.01
+"""Dead time beside a lag: what is earlier is no steering, but a lag that makes up for something else [s]."""
+
+
+class Structure(NamedTuple):
+    """What is to be fitted.
+
+    Attributes:
+        model: with its options.
+        choices: by parameter.
+        start: where the fit is best begun; None: at its guesses.
+        notes: what was assumed.
+    """
+
+    model: ModelSpec
+    choices: dict[str, Choice]
+    start: Mapping[str, float] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def choose_structure(
+    data: DataSet, model: ModelSpec, choices: Mapping[str, Choice], options: EstimatorOptions
+) -> Structure:
+    """Try what the study leaves open: ``tyres`` of a single track, and the lag of the steering.
+
+    Raises:
+        ConfigError: as :func:`~mirdrake.identification.estimators.fit`.
+        RunError: the plain model runs away from its guess.
+    """
+    plain = Structure(model, dict(choices))
+    additions: list[tuple[str, Structure]] = []
+    if model.kind not in TURNING:
+        return plain
+    # A measured angle of the wheels has the lag of the steering in it.
+    measured = all("road_wheel_angle" in log.channels for log in data.logs)
+    lag = "steering_lag" not in choices and not measured
+    tyres = model.kind.startswith("single_track") and "tyres" not in model.options and _most(data) > LIMIT
+    curved = replace(model, options={**model.options, "tyres": "fiala"})
+    slow = {**choices, "steering_lag": Choice(free=True)}
+    if lag and tyres:
+        additions.append(("tyres: fiala and a lag of the steering", Structure(curved, slow)))
+    if lag:
+        additions.append(("a lag of the steering", Structure(model, slow)))
+    if tyres:
+        additions.append(("tyres: fiala", Structure(curved, dict(choices))))
+    if not additions:
+        return plain
+    options = replace(options, bootstrap=0, profile=False)
+    first = _solve(data, plain, options, None)
+    found = first.problem.values(first.z)
+    for words, tried in additions:
+        try:
+            second = _solve(data, tried, options, first)
+        except RunError:
+            continue
+        values = second.problem.values(second.z)
+        plainly, now = ({one.info.name for one in each.problem.free} for each in (first, second))
+        added = [name for name in MEANT if name in now - plainly]
+        meant = all(MEANT[name][0] < values[name] < MEANT[name][1] for name in added)
+        meant &= "steering_lag" not in added or values["steering_delay"] > EARLY
+        if meant and second.cost < (1.0 - WORTH) * first.cost:
+            saved = 100.0 * (1.0 - second.cost / first.cost)
+            note = f"the study leaves it open, and the training drives ask for it: {words} ({saved:.2g} % less misfit)"
+            return tried._replace(start=values, notes=(note,))
+    return plain._replace(start=found)
+
+
+def _most(data: DataSet) -> float:
+    """Lateral acceleration that the training drives reach [m/s²]."""
+    most = 0.0
+    for log in data.train:
+        forward = log.channels.get("vx", log.channels.get("speed"))
+        rate, side = log.channels.get("yaw_rate"), log.channels.get("lateral_acceleration")
+        if forward is not None and rate is not None:
+            side = forward * rate
+        if side is not None:
+            most = max(most, float(np.nanpercentile(np.abs(side), 99.0)))
+    return most
+
+
+def _solve(data: DataSet, tried: Structure, options: EstimatorOptions, first: Minimum | None) -> Minimum:
+    """The least cost of a structure, with the noise of the first one."""
+    known = {name: value for name, choice in tried.choices.items() if (value := known_value(choice)) is not None}
+    made = make_model(tried.model, data, known)
+    drives, _ = make_drives(made, data.train, options.shooting)
+    unknowns = choose(made.parameters, tried.choices)
+    noise = first_noise(made, drives) if first is None else first.problem.sigmas
+    problem = Problem(made, drives, unknowns, noise, options.offsets, options.continuity)
+    if first is None:
+        begun = minimise(problem, options, passes=2, close=1e-4)
+        return minimise(begun.problem, options, begun.z, close=1e-4)
+    values = {one.info.name: one.info.guess for one in unknowns}
+    same = {one.info.name for one in first.problem.free}
+    values |= {name: value for name, value in first.problem.values(first.z).items() if name in same}
+    if "steering_lag" not in same and "steering_lag" in {one.info.name for one in problem.free}:
+        part = 0.3 * max(values["steering_delay"], 0.02)  # what was taken for a dead time is a lag in part
+        values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}
+    z = problem.scaled(values)
+    z[len(problem.free) :] = first.z[len(first.problem.free) :]
+    return minimise(problem, options, z, close=1e-4)

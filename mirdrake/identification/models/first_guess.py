@@ -1,0 +1,163 @@
+"""Where the fit of a steering starts: by a regression, before any model is simulated.
+
+In slow bends a vehicle of any size turns with::
+
+    r = v (c / ρ + δ0) / (L (1 + K v²)) + r0,    that is    r = g v c + o v - K v² r + r0 (1 + K v²)
+
+for the steering channel c of ratio ρ and offset δ0, the wheelbase L and the bias r0 of the gyro. It is linear in
+g = 1 / (ρ L), o = δ0 / L and K; r0 is taken as a constant. So scale and zero of a command of unknown units (0 to 1,
+ticks of a servo) are known well enough for a fit, whatever the size of the vehicle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mirdrake.identification.alignment import delay_of, smooth
+from mirdrake.identification.data import Array, Log
+from mirdrake.identification.parameters import Parameter
+from mirdrake.identification.relations import Grid, make_grid
+
+CALM = 3.0
+"""Tyres of any vehicle slip little at this lateral acceleration [m/s²]."""
+
+FEWEST = 50
+"""Rows of slow bends that tell something."""
+
+STEEPEST = 0.35
+"""Angle of the front wheels in the tightest bend of a lively drive [rad]."""
+
+LONGEST = 2.7
+"""Wheelbase of a car that makes wide bends only [m]."""
+
+_ALIGNED = 0.5
+"""Correlation from which on a delay of the steering is one."""
+
+_BIAS = 0.02
+"""Usual bias of a gyro [rad/s]."""
+
+
+class SteeringGuess(NamedTuple):
+    """What slow bends say of the steering.
+
+    Attributes:
+        gain: of the curvature over the channel, 1 / (ratio · wheelbase) [1/m by unit of the channel].
+        curvature: at zero of the channel [1/m].
+        delay: of the yaw rate behind the channel [s].
+        tightest: largest curvature of the drives [1/m].
+    """
+
+    gain: float
+    curvature: float
+    delay: float
+    tightest: float
+
+    @property
+    def wheelbase(self) -> float:
+        """A guess where none is given: that of a car, or less if no car makes such bends [m]."""
+        return min(LONGEST, STEEPEST / max(self.tightest, 1e-9))
+
+
+def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
+    """Scale and zero of a steering channel, by robust regression over slow bends.
+
+    Args:
+        logs: drives.
+        steer: name of the channel.
+
+    Returns:
+        None if the drives do not tell, or if the sign is wrong.
+    """
+    rows, delays, tightest = [], [], 0.0
+    for log in logs:
+        found = _rows_of(make_grid(log), steer)
+        if found is None:
+            continue
+        rows.append(found[0])
+        delays.append(found[1])
+        tightest = max(tightest, found[2])
+    if not rows:
+        return None
+    v, c, r = np.concatenate(rows, axis=1)
+    if len(v) < FEWEST or np.ptp(c) == 0.0:
+        return None
+    middle = float(np.median(c))  # a command about 1500 is nearly the same column as the speed
+    base = np.column_stack((v * (c - middle), v, -v * v * r, np.ones(len(v))))
+    # K v² and r0 are held near zero where nothing tells them apart from the rest.
+    held = np.array([0.0, 0.0, float(np.max(v * v)), 1.0 / _BIAS])
+    solved = _robust(base, r, held)
+    gain, at_middle = float(solved[0]), float(solved[1])
+    told = r - base @ np.array([0.0, 0.0, *solved[2:]])
+    if gain <= 0.0 or np.corrcoef(base[:, :2] @ solved[:2], told)[0, 1] < _ALIGNED:
+        return None
+    return SteeringGuess(gain, at_middle - gain * middle, float(np.median(delays)), tightest)
+
+
+def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
+    """Speed, steering and yaw rate of slow bends (3, n), the delay of the latter, and the largest curvature."""
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if not {forward, steer} <= set(grid.channels) or not {"yaw_rate", "lateral_acceleration"} & set(grid.channels):
+        return None
+    speed, angle = smooth(grid, forward), smooth(grid, steer)
+    top = float(np.max(np.abs(speed)))
+    moving = speed > min(1.0, 0.2 * top)
+    if "yaw_rate" in grid.channels:
+        rate = smooth(grid, "yaw_rate")
+    else:
+        rate = smooth(grid, "lateral_acceleration") / np.where(moving, speed, 1.0)
+    delay = delay_of(rate, angle, grid.step)
+    late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else delay.value
+    index = np.arange(float(len(angle)))
+    angle = np.interp(index - late / grid.step, index, angle)
+    calm = moving & (np.abs(speed * rate) < CALM)
+    if not calm.any():
+        return None
+    tightest = float(np.percentile(np.abs(rate[calm] / speed[calm]), 99.0))
+    return np.stack((speed[calm], angle[calm], rate[calm])), late, tightest
+
+
+def _robust(base: Array, values: Array, held: Array) -> Array:
+    """Least squares with weights of Huber, and unknowns that are held near zero by that much over the noise."""
+    weights, found = np.ones(len(values)), np.zeros(base.shape[1])
+    noise = float(np.std(values))
+    for _ in range(20):
+        rows = np.vstack((base * weights[:, None], np.diag(held) * noise))
+        size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        before = found
+        found = np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(held))), rcond=None)[0] / size
+        away = np.abs(values - base @ found)
+        noise = max(1.4826 * float(np.median(away)), 1e-9)
+        weights = 1.0 / np.sqrt(np.maximum(away / (1.345 * noise), 1.0))
+        if np.allclose(found, before, rtol=1e-3):
+            break
+    return np.asarray(found)
+
+
+def with_guess(
+    parameters: Sequence[Parameter], steer: str, guess: SteeringGuess, wheelbase: float
+) -> tuple[Parameter, ...]:
+    """Parameters with guesses and bounds of the steering by what slow bends say.
+
+    Args:
+        parameters: of a model.
+        steer: its steering channel.
+        guess: of the channel.
+        wheelbase: of the model [m].
+    """
+    found = []
+    for one in parameters:
+        if one.name == "steering_ratio" and one.free:
+            ratio = 1.0 / (guess.gain * wheelbase)
+            one = replace(one, guess=ratio, low=0.1 * ratio, high=10.0 * ratio)
+        elif one.name == "steering_offset":
+            # An angle is zeroed to some degrees; a command may have its zero anywhere.
+            offset, room = guess.curvature * wheelbase, 0.2 if steer != "steering_command" else 1.0
+            low, high = min(-room, offset - room), max(room, offset + room)
+            one = replace(one, guess=offset, low=low, high=high, usual=one.usual if room < 1.0 else 30.0)
+        elif one.name == "steering_delay" and guess.delay > 0.15:
+            late = guess.delay - 0.1  # the vehicle itself takes some of it
+            one = replace(one, guess=late, high=max(one.high, 2.0 * late))
+        found.append(one)
+    return tuple(found)
