@@ -85,7 +85,7 @@ def test_what_the_logs_can_give_at_best():
 
 @pytest.mark.slow
 def test_standard_manoeuvres_give_all_within_2_percent_and_no_estimator_could_do_better():
-    seeds = 50
+    seeds = 100
     found: list[Any] = [
         fit(standard_data(seed), ModelSpec("single_track"), parameters=LATERAL) for seed in range(seeds)
     ]
@@ -93,11 +93,11 @@ def test_standard_manoeuvres_give_all_within_2_percent_and_no_estimator_could_do
         if name not in CRITERION:
             continue
         off = np.array([one[name].value for one in found]) / TRUTH[name] - 1.0
-        # Of 50 seeds the standard deviation is known to a tenth.
-        assert float(np.std(off)) == pytest.approx(bound, rel=0.3), name
+        # Of 100 seeds the standard deviation is known to 7 %.
+        assert float(np.std(off)) == pytest.approx(bound, rel=0.25), name
         assert np.sum(np.abs(off) < 0.02) >= 0.95 * seeds, name
         held = sum(one[name].low < TRUTH[name] < one[name].high for one in found)
-        assert held >= 0.9 * seeds, name
+        assert 0.9 * seeds <= held <= 0.99 * seeds, name
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pandas as pd
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.estimators.drives import make_drives
+from mirdrake.identification.estimators.drives import LEAST, make_drives
 from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem
@@ -77,7 +77,7 @@ def check_logs(data: DataSet) -> None:
     """Refuse what no model can be fitted to.
 
     Raises:
-        ConfigError: no training log, or one without samples.
+        ConfigError: no training log, or one without samples or with times that do not rise.
     """
     if not data.logs:
         raise ConfigError("data: has no log; name at least one")
@@ -86,6 +86,8 @@ def check_logs(data: DataSet) -> None:
     for log in data.logs:
         if len(log.time) == 0 or not log.channels:
             raise ConfigError(f"log {log.name}: is empty; leave it out")
+        if len(log.time) < LEAST or not np.isfinite(log.time).all() or np.any(np.diff(log.time) < 0.0):
+            raise ConfigError(f"log {log.name}: times must rise; allow the repair 'stamps' in the data file")
 
 
 def first_noise(model: Model, drives: Sequence[Drive]) -> dict[str, float]:

@@ -108,7 +108,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
     else:
         rate = smooth(grid, "lateral_acceleration") / np.where(moving, speed, 1.0)
     delay = delay_of(rate, angle, grid.step)
-    late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else delay.value
+    late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # no cause comes late
     index = np.arange(float(len(angle)))
     angle = np.interp(index - late / grid.step, index, angle)
     calm = moving & (np.abs(speed * rate) < CALM)
@@ -119,19 +119,19 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
 
 
 def _robust(base: Array, values: Array, held: Array) -> Array:
-    """Least squares with weights of Huber, and unknowns that are held near zero by that much over the noise."""
+    """Least squares with weights of Huber, then of Tukey; unknowns are held near zero by that much over the noise."""
     weights, found = np.ones(len(values)), np.zeros(base.shape[1])
     noise = float(np.std(values))
-    for _ in range(20):
+    for turn in range(20):
         rows = np.vstack((base * weights[:, None], np.diag(held) * noise))
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        before = found
         found = np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(held))), rcond=None)[0] / size
         away = np.abs(values - base @ found)
         noise = max(1.4826 * float(np.median(away)), 1e-9)
-        weights = 1.0 / np.sqrt(np.maximum(away / (1.345 * noise), 1.0))
-        if np.allclose(found, before, rtol=1e-3):
-            break
+        ratio = away / noise
+        # What is far off counts with all its size in Huber's loss; in Tukey's it does not count.
+        late = turn > 9
+        weights = np.maximum(1.0 - (ratio / 4.685) ** 2, 0.0) if late else 1.0 / np.sqrt(np.maximum(ratio / 1.345, 1.0))
     return np.asarray(found)
 
 

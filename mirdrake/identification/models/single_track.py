@@ -35,6 +35,7 @@ from mirdrake.worlds.world import GRAVITY
 TYRES = ("linear", "fiala", "magic_formula")
 SPEED = ("vx", "speed")
 _FROUDE, _BLEND = 0.2, 0.05
+_FINE = 0.03  # step of the integration over sqrt(L / g) [1]
 _CORNERING = 12.0  # cornering stiffness over load, a common tyre [1/rad]
 
 
@@ -81,7 +82,10 @@ class SingleTrackModel(Model):
         self.through = NAMES
         self.parameters = self._make(given, wheelbase)
         p = {info.name: info.guess for info in self.parameters}
-        self._v1 = _FROUDE * (GRAVITY * (p["front_length"] + p["rear_length"])) ** 0.5
+        length = p["front_length"] + p["rear_length"]
+        self._v1 = _FROUDE * (GRAVITY * length) ** 0.5
+        # Slip of stiff tyres at 3 v1 settles at some 60 sqrt(g / L); Runge-Kutta needs steps of less than 2.8 of it.
+        self.fine = min(self.fine, _FINE * (length / GRAVITY) ** 0.5)
 
     def _make(self, given: Mapping[str, float], wheelbase: float | None) -> tuple[Parameter, ...]:
         lengths = [given.get("front_length"), given.get("rear_length")]

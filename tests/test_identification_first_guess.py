@@ -1,0 +1,242 @@
+"""A mapping and nothing else: first guesses of the steering, refused signs, default studies, held-out ends."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mirdrake.cli import main
+from mirdrake.errors import ConfigError
+from mirdrake.identification import DataSet, Log
+from mirdrake.identification.data import hold_out
+from mirdrake.identification.default_study import default_study
+from mirdrake.identification.estimators.options import EstimatorOptions
+from mirdrake.identification.estimators.structure import choose_structure
+from mirdrake.identification.findings import DataReport, Finding
+from mirdrake.identification.models import ModelSpec, make_model
+from mirdrake.identification.models.first_guess import guess_steering
+from mirdrake.identification.refusal import refuse_faults
+
+TIME = np.arange(0.0, 60.0, 0.02)
+
+
+def steady(
+    wheelbase=0.32, ratio=1.2, straight=0.53, top=4.0, lock=0.25, understeer=0.02, channel="steering_command", seed=0
+):
+    """A vehicle that is at any time in a steady bend: r = v δ / (L + K v²), by its command of any scale and zero."""
+    random = np.random.default_rng(seed)
+    v = top * (0.6 + 0.35 * np.sin(0.25 * TIME))
+    angle = lock * np.sin(0.9 * TIME) * np.sin(0.11 * TIME)
+    rate = v * angle / (wheelbase + understeer * v**2) + 0.01
+    seen = {
+        "vx": v + random.normal(0.0, 0.005 * top, len(TIME)),
+        channel: straight + ratio * angle,
+        "yaw_rate": rate + random.normal(0.0, 0.01, len(TIME)),
+    }
+    return Log("drive", "train", TIME, seen)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "straight", "wheelbase", "top", "lock"),
+    [
+        (1.2, 0.53, 0.32, 4.0, 0.25),  # servo of a small robot, 0 to 1
+        (500.0, 1500.0, 0.32, 4.0, 0.25),  # pulses of a servo
+        (1.6, 0.0, 2.9, 25.0, 0.04),  # a car
+    ],
+)
+def test_slow_bends_tell_scale_and_zero_of_a_command(ratio, straight, wheelbase, top, lock):
+    log = steady(wheelbase, ratio, straight, top, lock, understeer=0.002 * wheelbase)
+    guess = guess_steering([log], "steering_command")
+    assert guess is not None
+    assert guess.gain * wheelbase == pytest.approx(1.0 / ratio, rel=0.08)
+    assert guess.curvature / guess.gain == pytest.approx(-straight, abs=0.01 * ratio)
+
+
+def test_skids_do_not_move_the_guess():
+    """Three seconds of every minute in which the vehicle turns as it likes; single glitches are mended before."""
+    log = steady()
+    rate = log.channels["yaw_rate"].copy()
+    rate[(TIME > 20.0) & (TIME < 23.0)] = 2.5
+    spoilt = replace(log, channels={**log.channels, "yaw_rate": rate})
+    clean, dirty = (guess_steering([one], "steering_command") for one in (log, spoilt))
+    assert clean is not None
+    assert dirty is not None
+    assert dirty.gain == pytest.approx(clean.gain, rel=0.05)
+
+
+def test_no_guess_from_a_wrong_sign_or_from_noise():
+    log = steady()
+    wrong = replace(log, channels={**log.channels, "yaw_rate": -log.channels["yaw_rate"]})
+    noise = np.random.default_rng(3).normal(0.0, 0.3, len(TIME))
+    for spoilt in (wrong, replace(log, channels={**log.channels, "yaw_rate": noise})):
+        assert guess_steering([spoilt], "steering_command") is None
+
+
+def test_a_model_starts_at_the_guess_and_its_bounds_hold_it():
+    model = make_model(ModelSpec("single_track"), DataSet((steady(),), wheelbase=0.32), {})
+    p = {info.name: info for info in model.parameters}
+    assert p["steering_ratio"].guess == pytest.approx(1.2, rel=0.08)
+    assert p["steering_offset"].guess == pytest.approx(-0.53 / 1.2, abs=0.03)
+    assert p["steering_offset"].low < -1.0
+    assert p["steering_offset"].high > 0.5
+
+
+def test_without_a_wheelbase_the_bends_tell_the_size():
+    """A measured angle of the wheels gives the wheelbase; a command only says that no car makes such bends."""
+    lengths = ("front_length", "rear_length")
+    for channel, ratio, straight, about in (("road_wheel_angle", 1.0, 0.0, 0.08), ("steering_command", 1.2, 0.53, 0.6)):
+        log = steady(ratio=ratio, straight=straight, channel=channel)
+        model = make_model(ModelSpec("single_track"), DataSet((log,)), {})
+        p = {info.name: info for info in model.parameters}
+        assert sum(p[name].guess for name in lengths) == pytest.approx(0.32, rel=about)
+        assert p["front_length"].source.startswith("assumed")
+    car = make_model(ModelSpec("single_track"), DataSet((steady(2.7, 15.0, 0.0, 25.0, 0.03, 0.004),)), {})
+    assert sum(info.guess for info in car.parameters if info.name in lengths) == pytest.approx(2.7)
+
+
+def fault(channel, text, check="units"):
+    return Finding("lap", check, channel, "fault", 1.0, "1", text)
+
+
+def report(*findings):
+    return DataReport(tuple(findings), (), DataSet((steady(),)))
+
+
+USED = {"vx", "yaw_rate", "steering_command"}
+
+
+def test_a_wrong_sign_is_refused_in_one_line_that_says_what_to_write():
+    found = fault("steering_command", "steering_command to the left turns the vehicle to the right: wrong sign")
+    with pytest.raises(ConfigError) as caught:
+        refuse_faults(report(found, replace(found, log="other")), USED)
+    text = str(caught.value)
+    assert text.startswith("lap and 1 more: steering_command: ")
+    assert "write 'sign: -1' at steering_command in 'channels'" in text
+    assert "\n" not in text
+
+
+def test_the_steering_is_not_blamed_for_the_yaw_rate():
+    steering = fault("steering_command", "steering_command to the left turns the vehicle to the right: wrong sign")
+    rate = fault("yaw_rate", "would be explained by: wrong sign of yaw_rate")
+    with pytest.raises(ConfigError) as caught:
+        refuse_faults(report(steering, rate), USED)
+    assert "yaw_rate" in str(caught.value)
+    assert "steering_command" not in str(caught.value)
+
+
+def test_what_the_model_does_without_is_not_refused():
+    refuse_faults(report(fault("yaw", "wrong sign"), fault("yaw_rate, yaw", "wrong sign of yaw_rate or of yaw")), USED)
+    repaired = replace(fault("", "the true step is", "step"), repair="time scaled")
+    refuse_faults(report(repaired, fault("vx", "constant", "range")), USED)
+
+
+def write_log(folder, change=""):
+    table = steady().to_pandas()
+    table.to_csv(folder / "log.csv")
+    text = f"""\
+mirdrake: data/1
+wheelbase: 0.32 m
+channels:
+  vx: {{column: vx, unit: m/s}}
+  yaw_rate: {{column: yaw_rate, unit: rad/s}}
+  steering_command: {{column: steering_command{change}}}
+logs: [{{file: log.csv}}]
+"""
+    (folder / "data.yaml").write_text(text, encoding="utf-8")
+    return folder / "data.yaml"
+
+
+def test_a_data_file_alone_has_a_study(tmp_path):
+    spec = default_study(write_log(tmp_path), overrides=["model.tyres=linear"])
+    assert spec.model == {"kind": "single_track", "tyres": "linear"}
+    assert spec.hold_out == 0.3
+    assert "held out" in spec.about
+
+
+def test_a_data_file_whose_channels_give_nothing_says_what_is_missing(tmp_path):
+    path = write_log(tmp_path)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if "steering_command" not in line), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"no model can be fitted .*\(vx, yaw_rate\); map the steering"):
+        default_study(path)
+
+
+def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys):
+    path = write_log(tmp_path)
+    main(["identify", str(path), "--out", str(tmp_path / "out"), "--set", "model.kind=kinematic"])
+    text = capsys.readouterr().out
+    assert text.startswith("data: no study is given: model single_track by the channels there")
+    assert "Data check, remarks:" in text
+    assert "log.csv, held out" in text
+    path = write_log(tmp_path, ", sign: -1")
+    assert main(["identify", str(path), "--out", str(tmp_path / "wrong")]) == 2
+    error = capsys.readouterr().err
+    assert "write 'sign: -1' at steering_command" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "wrong").exists()
+
+
+def test_the_end_of_the_drives_is_held_out():
+    one, two = steady(), replace(steady(), name="second")
+    apart = hold_out(DataSet((one,)), 0.3)
+    assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, held out", "validation")]
+    assert sum(len(log.time) for log in apart.logs) == len(TIME)
+    assert apart.train[0].time[-1] == pytest.approx(0.7 * TIME[-1], abs=0.05)
+    assert np.all(apart.validation[0].time > apart.train[0].time[-1])
+    both = hold_out(DataSet((one, two)), 0.3)
+    assert [log.name for log in both.train] == ["drive", "second"]
+    assert len(both.train[0].time) == len(TIME)
+    assert sum(len(log.time) for log in both.train) == pytest.approx(1.4 * len(TIME), rel=0.01)
+
+
+def lagging(lag):
+    """Steady bends behind a steering of first order; nothing else is late."""
+    log = steady(top=2.0, lock=0.2)
+    command = log.channels["steering_command"] + 0.1 * np.sign(np.sin(2.1 * TIME))
+    angle = np.empty(len(TIME))
+    angle[0] = command[0]
+    for k in range(1, len(TIME)):
+        angle[k] = command[k] + (angle[k - 1] - command[k]) * np.exp(-0.02 / lag) if lag else command[k]
+    rate = log.channels["vx"] * (angle - 0.53) / 1.2 / 0.32
+    rate = rate + np.random.default_rng(1).normal(0.0, 0.01, len(TIME))
+    return DataSet((replace(log, channels={**log.channels, "steering_command": command, "yaw_rate": rate}),), 0.32)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.15])
+def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
+    found = choose_structure(lagging(lag), ModelSpec("kinematic"), {}, EstimatorOptions())
+    assert ("steering_lag" in found.choices) is (lag > 0.0)
+    assert len(found.notes) == (1 if lag else 0)
+    if lag:
+        assert found.start is not None
+        assert found.start["steering_lag"] == pytest.approx(lag, rel=0.1)
+
+
+def test_what_a_study_says_is_left_as_it_is(monkeypatch):
+    data = lagging(0.15)
+    from mirdrake.identification.estimators import structure
+    from mirdrake.identification.parameters import Choice
+
+    monkeypatch.setattr(structure, "_solve", lambda *_: pytest.fail("nothing is open"))
+    fixed = {"steering_lag": Choice(fixed=0.1)}
+    found = choose_structure(data, ModelSpec("kinematic"), fixed, EstimatorOptions())
+    assert found.choices == fixed
+    assert choose_structure(data, ModelSpec("longitudinal"), {}, EstimatorOptions()).choices == {}
+
+
+def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
+    """The figures of a manoeuvre that runs away are no numbers: no sentence is made of them."""
+    from mirdrake.identification.estimators import output_error
+
+    empty = SimpleNamespace(
+        problem=SimpleNamespace(
+            model=make_model(ModelSpec("kinematic"), DataSet((steady(),), 0.32), {}),
+            drives=[SimpleNamespace(names={"vx"}, channels=lambda _: np.full(9, 3.0))],
+            unknowns=(), values=lambda _: {}, sigmas={},
+        ),
+        covariance=np.eye(2), z=np.zeros(2),
+    )  # fmt: skip
+    for ranked in ((), (SimpleNamespace(name="step steer", d_gain=float("nan")),)):
+        monkeypatch.setattr(output_error, "rank", lambda *_, ranked=ranked, **__: ranked)
+        assert output_error.best_manoeuvre(empty) == []  # type: ignore[arg-type]
