@@ -5,6 +5,7 @@ A verb is a module with ``HELP``, ``MORE``, ``add_arguments(parser)`` and ``run(
 """
 
 import argparse
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -70,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0 done, 1 a run diverged or a check failed, 2 bad input, 130 interrupted before there was anything to keep.
     """
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # its first use tells of a font cache
     try:
         options = _parser().parse_args(arguments)
         code: int = options.verb.run(options)

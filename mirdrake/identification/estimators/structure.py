@@ -1,7 +1,7 @@
 """Which options a model needs, where a study leaves them open: tyres that saturate, a lag of the steering.
 
-The plain model is fitted first, then what might be added to it, from where the first fit ended and with its noise. What
-makes the residuals clearly smaller, and has values with a meaning, is kept.
+The plain model is fitted first, then each addition in turn, from where the best fit ended and with the noise of the
+first. What makes the residuals clearly smaller, and has values with a meaning, is kept.
 """
 
 from collections.abc import Mapping
@@ -27,8 +27,8 @@ LIMIT = 3.0
 WORTH = 0.01
 """Part of the cost that an addition must save."""
 
-MEANT = {"steering_lag": (2e-3, 0.9), "friction_front": (0.1, 2.5), "friction_rear": (0.1, 2.5)}
-"""Between which values an addition has a meaning."""
+LAGS = (2e-3, 0.9)
+"""Between which values a lag is one [s]."""
 
 EARLY = -0.01
 """Dead time beside a lag: what is earlier is no steering, but a lag that makes up for something else [s]."""
@@ -59,42 +59,43 @@ def choose_structure(
         ConfigError: as :func:`~mirdrake.identification.estimators.fit`.
         RunError: the plain model runs away from its guess.
     """
-    plain = Structure(model, dict(choices))
-    additions: list[tuple[str, Structure]] = []
+    best = Structure(model, dict(choices))
     if model.kind not in TURNING:
-        return plain
+        return best
     # A measured angle of the wheels has the lag of the steering in it.
     measured = all("road_wheel_angle" in log.channels for log in data.logs)
     lag = "steering_lag" not in choices and not measured
     tyres = model.kind.startswith("single_track") and "tyres" not in model.options and _most(data) > LIMIT
-    curved = replace(model, options={**model.options, "tyres": "fiala"})
-    slow = {**choices, "steering_lag": Choice(free=True)}
-    if lag and tyres:
-        additions.append(("tyres: fiala and a lag of the steering", Structure(curved, slow)))
-    if lag:
-        additions.append(("a lag of the steering", Structure(model, slow)))
-    if tyres:
-        additions.append(("tyres: fiala", Structure(curved, dict(choices))))
-    if not additions:
-        return plain
+    if not lag and not tyres:
+        return best
     options = replace(options, bootstrap=0, profile=False)
-    first = _solve(data, plain, options, None)
-    found = first.problem.values(first.z)
-    for words, tried in additions:
+    least = first = _solve(data, best, options, None)
+    notes = []
+    for words in [*(["a lag of the steering"] if lag else []), *(["tyres: fiala"] if tyres else [])]:
+        if words.startswith("tyres"):
+            tried = best._replace(model=replace(model, options={**model.options, "tyres": "fiala"}))
+        else:
+            tried = best._replace(choices={**best.choices, "steering_lag": Choice(free=True)})
         try:
-            second = _solve(data, tried, options, first)
+            found = _solve(data, tried, options, least)
         except RunError:
             continue
-        values = second.problem.values(second.z)
-        plainly, now = ({one.info.name for one in each.problem.free} for each in (first, second))
-        added = [name for name in MEANT if name in now - plainly]
-        meant = all(MEANT[name][0] < values[name] < MEANT[name][1] for name in added)
-        meant &= "steering_lag" not in added or values["steering_delay"] > EARLY
-        if meant and second.cost < (1.0 - WORTH) * first.cost:
-            saved = 100.0 * (1.0 - second.cost / first.cost)
-            note = f"the study leaves it open, and the training drives ask for it: {words} ({saved:.2g} % less misfit)"
-            return tried._replace(start=values, notes=(note,))
-    return plain._replace(start=found)
+        if _has_meaning(found, first) and found.cost < (1.0 - WORTH) * least.cost:
+            saved = 100.0 * (1.0 - found.cost / least.cost)
+            notes.append(f"left open by the study, wanted by the training drives: {words} ({saved:.2g} % less misfit)")
+            best, least = tried, found
+    return best._replace(start=least.problem.values(least.z), notes=tuple(notes))
+
+
+def _has_meaning(found: Minimum, first: Minimum) -> bool:
+    """Whether what was added has values that a vehicle can have."""
+    plain, now = ({one.info.name for one in each.problem.free} for each in (first, found))
+    values = found.problem.values(found.z)
+    for name in now - plain:
+        least, most = LAGS if name == "steering_lag" else found.problem.model.plausible(name, values)
+        if not least < values[name] < most:
+            return False
+    return "steering_lag" not in now - plain or values["steering_delay"] > EARLY
 
 
 def _most(data: DataSet) -> float:
@@ -111,7 +112,7 @@ def _most(data: DataSet) -> float:
 
 
 def _solve(data: DataSet, tried: Structure, options: EstimatorOptions, first: Minimum | None) -> Minimum:
-    """The least cost of a structure, with the noise of the first one."""
+    """The least cost of a structure, from an earlier one and with its noise."""
     known = {name: value for name, choice in tried.choices.items() if (value := known_value(choice)) is not None}
     made = make_model(tried.model, data, known)
     drives, _ = make_drives(made, data.train, options.shooting)

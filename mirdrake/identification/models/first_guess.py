@@ -2,10 +2,10 @@
 
 In slow bends a vehicle of any size turns with::
 
-    r = v (c / ρ + δ0) / (L (1 + K v²)) + r0,    that is    r = g v c + o v - K v² r + r0 (1 + K v²)
+    r = v (c / ρ + δ0) / (L (1 + K v²)) + r0,    nearly    r = g v c + o v - h v³ c + r0
 
-for the steering channel c of ratio ρ and offset δ0, the wheelbase L and the bias r0 of the gyro. It is linear in
-g = 1 / (ρ L), o = δ0 / L and K; r0 is taken as a constant. So scale and zero of a command of unknown units (0 to 1,
+for the steering channel c of ratio ρ and offset δ0, the wheelbase L and the bias r0 of the gyro: it is linear in
+g = 1 / (ρ L), o = δ0 / L, h = K g and r0. So scale and zero of a command of unknown units (0 to 1,
 ticks of a servo) are known well enough for a fit, whatever the size of the vehicle.
 """
 
@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.identification.alignment import delay_of, smooth
 from mirdrake.identification.data import Array, Log
@@ -34,6 +35,12 @@ LONGEST = 2.7
 
 _ALIGNED = 0.5
 """Correlation from which on a delay of the steering is one."""
+
+_SLOW = 0.5
+"""Smoothing of the speed [s]: its noise must not look like a change of it."""
+
+_HELD = 10.0
+"""How strongly K v² is held near zero: noise of neighbouring rows is one noise."""
 
 _BIAS = 0.02
 """Usual bias of a gyro [rad/s]."""
@@ -81,16 +88,18 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     if not rows:
         return None
     v, c, r = np.concatenate(rows, axis=1)
-    if len(v) < FEWEST or np.ptp(c) == 0.0:
+    if len(v) < FEWEST or np.ptp(c) == 0.0 or np.ptp(r) == 0.0:
         return None
     middle = float(np.median(c))  # a command about 1500 is nearly the same column as the speed
-    base = np.column_stack((v * (c - middle), v, -v * v * r, np.ones(len(v))))
-    # K v² and r0 are held near zero where nothing tells them apart from the rest.
-    held = np.array([0.0, 0.0, float(np.max(v * v)), 1.0 / _BIAS])
-    solved = _robust(base, r, held)
+    top, one = float(np.max(v)), np.ones(len(v))
+    base = np.column_stack((v * (c - middle), v, one, -((v / top) ** 2) * v * (c - middle)))
+    # K v² and r0 are held near zero where nothing tells them apart from the rest, as at one speed.
+    plain = _robust(base[:, :3], r, np.array([0.0, 0.0, 1.0 / _BIAS]))
+    if plain[0] <= 0.0:
+        return None
+    solved = _robust(base, r, np.array([0.0, 0.0, 1.0 / _BIAS, _HELD / plain[0]]))
     gain, at_middle = float(solved[0]), float(solved[1])
-    told = r - base @ np.array([0.0, 0.0, *solved[2:]])
-    if gain <= 0.0 or np.corrcoef(base[:, :2] @ solved[:2], told)[0, 1] < _ALIGNED:
+    if gain <= 0.0 or np.corrcoef(base @ solved, r)[0, 1] < _ALIGNED:
         return None
     return SteeringGuess(gain, at_middle - gain * middle, float(np.median(delays)), tightest)
 
@@ -102,6 +111,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
         return None
     speed, angle = smooth(grid, forward), smooth(grid, steer)
     top = float(np.max(np.abs(speed)))
+    speed = gaussian_filter1d(speed, max(_SLOW / grid.step, 1e-3), mode="nearest")
     moving = speed > min(1.0, 0.2 * top)
     if "yaw_rate" in grid.channels:
         rate = smooth(grid, "yaw_rate")
