@@ -11,6 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from mirdrake.controllers import Ackermann, AckermannSteering, AxleGeometry
 from mirdrake.errors import ConfigError
 from mirdrake.signals import signals_of
+from mirdrake.testing import assert_follows, drive
 
 BOLT = AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5)
 SCRUBBED = AxleGeometry(2.6, front_track=1.56, rear_track=1.48, kingpin_track=1.36, steering_limit=0.6)
@@ -196,19 +197,25 @@ def test_system_without_period_follows_at_once_and_has_no_state():
 
 
 def test_system_with_period_needs_0_4_s_for_0_2_rad():
-    system, simulator, context = steer(0.2, period=0.01)
-    np.testing.assert_array_equal(system.wheel_angles.Eval(context), [0.0, 0.0])
-    simulator.AdvanceTo(0.1 + 0.005)  # updates at 0, 0.01 ... 0.10: eleven steps of 0.005 rad
-    assert system.steering_angle.Eval(context)[0] == pytest.approx(0.055, abs=1e-12)
-    simulator.AdvanceTo(0.4)
-    np.testing.assert_allclose(system.wheel_angles.Eval(context), Ackermann(BOLT).wheel_angles(0.2), atol=1e-12)
+    steering = AckermannSteering(BOLT, period=0.01)
+    followed = drive(steering, inputs={"steering": 0.2}, duration=0.5, period=0.005)
+    # At most 0.5 rad/s: an update at 0, 0.01 ... adds 0.005 rad, seen between it and the next.
+    between = followed["steering_angle"].iloc[1::2]
+    assert_follows(between, lambda t: min(0.5 * (t + 0.005), 0.2), atol=1e-12)
+    assert followed["wheel_angles.left"].iloc[0] == followed["wheel_angles.right"].iloc[0] == 0.0
+    last = followed[["wheel_angles.left", "wheel_angles.right"]].iloc[-1]
+    np.testing.assert_allclose(last, Ackermann(BOLT).wheel_angles(0.2), atol=1e-12)
 
 
 def test_system_starts_from_the_angle_in_its_context():
-    system, simulator, context = steer(0.2, period=0.01)
-    system.set_steering(context, 0.2)
-    simulator.AdvanceTo(0.05)
-    assert system.steering_angle.Eval(context)[0] == 0.2
+    steering = AckermannSteering(BOLT, period=0.01)
+    held = drive(
+        steering,
+        inputs={"steering": 0.2},
+        duration=0.05,
+        prepare=lambda context: steering.set_steering(context, 0.2),
+    )
+    assert_follows(held["steering_angle"], 0.2, atol=1e-15)
 
 
 def test_unior_linkage_is_limited_by_its_inner_wheel_too():

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource, ZeroOrderHold
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits, PidState, SpeedControl, pid_step
 from mirdrake.controllers.ackermann import AxleGeometry
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.errors import ConfigError
 from mirdrake.signals import signals, signals_of
+from mirdrake.testing import assert_follows, drive
 
 H = 0.01
 
@@ -207,20 +207,9 @@ def test_system_and_law_give_the_same_control():
     gains = PidGains(2.0, 1.5, 0.1, filter_time=0.02)
     measured = [0.0, 0.1, 0.15, 0.3, 0.2, 0.2]
     expected, _ = run_law(gains, [1.0] * 6, measured)
-    builder = DiagramBuilder()
-    pid = builder.AddSystem(DiscretePid(gains, period=H))
-    times = [i * H for i in range(6)]
-    trajectory = PiecewisePolynomial.ZeroOrderHold([*times, 6 * H], np.array([[*measured, 0.0]]))
-    held = builder.AddSystem(TrajectorySource(trajectory))
-    source = builder.AddSystem(ConstantVectorSource([1.0]))
-    builder.Connect(source.get_output_port(), pid.reference)
-    builder.Connect(held.get_output_port(), pid.measurement)
-    simulator = Simulator(builder.Build())
-    simulator.Initialize()
-    context = pid.GetMyContextFromRoot(simulator.get_context())
-    for n in range(6):
-        simulator.AdvanceTo(n * H + 0.5 * H)
-        assert pid.control.Eval(context)[0] == pytest.approx(expected[n], abs=1e-9)
+    held = {"reference": 1.0, "measurement": lambda t: measured[min(int(t / H + 0.01), 5)]}
+    control = drive(DiscretePid(gains, period=H), inputs=held, duration=6 * H, period=0.5 * H)["control"]
+    assert_follows(control.iloc[1::2], expected, atol=1e-9)  # between two updates
 
 
 def test_control_is_right_at_time_zero_and_the_first_update_counts_once():
@@ -321,20 +310,9 @@ def test_a_set_point_of_zero_empties_the_trim():
 
 
 def test_speed_control_system_gives_ackermann_wheel_speeds():
-    builder = DiagramBuilder()
-    geometry = AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5)
-    control = builder.AddSystem(SpeedControl(geometry, wheel_radius=0.325, period=0.01))
-    setpoint = builder.AddSystem(ConstantVectorSource([3.25, 0.2]))
-    speed = builder.AddSystem(ConstantVectorSource([3.25]))
-    builder.Connect(setpoint.get_output_port(), control.setpoint)
-    builder.Connect(speed.get_output_port(), control.speed)
-    hold = builder.AddSystem(ZeroOrderHold(0.01, 4))
-    builder.Connect(control.wheel_speeds, hold.get_input_port())
-    log = LogVectorOutput(hold.get_output_port(), builder)
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    simulator.AdvanceTo(0.1)
-    wheels = log.FindLog(simulator.get_context()).data()[:, -1]
+    control = SpeedControl(AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5), wheel_radius=0.325, period=0.01)
+    inputs = {"setpoint": [3.25, 0.2], "speed": 3.25}
+    wheels = drive(control, inputs=inputs, duration=0.1, outputs=["wheel_speeds"]).iloc[-1].to_numpy()
     radius = 2.6 / math.tan(0.2)
     assert wheels[2] == pytest.approx(10.0 * (radius - 0.75) / radius, rel=1e-12)
     assert wheels[1] == pytest.approx(10.0 * math.hypot(radius + 0.75, 2.6) / radius, rel=1e-12)
