@@ -62,7 +62,10 @@ def fit(
         raise ConfigError(
             f"data: {problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
         )
-    solution = solve(problem, options, None if start is None else problem.scaled(start))
+    z = None if start is None else problem.scaled(start)
+    if z is not None and np.isfinite(problem.residuals(z)).all():  # near the end already: with the noise there
+        problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
+    solution = solve(problem, options, z)
     result = describe(data, solution, unknowns, name=name, options=options, notes=notes)
     return replace(result, seconds=time.perf_counter() - begun)
 

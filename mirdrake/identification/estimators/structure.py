@@ -27,6 +27,9 @@ LIMIT = 3.0
 WORTH = 0.01
 """Part of the cost that an addition must save."""
 
+MOST = 15
+"""Evaluations of an addition: one that is needed shows by then."""
+
 LAGS = (2e-3, 0.9)
 """Between which values a lag is one [s]."""
 
@@ -69,6 +72,7 @@ def choose_structure(
     if not lag and not tyres:
         return best
     options = replace(options, bootstrap=0, profile=False)
+    few = replace(options, iterations=min(options.iterations, MOST))
     least = first = _solve(data, best, options, None)
     notes = []
     for words in [*(["a lag of the steering"] if lag else []), *(["tyres: fiala"] if tyres else [])]:
@@ -77,7 +81,7 @@ def choose_structure(
         else:
             tried = best._replace(choices={**best.choices, "steering_lag": Choice(free=True)})
         try:
-            found = _solve(data, tried, options, least)
+            found = _solve(data, tried, few, least)
         except RunError:
             continue
         if _has_meaning(found, first) and found.cost < (1.0 - WORTH) * least.cost:
