@@ -12,7 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import Adder, LogVectorOutput
 
 from mirdrake.plant import PlantSpec, make_plant, set_start
-from mirdrake.single_track import SingleTrack, SingleTrackParameters
+from mirdrake.single_track import SingleTrack, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.suspension import make_anti_roll
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
@@ -307,18 +307,19 @@ def _trace_of_body(q: Array, v: Array, point: tuple[float, float]) -> Trace:
     return Trace(time, rate, np.gradient(aside, SAMPLE) + rate * ahead, ahead)
 
 
-def single_track_trace(p: Any, steer: Manoeuvre) -> Trace:
-    """Our reduced model with brush tyres: stiffness and friction of the package's tyre at its static loads."""
-    ratios, length = load_ratios(p), p.a + p.b
-    front, rear = (ratio * p.m * GRAVITY * arm / length for ratio, arm in zip(ratios, (p.b, p.a), strict=True))
-    parameters = SingleTrackParameters(
-        mass=p.m, yaw_inertia=p.I_z, front_length=p.a, rear_length=p.b, com_height=p.h_cg,
-        rotating_mass=4.0 * p.I_y_w / p.R_w**2,
-        front_stiffness=-p.tire.p_ky1 * front, rear_stiffness=-p.tire.p_ky1 * rear,
-        front_friction=p.tire.p_dy1, rear_friction=p.tire.p_dy1,
-    )  # fmt: skip
+def single_track_trace(vehicle: Vehicle, steer: Manoeuvre, *, relaxation: bool = False, roll: bool = False) -> Trace:
+    """Our reduced model with brush tyres, its parameters read off the vehicle folder; acceleration of its own point.
+
+    Args:
+        vehicle: of :func:`write_car`.
+        steer: what the front wheels do.
+        relaxation: whether the tyres lag.
+        roll: whether the body rolls; the acceleration is then that of the point on the road below the centre of mass.
+    """
     builder = DiagramBuilder()
-    model = builder.AddSystem(SingleTrack(parameters, Variant("brush")))
+    model = builder.AddSystem(
+        SingleTrack(estimate_parameters(vehicle, drag=False, roll=roll), Variant("brush", relaxation, roll=roll))
+    )
     angle = builder.AddSystem(_Function(lambda t: [steer.angle(t)], 1))
     none = builder.AddSystem(_Function(lambda t: [0.0, 0.0], 2))
     builder.Connect(angle.get_output_port(), model.steering)

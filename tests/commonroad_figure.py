@@ -65,6 +65,10 @@ def run(name: str, steering: str) -> Case:
             vehicle = load_vehicle(str(write_car(Path(folder) / "car", p, kind=kind, mapped=mapped)))
             return plant_trace(vehicle, steer, centre_of_sprung_mass(p))
 
+    def reduced() -> Trace:
+        with tempfile.TemporaryDirectory() as folder:
+            return single_track_trace(load_vehicle(str(write_car(Path(folder) / "car", p))), steer)
+
     return Case(
         package("published"),
         package("slip_only"),
@@ -72,7 +76,7 @@ def run(name: str, steering: str) -> Case:
         ours("wheel_slip"),
         ours("published"),
         ours("wheel_slip", mapped=False),
-        single_track_trace(p, steer),
+        reduced(),
     )
 
 

@@ -56,6 +56,9 @@ GRAVITY = 9.81
 CARS = {"Ford Escort": 1, "BMW 320i": 2, "VW Vanagon": 3}
 MANOEUVRES = ("step", "sweep", "ramp")
 
+TOPS = {"low_sweep": 0.7, "mid_sweep": 1.5, "sweep": 2.0}
+"""Where the sweeps end [Hz]."""
+
 Reference = Literal["published", "slip_only", "wheel_slip"]
 Array = NDArray[np.floating[Any]]
 
@@ -73,7 +76,7 @@ class Manoeuvre:
     """A road-wheel angle over time.
 
     Attributes:
-        name: step, sweep or ramp.
+        name: step, ramp or a sweep of :data:`TOPS`.
         duration: [s].
         angle: time [s] -> angle [rad].
         rate: time [s] -> its rate [rad/s].
@@ -92,12 +95,13 @@ def manoeuvre(name: str, wheelbase: float) -> Manoeuvre:
 
     - step: 0.4 g at 1 s, within 0.2 s; held for 2.8 s.
     - sweep: 0.3 g, 0.2 to 2 Hz, frequency linear in time over 15 s.
+    - mid_sweep: the same to 1.5 Hz.
     - low_sweep: the same to 0.7 Hz, the top of the swept sine of MathWorks' reference applications.
     - ramp: to 0.5 g in 6.5 s.
     """
     per_g = GRAVITY * wheelbase / SPEED**2
-    if name in {"sweep", "low_sweep"}:
-        high = 2.0 if name == "sweep" else 0.7
+    if name in TOPS:
+        high = TOPS[name]
         top, start, low, slope = 0.3 * per_g, 0.5, 0.2, (high - 0.2) / 15.0
 
         def phase(t: float) -> float:
