@@ -103,6 +103,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
                 self._fast = make_fast(variant, len(self.state_names), 3 + 2 * servo)
                 ready = ValueProducer(allocate=Value[object], calc=self._prepare)
                 self._ready = self.DeclareCacheEntry("constants", ready, {self.all_parameters_ticket()})
+                held = ValueProducer(allocate=Value[object], calc=self._read)
+                self._held = self.DeclareCacheEntry("inputs", held, {self.steering.ticket(), self.forces.ticket()})
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
             if variant.tyres == "kinematic" and not variant.actuators:
                 needs.add(self.steering.ticket())
@@ -123,7 +125,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:  # noqa: N802
             if plain:
                 x = context.get_continuous_state_vector().CopyToVector().tolist()
-                rates = self._fast.rates(self._ready.Eval(context), x, self._inputs(context))
+                rates = self._fast.rates(self._ready.Eval(context), x, self._held.Eval(context))
             else:
                 rates = self._evaluate(context).state
             derivatives.get_mutable_vector().SetFromVector(rates)
@@ -131,6 +133,9 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def _prepare(self, context: Context, constants: Any) -> None:
             parameters = context.get_numeric_parameter(self._parameters).get_value().tolist()
             constants.set_value(self._fast.prepare(parameters))
+
+        def _read(self, context: Context, inputs: Any) -> None:
+            inputs.set_value(self._inputs(context))
 
         def _inputs(self, context: Context) -> list[Any]:
             steering, forces = self.steering.Eval(context).tolist(), self.forces.Eval(context).tolist()
@@ -161,7 +166,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def _calc_motion(self, context: Context, output: Any) -> None:
             if plain:
                 x = context.get_continuous_state_vector().CopyToVector().tolist()
-                output.SetFromVector(self._fast.motion(self._ready.Eval(context), x, self._inputs(context)))
+                output.SetFromVector(self._fast.motion(self._ready.Eval(context), x, self._held.Eval(context)))
             else:
                 zero = T(0.0)  # makes floats into T
                 output.SetFromVector([zero + value for value in self._evaluate(context).motion])
