@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import Context
 
+from mirdrake.errors import ConfigError
 from mirdrake.vehicles import Vehicle
 
 _ITERATIONS = 20
@@ -55,6 +57,48 @@ class RestPose(NamedTuple):
     pitch: float
     roll: float
     travel: tuple[float, ...]
+
+
+def check_balance(
+    plant: MultibodyPlant, context: Context, vehicle: Vehicle, instance: ModelInstanceIndex, *, above: bool = False
+) -> None:
+    """Refuse a vehicle that does not stand on both of its axles.
+
+    Args:
+        plant: holds the vehicle, finalised.
+        context: of the plant, with the vehicle frame at the origin of the world.
+        vehicle: the vehicle.
+        instance: its model instance.
+        above: refuse a centre of mass below the road, too; a car then stands, but its load goes the wrong way.
+
+    Raises:
+        ConfigError: it tips over, or its centre of mass is below the road; with the place of the link that does most
+            about it.
+    """
+    x, _, z = plant.CalcCenterOfMassPositionInWorld(context, [instance]).tolist()
+    length = vehicle.geometry.wheelbase
+    if x <= 0.0:
+        told, axis, start = f"{-x:.3g} m behind the rear axle: it tips over backwards", 0, 0.0
+    elif x >= length:
+        told, axis, start = f"{x - length:.3g} m ahead of the front axle: it tips over forwards", 0, length
+    elif above and z <= 0.0:
+        told, axis, start = f"{-z:.3g} m below the road", 2, 0.0
+    else:
+        return
+    sign = 1.0 if x >= length else -1.0
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+
+    def pull(body: RigidBody) -> float:
+        centre = body.CalcCenterOfMassInBodyFrame(context)
+        place = plant.EvalBodyPoseInWorld(context, body).multiply(centre)
+        return float(sign * body.get_mass(context) * (place[axis] - start))
+
+    worst = max(bodies, key=pull).name()
+    at = vehicle.link_places.get(worst, "")
+    raise ConfigError(
+        f"{at}{': ' if at else ''}the centre of mass of '{vehicle.name}' is {told}; check mass and origin of link "
+        f"'{worst}', which pulls it there the most"
+    )
 
 
 def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -> RestPose | None:

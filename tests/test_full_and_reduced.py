@@ -6,7 +6,6 @@ km/h and 1 Hz this takes the difference of the lateral acceleration from 7 to 3 
 """
 
 import functools
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,21 +22,26 @@ from mirdrake.vehicles import load_vehicle
 
 G = 9.80665
 NAME = "bolt@handling"
+OTHERS = ["mkz@handling", "catvehicle@handling", "unior@handling"]
 START = 1.0
-_MODEL: dict[str, Any] = {"tyres": "brush", "relaxation": True, "roll": True}
 _ROWS = [signal.name for signal in STATE]
 
 
 @functools.cache
-def _rig() -> Rig:
-    vehicle = load_vehicle(NAME)
-    return Rig(NAME, vehicle, find_facts(vehicle))
+def _rig(name: str) -> Rig:
+    vehicle = load_vehicle(name)
+    return Rig(name, vehicle, find_facts(vehicle))
 
 
-def _reduced(profile, *, speed: float, duration: float) -> Record:
+def _reduced(name: str, profile, *, speed: float, duration: float) -> Record:
     """The same command given to the single-track model behind the vehicle's control unit."""
-    rig, builder = _rig(), DiagramBuilder()
-    model = builder.AddNamedSystem("reduced", make_single_track_vehicle(rig.vehicle, **_MODEL))
+    rig, builder = _rig(name), DiagramBuilder()
+    model = builder.AddNamedSystem(
+        "reduced",
+        make_single_track_vehicle(
+            rig.vehicle, tyres="brush", relaxation=True, roll=rig.vehicle.spec.suspension is not None
+        ),
+    )
     driver = builder.AddNamedSystem("driver", OpenLoopDriver(profile, speeds=[[0.0, speed]]))
     builder.Connect(driver.command, model.GetInputPort("command"))
     builder.Connect(model.GetOutputPort("state"), driver.state)
@@ -56,14 +60,14 @@ def _reduced(profile, *, speed: float, duration: float) -> Record:
     )  # fmt: skip
 
 
-def _both(profile, *, speed: float, duration: float) -> tuple[Record, Record]:
-    rig = _rig()
+def _both(name: str, profile, *, speed: float, duration: float) -> tuple[Record, Record]:
+    rig = _rig(name)
     full = rig.run("full", rig.open_driver(profile, speeds=[[0.0, speed]]), duration=duration, speed=speed)
-    return full, _reduced(profile, speed=speed, duration=duration)
+    return full, _reduced(name, profile, speed=speed, duration=duration)
 
 
-def _angle(lateral: float, speed: float) -> float:
-    return _rig().facts.steering_for(lateral * G, speed)
+def _angle(name: str, lateral: float, speed: float) -> float:
+    return _rig(name).facts.steering_for(lateral * G, speed)
 
 
 def _error(full, reduced, name: str) -> float:
@@ -74,39 +78,59 @@ def _error(full, reduced, name: str) -> float:
     return float(np.sqrt(np.mean((got - wanted)[late] ** 2)) / np.max(np.abs(wanted)))
 
 
-def _check_steps(speed: float, lateral: float) -> None:
-    profile = {"kind": "step", "amplitude": _angle(lateral, speed), "start": START, "rise": 0.15}
-    full, reduced = _both(profile, speed=speed, duration=4.0)
+def _check_steps(vehicle: str, speed: float, lateral: float) -> None:
+    profile = {"kind": "step", "amplitude": _angle(vehicle, lateral, speed), "start": START, "rise": 0.15}
+    full, reduced = _both(vehicle, profile, speed=speed, duration=4.0)
     assert np.max(full.lateral_acceleration) == pytest.approx(lateral * G, rel=0.1)  # it is what the test is about
     for name in ("yaw_rate", "lateral_acceleration"):
         assert _error(full, reduced, name) < 0.05, name
         gains = [float(np.mean(getattr(run, name)[run.time > 3.5])) for run in (full, reduced)]
-        assert gains[1] == pytest.approx(gains[0], rel=0.02), name
+        assert gains[1] == pytest.approx(gains[0], rel=0.02 if vehicle == NAME else 0.05), name
 
 
-def _check_sines(speed: float, lateral: float, frequency: float) -> None:
-    profile = {"kind": "sine", "amplitude": _angle(lateral, speed), "start": START, "frequency": frequency}
-    full, reduced = _both(profile | {"periods": 2.0}, speed=speed, duration=START + 2.0 / frequency + 0.5)
+def _check_sines(vehicle: str, speed: float, lateral: float, frequency: float) -> None:
+    profile = {"kind": "sine", "amplitude": _angle(vehicle, lateral, speed), "start": START, "frequency": frequency}
+    full, reduced = _both(vehicle, profile | {"periods": 2.0}, speed=speed, duration=START + 2.0 / frequency + 0.5)
     assert np.max(np.abs(full.lateral_acceleration)) > 0.4 * lateral * G
     for name in ("yaw_rate", "lateral_acceleration"):
         assert _error(full, reduced, name) < 0.05, name
-    assert _error(full, reduced, "roll") < 0.07
+    if _rig(vehicle).vehicle.spec.suspension is not None:
+        assert _error(full, reduced, "roll") < 0.07
 
 
 @pytest.mark.parametrize("lateral", [0.1, 0.3])
 def test_a_step_of_steering(lateral):
-    _check_steps(100.0 / 3.6, lateral)
+    _check_steps(NAME, 100.0 / 3.6, lateral)
 
 
 @pytest.mark.parametrize(("kmh", "frequency"), [(100.0, 0.5), (60.0, 1.0)])
 def test_a_sine_of_steering(kmh, frequency):
-    _check_sines(kmh / 3.6, 0.3, frequency)
+    _check_sines(NAME, kmh / 3.6, 0.3, frequency)
+
+
+@pytest.mark.parametrize("vehicle", OTHERS)
+def test_other_vehicles_at_three_tenths_of_g(vehicle):
+    speed = (50.0 if vehicle.startswith("unior") else 100.0) / 3.6
+    _check_steps(vehicle, speed, 0.3)
+    _check_sines(vehicle, speed, 0.3, 0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", OTHERS)
+@pytest.mark.parametrize("lateral", [0.1, 0.2, 0.3])
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_other_vehicles_at_other_speeds(vehicle, lateral, share):
+    """The Unior, whose wheelbase is a quarter to a third of a car's, at half of the speeds."""
+    speed = share * (50.0 if vehicle.startswith("unior") else 100.0) / 3.6
+    _check_steps(vehicle, speed, lateral)
+    for frequency in (0.5, 1.0):
+        _check_sines(vehicle, speed, lateral, frequency)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kmh", "lateral"), [(60.0, 0.1), (60.0, 0.2), (60.0, 0.3), (100.0, 0.2)])
 def test_a_step_at_other_speeds(kmh, lateral):
-    _check_steps(kmh / 3.6, lateral)
+    _check_steps(NAME, kmh / 3.6, lateral)
 
 
 @pytest.mark.slow
@@ -117,7 +141,7 @@ def test_a_step_at_other_speeds(kmh, lateral):
 )
 @pytest.mark.parametrize("lateral", [0.1, 0.2, 0.3])
 def test_sines_at_other_speeds(kmh, frequency, lateral):
-    _check_sines(kmh / 3.6, lateral, frequency)
+    _check_sines(NAME, kmh / 3.6, lateral, frequency)
 
 
 def test_what_a_steady_turn_adds_to_the_slip_is_in_the_stiffness():

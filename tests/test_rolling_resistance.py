@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mirdrake.plant import PlantSpec
-from tests.rigs import GRAVITY, coasting_car
+from tests.rigs import GRAVITY, coasting_car, drive
 
 BOLT_CRR = 0.0079
 SETTLE, COAST = 0.6, 2.0
@@ -39,6 +39,13 @@ def test_without_the_mend_hydroelastic_wheels_brake_several_times_harder():
 @pytest.mark.parametrize("contact", ["hydroelastic", "point"])
 def test_without_rolling_resistance_a_car_keeps_its_speed(contact):
     assert effective_coefficient(10.0, PlantSpec(contact=contact), coefficient=0.0) == pytest.approx(0.0, abs=3e-4)
+
+
+def test_what_front_wheels_do_to_each_other_moves_no_car():
+    # At 25 m/s on patches they push against each other with up to half of their loads; see docs/tyres.md.
+    run = drive(2.0, speed=25.0, contact="hydroelastic").signals
+    for name in ("y", "vy", "wz"):
+        assert run[f"ego.{name}"].abs().max() < 1e-4
 
 
 def mean_loads(speed, contact):

@@ -649,5 +649,9 @@ def test_a_delay_shifts_the_response():
 
 
 def test_a_centre_of_mass_below_the_road_is_told():
-    with pytest.raises(ConfigError, match=r"of 'catvehicle@published': the centre of mass is 0\.\d+ m below the road"):
+    said = (
+        r"catvehicle/\w+\.xacro:\d+: the centre of mass of 'catvehicle@published' is 0\.\d+ m below the road; check "
+        r"mass and origin of link '\w+'"
+    )
+    with pytest.raises(ConfigError, match=said):
         estimate_parameters(load_vehicle("catvehicle@published"))

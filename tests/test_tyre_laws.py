@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydrake.autodiffutils import AutoDiffXd
 
 from mirdrake.errors import ConfigError
 from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces
 from mirdrake.tyres.magic_formula import TyreForces, magic_formula, relaxation_lengths, slip_curve
-from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
+from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
 from mirdrake.tyres.relaxation import (
     Contact,
     Deflection,
@@ -228,7 +228,12 @@ def test_magic_formula_equals_commonroad() -> None:
 
 
 def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: float, v: float) -> list[float]:
-    """The formulas a second time, in the order of the manual, one line each: MF 6.1, forward, above the low speed."""
+    """The formulas a second time, in the order of the manual, one line each: ahead, from the low speed on.
+
+    MF 6.1, and where its own manual differs MF 5.2. Rolling resistance is against the spin of the tread, also where
+    the wheel is locked or turns backwards.
+    """
+    old = p.version == "5.2"
     sin, cos, at = math.sin, math.cos, math.atan
 
     def mf(b: float, c: float, e: float, x: float) -> float:
@@ -245,7 +250,7 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
     ex = (p.pex1 + p.pex2 * d + p.pex3 * d**2) * (1 - p.pex4 * sg(kx)) * p.lex
     fx0 = mux * n * sin(mf(kxk / (p.pcx1 * mux * n), p.pcx1, ex, kx)) + n * (p.pvx1 + p.pvx2 * d) * p.lvx * p.lmux
     bxa, exa = (p.rbx1 + p.rbx3 * s**2) * cos(at(p.rbx2 * k)) * p.lxal, p.rex1 + p.rex2 * d
-    fx = fx0 * cos(mf(bxa, p.rcx1, exa, t + p.rhx1)) / cos(mf(bxa, p.rcx1, exa, p.rhx1))
+    fx = fx0 * max(0.0, cos(mf(bxa, p.rcx1, exa, t + p.rhx1)) / cos(mf(bxa, p.rcx1, exa, p.rhx1)))
 
     def lateral(s: float) -> tuple[float, float, float, float, float, float]:
         muy = (p.pdy1 + p.pdy2 * d) * (1 + p.ppy3 * q + p.ppy4 * q**2) * (1 - p.pdy3 * s**2) * p.lmuy
@@ -253,7 +258,7 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
         kya *= sin(p.pky4 * at(n / f0 / ((p.pky2 + p.pky5 * s**2) * (1 + p.ppy2 * q))))
         svg = n * (p.pvy3 + p.pvy4 * d) * s * p.lkyc * p.lmuy
         kyg = n * (p.pky6 + p.pky7 * d) * (1 + p.ppy5 * q) * p.lkyc
-        sh = (p.phy1 + p.phy2 * d) * p.lhy + (kyg * s - svg) / kya
+        sh = (p.phy1 + p.phy2 * d) * p.lhy + (p.phy3 * s * p.lkyc if old else (kyg * s - svg) / kya)
         sv = n * (p.pvy1 + p.pvy2 * d) * p.lvy * p.lmuy + svg
         ey = (p.pey1 + p.pey2 * d) * (1 + p.pey5 * s**2 - (p.pey3 + p.pey4 * s) * sg(t + sh)) * p.ley
         by = kya / (p.pcy1 * muy * n)
@@ -262,9 +267,10 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
     fy0, muy, kya, sh, sv, by = lateral(s)
     byk = (p.rby1 + p.rby4 * s**2) * cos(at(p.rby2 * (t - p.rby3))) * p.lyka
     eyk, shk = p.rey1 + p.rey2 * d, p.rhy1 + p.rhy2 * d
-    gyk = cos(mf(byk, p.rcy1, eyk, k + shk)) / cos(mf(byk, p.rcy1, eyk, shk))
+    gyk = max(0.0, cos(mf(byk, p.rcy1, eyk, k + shk)) / cos(mf(byk, p.rcy1, eyk, shk)))
     dvk = muy * n * (p.rvy1 + p.rvy2 * d + p.rvy3 * s) * cos(at(p.rvy4 * t))
-    fy = gyk * fy0 + dvk * sin(p.rvy5 * at(p.rvy6 * k)) * p.lvyka
+    svk = dvk * sin(p.rvy5 * at(p.rvy6 * k)) * p.lvyka
+    fy = gyk * fy0 + svk
 
     r, f1, cosa = p.unloaded_radius, p.fnomin, 1 / math.hypot(1, t)
     att = t + p.qhz1 + p.qhz2 * d + (p.qhz3 + p.qhz4 * d) * s
@@ -277,24 +283,44 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
     dr = n * r * (dr + (p.qdz10 + p.qdz11 * d) * abs(s) * s * p.lkzc) * p.lmuy * cosa
     rest = dr * cos(at(br * math.hypot(t + sh + sv / kya, kxk / kya * k)))
     arm = r * (p.ssz1 + p.ssz2 * fy / f1 + (p.ssz3 + p.ssz4 * d) * g) * p.ls
-    mz = -trail * gyk * lateral(0.0)[0] + rest + arm * fx
+    mz = -trail * (fy - svk if old else gyk * lateral(0.0)[0]) + rest + arm * fx
 
     mx = p.qsx1 * p.lvmx - p.qsx2 * g * (1 + p.ppmx1 * q) + p.qsx3 * fy / f1
     mx += p.qsx4 * cos(p.qsx5 * at((p.qsx6 * n / f1) ** 2)) * sin(p.qsx7 * g + p.qsx8 * at(p.qsx9 * fy / f1))
     mx += p.qsx10 * at(p.qsx11 * n / f1) * g - p.qsx12 * g * abs(g)
     mx = r * p.lmx * (n * mx + fy * (p.qsx13 + p.qsx14 * abs(g)))
     my = p.qsy1 + p.qsy2 * fx / f1 + p.qsy3 * abs(v / p.longvl) + p.qsy4 * (v / p.longvl) ** 4
-    my += (p.qsy5 + p.qsy6 * n / f1) * g**2
-    my *= -r * f1 * p.lmy * (n / f1) ** p.qsy7 * (p.inflpres / p.nompres) ** p.qsy8
+    my += 0.0 if old else (p.qsy5 + p.qsy6 * n / f1) * g**2
+    my *= -r * n * p.lmy if old else -r * f1 * p.lmy * (n / f1) ** p.qsy7 * (p.inflpres / p.nompres) ** p.qsy8
+    my *= sin(0.5 * math.pi * max(-1.0, min(1.0, v * (1 + k) / p.vxlow)))
     return [fx, fy, mx, my, mz]
 
 
-@settings(max_examples=200)
-@given(st.floats(-0.8, 1.0), st.floats(-1.0, 1.0), st.floats(100.0, 9000.0), st.floats(-0.2, 0.2), st.floats(5.0, 60.0))
-def test_magic_formula_equals_a_second_writing(kappa: float, slip: float, load: float, gamma: float, vx: float) -> None:
-    """The tread is not slower than vxlow, below which rolling resistance fades: 5 m/s (1 - 0.8) is 1 m/s."""
-    ours = magic_formula(FULL, kappa, slip, load, vx=vx, gamma=gamma)
-    assert list(ours) == pytest.approx(written_again(FULL, kappa, slip, load, gamma, vx), rel=1e-9, abs=1e-9 * load)
+@pytest.mark.parametrize("version", ["5.2", "6.1", "6.2"])
+@settings(max_examples=100)
+@given(st.floats(-2.5, 2.5), st.floats(-1.0, 1.0), st.floats(100.0, 9000.0), st.floats(-0.2, 0.2), st.floats(1.0, 60.0))
+@example(kappa=-1.0, slip=0.3, load=4000.0, gamma=0.1, vx=20.0)
+@example(kappa=-0.8000000000000009, slip=0.0, load=100.0, gamma=0.0, vx=5.0)
+def test_magic_formula_equals_a_second_writing(
+    version: Version, kappa: float, slip: float, load: float, gamma: float, vx: float
+) -> None:
+    """Rolling, spinning, locked at -1 and, below, turning backwards on a car that goes ahead."""
+    tyre = replace(FULL, version=version, phy3=0.04)
+    ours = magic_formula(tyre, kappa, slip, load, vx=vx, gamma=gamma)
+    assert list(ours) == pytest.approx(written_again(tyre, kappa, slip, load, gamma, vx), rel=1e-9, abs=1e-9 * load)
+
+
+@settings(max_examples=300)
+@given(st.floats(-10.0, 10.0), TAN, st.floats(0.01, 60.0))
+@example(kappa=-1.5, slip=0.05, vx=20.0)  # turns backwards: the cosine of the weight of Fy is negative there
+@example(kappa=2.0, slip=-0.05, vx=0.5)  # spins at the start
+def test_no_slip_and_no_spin_gives_power_to_the_car(kappa: float, slip: float, vx: float) -> None:
+    """Each force is against its own slip, and rolling resistance against the spin of the tread, vx (1 + kappa)."""
+    for way in (1.0, -1.0):
+        forces = magic_formula(CAR, kappa, slip, 4000.0, vx=way * vx)
+        assert forces.fx * kappa >= 0.0
+        assert forces.fy * slip <= 0.0
+        assert forces.my * (way * vx + kappa * vx) <= 0.0
 
 
 def test_version_5_2_differs_where_its_manual_does() -> None:
@@ -396,6 +422,9 @@ def test_rolling_resistance_follows_the_spin() -> None:
     assert ahead == pytest.approx(-0.0073 * 0.3234 * 4000.0)
     assert magic_formula(CAR, 0.0, 0.0, 4000.0, vx=-10.0).my == pytest.approx(-ahead)
     assert magic_formula(CAR, -1.0, 0.0, 4000.0, vx=10.0).my == 0.0  # locked
+    assert magic_formula(CAR, -1.5, 0.0, 4000.0, vx=10.0).my == pytest.approx(-ahead)  # turns backwards
+    half = magic_formula(CAR, -0.95, 0.0, 4000.0, vx=10.0).my  # tread of 0.5 m/s, half of vxlow
+    assert half == pytest.approx(ahead * math.sin(math.pi / 4.0))
 
 
 @given(st.floats(1e-3, 300.0))
@@ -435,7 +464,9 @@ def test_arrays_give_what_floats_give() -> None:
         assert [values[i] for values in brushes] == pytest.approx(list(brush_forces(BRUSH, *numbers)), rel=1e-12)
 
 
-@pytest.mark.parametrize(("kappa", "slip", "vx"), [(0.02, 0.03, 20.0), (0.0, 0.0, 20.0), (-0.3, 0.2, 0.4)])
+@pytest.mark.parametrize(
+    ("kappa", "slip", "vx"), [(0.02, 0.03, 20.0), (0.0, 0.0, 20.0), (-0.3, 0.2, 0.4), (1.6, 0.05, 20.0)]
+)
 def test_derivatives_are_those_of_differences(kappa: float, slip: float, vx: float) -> None:
     step = 1e-6
     gradients = np.eye(3)

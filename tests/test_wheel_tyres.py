@@ -137,7 +137,7 @@ def test_the_fast_magic_formula_is_the_full_one(version):
     parameters, random = replace(FULL, version=version), np.random.default_rng(3)
     for _ in range(300):
         load, gamma, friction = random.uniform(0.0, 12000.0), random.uniform(-0.1, 0.1), random.uniform(0.1, 1.3)
-        kappa, slip, vx = random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0), random.uniform(-3.0, 20.0)
+        kappa, slip, vx = random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0), random.uniform(-3.0, 20.0)
         gamma *= random.integers(2)
         full = magic_formula(parameters, kappa, slip, load, vx=vx, gamma=gamma, friction=friction)
         fast = curve_at_load(parameters, load, gamma=gamma, friction=friction)(kappa, slip, vx)

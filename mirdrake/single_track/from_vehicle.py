@@ -15,6 +15,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
 from mirdrake.errors import ConfigError
+from mirdrake.rest_pose import check_balance
 from mirdrake.single_track.axles import Axle, Body, find_axles, find_leaning
 from mirdrake.single_track.dynamics import Tyres, Variant
 from mirdrake.single_track.parameters import SingleTrackParameters
@@ -100,12 +101,14 @@ def estimate_parameters(
             then told apart from their stiffness.
 
     Raises:
-        ConfigError: an argument makes no sense; the centre of mass is not above the road; a model that shall roll has
-            no suspension.
+        ConfigError: an argument makes no sense; the centre of mass is not above the road and between the axles; a model
+            that shall roll has no suspension.
     """
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     context, spec, geometry = plant.CreateDefaultContext(), vehicle.spec, vehicle.geometry
-    plant.SetFloatingBaseBodyPoseInWorldFrame(context, plant.GetBodyByName(spec.base_link), RigidTransform())
+    base = plant.GetBodyByName(spec.base_link)
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
+    check_balance(plant, context, vehicle, base.model_instance(), above=True)
     wheels = [plant.GetJointByName(name) for name in spec.joints.wheels.names()]
     actuators = {
         (actuator := plant.get_joint_actuator(index)).joint().name(): actuator
@@ -115,11 +118,6 @@ def estimate_parameters(
     # Mass, inertia, and how the axles share the load.
     mass = float(plant.CalcTotalMass(context))
     ahead, _, height = plant.CalcCenterOfMassPositionInWorld(context).tolist()
-    if height <= 0.0:
-        raise ConfigError(
-            f"single track of '{vehicle.name}': the centre of mass is {-height:.3g} m below the road; "
-            "check the masses and origins of its links"
-        )
     bodies = [BodyIndex(number) for number in range(1, plant.num_bodies())]
     spatial = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
     yaw_inertia = float(spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[2, 2])

@@ -19,6 +19,8 @@ compared with the solver of the files' maker. Further choices:
 - The friction of the road acts by the similarity method (section 4.2): forces are those of the data's road at slips
   larger by 1 / λμ, times λμ. In pure slip this is the factor λμ of the formulas itself; in combined slip those leave
   the weights as they are, and the forces of low friction would come out of the friction ellipse.
+- The weights of combined slip are zero where their cosines would be negative: the book asks for positive ones (4.E51),
+  (4.E59), and a wheel that spins on the spot would else be pushed along to the side that it slides to.
 - Outside fzmin..fzmax (and below a hundredth of the nominal load) the coefficients stay those of the nearest bound and
   forces and moments go on in proportion to the load, so they vanish with it.
 - Below the speed vxlow the shifts fade with d², trail and residual moment with d, where d = sin(π Vx / 2 vxlow), in
@@ -229,23 +231,23 @@ def _fy0(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve, slip: 
 
 
 def _weight_x(p: MagicFormulaParameters, at: OperatingPoint, kappa: Value, slip: Value) -> Value:
-    """Gxα (4.E51) to (4.E57)."""
+    """Gxα (4.E51) to (4.E57), not below zero."""
     maths = at.maths
     stiff = (p.rbx1 + p.rbx3 * at.camber * at.camber) * maths.cos(maths.atan(p.rbx2 * kappa)) * p.lxal
     bend = maths.at_most(p.rex1 + p.rex2 * at.dfz, 1.0)
     free = maths.cos(_shape(maths, stiff, p.rcx1, bend, p.rhx1))
-    return maths.cos(_shape(maths, stiff, p.rcx1, bend, slip + p.rhx1)) / free
+    return maths.at_least(maths.cos(_shape(maths, stiff, p.rcx1, bend, slip + p.rhx1)) / free, 0.0)
 
 
 def _weight_y(p: MagicFormulaParameters, at: OperatingPoint, kappa: Value, slip: Value) -> Value:
-    """Gyκ (4.E59) to (4.E65)."""
+    """Gyκ (4.E59) to (4.E65), not below zero."""
     maths = at.maths
     turned = maths.cos(maths.atan(p.rby2 * (slip - p.rby3)))
     stiff = (p.rby1 + p.rby4 * at.camber * at.camber) * turned * p.lyka
     bend = maths.at_most(p.rey1 + p.rey2 * at.dfz, 1.0)
     shift = p.rhy1 + p.rhy2 * at.dfz
     free = maths.cos(_shape(maths, stiff, p.rcy1, bend, shift))
-    return maths.cos(_shape(maths, stiff, p.rcy1, bend, kappa + shift)) / free
+    return maths.at_least(maths.cos(_shape(maths, stiff, p.rcy1, bend, kappa + shift)) / free, 0.0)
 
 
 def magic_formula(

@@ -145,6 +145,7 @@ def curve_at(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) ->
         g_x = weight(stiff * (like_slip + shift_x), bend_x, shape_x)
         if shift_x:
             g_x /= weight(stiff * shift_x, bend_x, shape_x)
+        g_x = max(g_x, 0.0)
         fx = g_x * wave_x.at(kappa, fade)
 
         flat = flat_y * (like_slip - start_y)
@@ -152,6 +153,7 @@ def curve_at(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) ->
         g_y = weight(stiff * (like_kappa + shift_y), bend_y, shape_y)
         if shift_y:
             g_y /= weight(stiff * shift_y, bend_y, shape_y)
+        g_y = max(g_y, 0.0)
         pure = g_y * wave_y.at(slip, fade)
         fy = pure
         if swing:

@@ -1,8 +1,10 @@
 """Tyre property files (.tir) of the Magic Formula 5.2, 6.1 and 6.2: read, checked, written.
 
-A file has sections in brackets and lines ``NAME = value``, with comments after ``$`` or ``!``. The units of its section
-[UNITS] hold for sizes, loads, stiffnesses and speeds, which become SI; the coefficients have none. Files count in ISO-W
-axes (:mod:`mirdrake.tyres.magic_formula`); a positive PKY1 means other ones, and is refused rather than guessed at.
+A file has sections in brackets and lines ``NAME = value``, with comments after ``$`` or ``!``. Below a name in braces
+or round brackets, as ``{radial width}`` or ``(COMMENTS)``, stand rows of a table or text, which are passed over unless
+they are such lines. The units of its section [UNITS] hold for sizes, loads, stiffnesses and speeds, which become SI;
+the coefficients have none. Files count in ISO-W axes (:mod:`mirdrake.tyres.magic_formula`); a positive PKY1 means other
+ones, and is refused rather than guessed at.
 Which formulas: FITTYP 6, 21 or 52 for 5.2, 61, 62; without FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means 5.2.
 
 Names that the laws here do not use (inertia, contact patch, vertical behaviour, turn slip) are kept in the sections,
@@ -217,8 +219,8 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
                 faults.append(f"{place}: [{section}]: stands in line {lines[section]} already; join them")
             sections.setdefault(section, {})
             lines.setdefault(section, number)
-        elif line.startswith("{"):
-            table = True  # rows of numbers follow: shapes, load curves
+        elif line[0] in "{(":
+            table = True  # rows of numbers or text follow: shapes, load curves, comments
         elif not section:
             faults.append(f"{place}: '{_short(line)}' stands before the first [SECTION]")
         elif entry := _ENTRY.match(line):

@@ -39,6 +39,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
 
 from mirdrake.plant import TyreSpring, VehicleInPlant
+from mirdrake.rest_pose import check_balance
 from mirdrake.signals import Signal, declare_state_output, declare_vector_input
 from mirdrake.tyres.relaxation import (
     Contact,
@@ -107,13 +108,15 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     """The wheels of a vehicle in a finalised plant; none if contact friction does it all.
 
     Raises:
-        ConfigError: a .tir file is missing or wrong.
+        ConfigError: a .tir file is missing or wrong; the vehicle tips over, as its centre of mass is not between its
+            axles.
     """
     laws, tyres = make_tyre_laws(part.vehicle), part.vehicle.spec.tyres
     if laws is None or tyres.kind == "coulomb":
         return []
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, plant.world_frame().CalcPoseInWorld(context))
+    check_balance(plant, context, part.vehicle, part.instance)
     share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / part.vehicle.geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []

@@ -1,7 +1,7 @@
 """A vehicle folder into a checked :class:`Vehicle`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
@@ -41,6 +41,7 @@ class Vehicle:
         packages: package name -> folder, for Drake's PackageMap.
         warnings: what xacro and Drake's parser had to say, each with file and line.
         spring_loads: what each spring of the suspension carries at rest [N] (4); empty without one.
+        link_places: name of a link -> ``file:line`` in its source.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Vehicle:
     packages: Mapping[str, str]
     warnings: tuple[str, ...] = ()
     spring_loads: tuple[float, ...] = ()
+    link_places: Mapping[str, str] = field(default_factory=dict)
 
 
 def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where: str = "") -> Vehicle:
@@ -181,6 +183,7 @@ def make_vehicle(
         packages=packages,
         warnings=(*urdf.warnings, *mesh_warnings, *drake_warnings),
         spring_loads=measure_spring_loads(plant, spec=spec, geometry=geometry, where=place),
+        link_places={link.get("name", ""): urdf.where(link) for link in urdf.root.findall("link")},
     )
 
 

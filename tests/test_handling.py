@@ -1,0 +1,103 @@
+"""Every reference vehicle as it drives, on its own tyres, springs and pedals: standstill, walking pace, energy."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirdrake.diagram import assemble
+from mirdrake.simulation import Simulation
+from mirdrake.worlds.world import GRAVITY
+from tests.handling_rigs import HANDLING, EnergyWatch, free_handling, rolling_car
+from tests.tyre_rigs import make_slope
+
+FIVE_DEGREES = float(np.tan(np.radians(5.0)))
+FX = [f"ego.tyre_fx.{wheel}" for wheel in ("front_left", "front_right", "rear_left", "rear_right")]
+
+
+def drive(folder: Path, name: str, rows, *, duration, grade=0.0, contact="point", parked=False):
+    """Assembly and signals of a vehicle that follows rows of time [s], speed [m/s] and steering angle [rad]."""
+    spec = {
+        "world": str(make_slope(folder, grade)),
+        "vehicles": {
+            "ego": {"model": f"{name}@handling", "speed": rows[0][1], "parked": parked, "start": {"x": 0, "y": 0}}
+        },
+        "control": {"ego": {"kind": "schedule", "rows": [{"time": t, "speed": v, "steering": s} for t, v, s in rows]}},
+        "plant": {"air_density": 0.0, "contact": contact},
+        "record": {"rate": 50.0},
+    }
+    assembly = assemble(spec)
+    return assembly, Simulation(assembly).run(duration=duration).signals
+
+
+# --- energy ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", HANDLING)
+def test_a_coast_without_losses_keeps_its_energy(tmp_path, name):
+    speed = 8.0 if name == "unior" else 20.0
+    assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=0.0)
+    watch = EnergyWatch(assembly)
+    Simulation(assembly).run(duration=2.0, monitor=watch)
+    assert watch.stored[-1] == pytest.approx(watch.stored[0], rel=1e-4)
+
+
+@pytest.mark.parametrize("name", HANDLING)
+def test_a_turn_takes_the_energy_that_its_tyres_and_dampers_take(tmp_path, name):
+    speed, steering = (8.0, 0.06) if name == "unior" else (20.0, 0.03)
+    assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=steering)
+    watch = EnergyWatch(assembly)
+    end = Simulation(assembly).run(duration=4.0, monitor=watch).signals.iloc[-1]
+    assert end["ego.wz"] * end["ego.vx"] > 0.25 * GRAVITY
+    lost, given = watch.stored[-1] - watch.stored[0], watch.taken[-1] + watch.steered[-1]
+    assert lost < -0.02 * watch.stored[0]
+    assert given == pytest.approx(lost, rel=0.01)
+
+
+# --- standstill and walking pace ---------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HANDLING)
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+@pytest.mark.parametrize("parked", [True, False], ids=["parked", "pedals"])
+def test_on_a_slope_of_five_degrees_nothing_creeps(tmp_path, name, contact, parked):
+    _, run = drive(
+        tmp_path, name, [(0, 0, 0), (1, 0, 0)], duration=14.0, grade=FIVE_DEGREES, contact=contact, parked=parked
+    )
+    x, y = run["ego.x"].to_numpy(), run["ego.y"].to_numpy()
+    assert -0.01 < x[200] - x[0] < 0.0  # leans on its tyres, and until the brakes have come
+    assert np.abs(x[200:] - x[200]).max() < 1e-4
+    assert np.abs(y[200:] - y[200]).max() < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HANDLING)
+@pytest.mark.parametrize("speed", [0.1, -0.1])
+@pytest.mark.parametrize("grade", [0.0, FIVE_DEGREES], ids=["flat", "slope"])
+def test_at_a_tenth_of_a_metre_a_second_nothing_swings(tmp_path, name, speed, grade):
+    assembly, run = drive(tmp_path, name, [(0, speed, 0), (1, speed, 0)], duration=35.0, grade=grade)
+    last = run.loc[25.0:]
+    speeds, forces = last["ego.vx"].to_numpy(), last[FX].sum(axis=1).to_numpy()
+    assert speeds == pytest.approx(speed, rel=0.01)
+    assert np.ptp(speeds) < 0.005 * abs(speed)
+    plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
+    weight = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance]) * GRAVITY
+    # What holds the weight on the slope, without a swing; rolling resistance is a moment.
+    assert forces == pytest.approx(weight * np.sin(np.arctan(grade)), abs=2e-4 * weight)
+    assert np.abs(np.diff(forces, n=2)).max() < 1e-5 * weight
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HANDLING)
+@pytest.mark.parametrize("grade", [0.0, FIVE_DEGREES, -FIVE_DEGREES], ids=["flat", "up", "down"])
+def test_stop_and_go_and_back_ends_at_rest(tmp_path, name, grade):
+    rows = [(0, 0, 0), (1, 0, 0), (1.01, 1.0, 0), (6, 1.0, 0.1), (8, 0, 0.1), (10, 0, 0), (10.01, -0.5, 0)]
+    rows += [(14, -0.5, 0), (16, 0, 0)]
+    _, run = drive(tmp_path, name, rows, duration=24.0, grade=grade)
+    assert run["ego.vx"].max() > 0.8
+    assert run["ego.vx"].min() < -0.3
+    last = run.loc[21.0:]
+    assert np.ptp(last["ego.x"]) < 1e-5
+    assert np.abs(last["ego.vx"]).max() < 1e-4
+    assert np.ptp(last[FX].to_numpy(), axis=0).max() < 2.0
