@@ -9,25 +9,14 @@ import pytest
 from mirdrake.errors import RunError
 from mirdrake.tuning.result import load_result
 from mirdrake.tuning.tune import tune
+from tests.tuning_rigs import short_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
 
 
-def short(**changes: Any) -> dict[str, Any]:
-    return {
-        "vehicle": "bolt",
-        "loop": "speed",
-        "test": {"duration": 4.0, "load_time": 3.5, "step": 1.0},
-        "search": {"trials": 8, "confirm": 1},
-        "constraints": {"overshoot_percent": 20, "ms": 1.8},
-        "robustness": {"runs": 0},
-        **changes,
-    }
-
-
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return tune(short(), out=tmp_path_factory.mktemp("tune") / "bolt")
+    return tune(short_study(), out=tmp_path_factory.mktemp("tune") / "bolt")
 
 
 def test_a_result_has_what_was_agreed(study: Any) -> None:
@@ -58,14 +47,14 @@ def test_the_best_beats_the_baseline_by_half(study: Any) -> None:
 
 def test_a_finished_study_is_not_done_again(study: Any) -> None:
     before = (study.folder / "tuning.json").stat().st_mtime_ns
-    again = tune(short(), out=study.folder)
+    again = tune(short_study(), out=study.folder)
     assert again.data == study.data
     assert (study.folder / "tuning.json").stat().st_mtime_ns == before
 
 
 def test_another_study_does_not_take_its_folder(study: Any) -> None:
     with pytest.raises(RunError, match="not of this very study"):
-        tune(short(seed=1), out=study.folder)
+        tune(short_study(seed=1), out=study.folder)
 
 
 def test_a_result_is_valid_json(study: Any) -> None:

@@ -3,6 +3,7 @@
 import math
 import pickle
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from mirdrake.errors import ConfigError
+from mirdrake.errors import ConfigError, MirdrakeError
+from mirdrake.tuning.check import check_study
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, forget_bench
 from mirdrake.tuning.loops.judge import judge
-from mirdrake.tuning.loops.make import check_names, make_loop_spec
+from mirdrake.tuning.loops.make import make_loop_spec
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 from mirdrake.yaml_io import parse_yaml
@@ -213,16 +215,53 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
             "  effort: ego.steering_setpoint\n  knobs: [ego.driver.dampin]",
             "t.yaml:6: loop.knobs.0: no knob 'ego.driver.dampin'",
         ),
+        (
+            "loop:\n  diagram: nowhere\n  reference: 0\n  output: a\n  effort: b\n  knobs: [c]",
+            "t.yaml:2: loop.diagram: unknown diagram 'nowhere'",
+        ),
+        (
+            "loop:\n  diagram: bolt_skidpad\n  reference: 0\n  output: ego.lateral_error\n"
+            "  effort: ego.steering_setpoint\n  knobs: [ego.driver.damping]\nsearch: {trials: 3}",
+            "t.yaml:7: search.ranges: no rule gives a value of ego.driver.damping; write a range for it",
+        ),
+        (BOTH + "world: test_track", "t.yaml:3: world: test_track has friction that is not the same everywhere"),
+        (BOTH + "cost:\n  delay_margin_s: 1", "t.yaml:4: cost.delay_margin_s: more of it is better"),
+        (BOTH + "cost:\n  iae: -1", "t.yaml:4: cost.iae: -1 is not allowed; a weight is 0 or more"),
+        (BOTH + "cost: {iae: 0}", "t.yaml:3: cost: no figure has a weight"),
+        (BOTH + "test:\n  step: 0", "t.yaml:4: test.step: 0 is not allowed"),
+        (BOTH + "test:\n  duration: 3\n  step_time: 5", "t.yaml:5: test.step_time: 5 s is not before the end (3 s)"),
     ],
 )  # fmt: skip
 def test_faults_are_told_with_file_and_line(text: str, says: str) -> None:
     def check() -> None:
         spec = parse_yaml(text, TuningSpec, name="t.yaml")
-        check_names(spec, make_loop_spec(spec))
+        check_study(spec, make_loop_spec(spec))
 
     with pytest.raises(ConfigError) as error:
         check()
     assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("connect", "says"),
+    [
+        ("[wanted.y, pid.reference]", "pid.measurement"),
+        ("[ego.spede, pid.measurement]", "loop.yaml:7: connect.0: unknown output 'ego.spede'"),
+    ],
+)
+def test_a_loop_that_is_not_connected_is_refused_with_its_line(connect: str, says: str, tmp_path: Path) -> None:
+    diagram = (
+        "world: empty\nvehicles: {ego: {model: bolt}}\n"
+        "systems:\n  pid: {kind: pid, kp: 1.0, period: 0.02}\n  wanted: {kind: constant, value: [1]}\n"
+        f"connect:\n  - {connect}\n"
+    )
+    (tmp_path / "loop.yaml").write_text(diagram)
+    loop = {"diagram": "loop.yaml", "reference": 1, "output": "a", "effort": "b", "knobs": ["pid.kp"]}
+    spec = make_tuning({"loop": loop, "folder": str(tmp_path)})
+    with pytest.raises(MirdrakeError) as error:
+        make_loop_spec(spec)
+    assert says in str(error.value)
+    assert "loop.yaml:" in str(error.value)
 
 
 def test_a_path_is_a_loop() -> None:

@@ -19,8 +19,9 @@ from mirdrake.errors import ConfigError, RunError
 from mirdrake.studies.fronts import find_knee, pareto_front
 from mirdrake.studies.optimise import LARGEST, make_proposer
 from mirdrake.studies.spec import ParameterSpec
+from mirdrake.tuning.gain_map import map_of_two_gains
 from mirdrake.tuning.loops.base import NOMINAL, Evaluation
-from mirdrake.tuning.search import map_of_two_gains, search
+from mirdrake.tuning.search import search
 from tests.tuning_rigs import TextbookLoop
 
 SPACE: dict[str, dict[str, Any]] = {

@@ -13,13 +13,13 @@ from mirdrake.tuning.designs import Design
 from mirdrake.tuning.grip import Axles, axles_of, grip_use
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.loops.make import make_loop_spec
-from mirdrake.tuning.outcome import Candidate, trials_table
+from mirdrake.tuning.loops.make import finer, make_loop_spec
+from mirdrake.tuning.outcome import Candidate, finer_notes, trials_table
 from mirdrake.tuning.robustness import Robustness
 from mirdrake.tuning.scenarios import InScenarios, corners, hardest
-from mirdrake.tuning.search import Trial, Trials
 from mirdrake.tuning.selection import Selection
 from mirdrake.tuning.spec import load_tuning, make_tuning
+from mirdrake.tuning.trials import Trial, Trials
 
 ROOT = Path(__file__).parents[1]
 G = 9.80665
@@ -161,6 +161,23 @@ def test_a_rule_that_fails_in_a_run_is_not_the_one_to_beat_and_its_run_is_known_
     assert selection.good(best, rule)
     assert selection.notes(best) == ["fast costs 0.25, but is not stable in 1 of 5 runs"]
     assert stages.shaken.count("fast") == 1  # what is known is not asked again
+
+
+def test_the_finer_step_is_that_of_a_diagram_or_half_of_the_own(bolt: LoopSpec) -> None:
+    assert bolt.diagram["plant"]["time_step"] == 0.02
+    assert finer(bolt).diagram["plant"]["time_step"] == 0.005
+    assert finer(finer(bolt)).diagram["plant"] == {**bolt.diagram["plant"], "time_step": 0.0025}
+
+
+def test_a_note_tells_what_a_finer_step_changes() -> None:
+    given = {"steps": [0.02, 0.005], "status": "ok", "reason": "", "figures": {"iae": 1.2, "overshoot_percent": 3.0}}
+    usual = {"iae": 1.0, "overshoot_percent": 2.0}
+    assert finer_notes(given, usual) == [
+        "at a plant step of 5 ms instead of 20 ms: IAE 1.2 instead of 1, overshoot in percent 3 instead of 2"
+    ]
+    assert finer_notes({**given, "figures": {"iae": 1.01, "overshoot_percent": 3.0}}, usual) == []
+    lost = {**given, "status": "unstable", "reason": "it spins", "figures": {}}
+    assert finer_notes(lost, usual) == ["at a plant step of 5 ms instead of 20 ms: unstable, it spins"]
 
 
 def test_trials_that_break_a_margin_are_those_of_the_reduced_model() -> None:

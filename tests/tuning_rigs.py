@@ -1,4 +1,4 @@
-"""A textbook loop that can be tried as the loops of a vehicle are, and sent to worker processes."""
+"""A textbook loop that can be tried as the loops of a vehicle are, and sent to worker processes; a short study."""
 
 import os
 import signal
@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,19 @@ from mirdrake.tuning import (
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity
 
 PERIOD, STEPS = 0.05, 160
+
+
+def short_study(**changes: Any) -> dict[str, Any]:
+    """A study of the Bolt's speed loop that takes seconds, with other entries where they are given."""
+    return {
+        "vehicle": "bolt",
+        "loop": "speed",
+        "test": {"duration": 4.0, "load_time": 3.5, "step": 1.0},
+        "search": {"trials": 8, "confirm": 1},
+        "constraints": {"overshoot_percent": 20, "ms": 1.8},
+        "robustness": {"runs": 0},
+        **changes,
+    }
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ The feed-forward is free rolling, speed over wheel radius times the Ackermann ra
 a speed trim, which takes up slip and tyre deflection.
 """
 
+from collections.abc import Sequence
+
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
@@ -35,7 +37,7 @@ def wheel_speed_setpoints(speed: float, ratios: WheelRates, *, radii: WheelRates
 
 
 def cruise_step(
-    state: PidState,
+    state: Sequence[float],
     reference: float,
     measurement: float,
     *,
@@ -49,7 +51,7 @@ def cruise_step(
     stay stopped.
 
     Args:
-        state: what the last step returned; ``PidState()`` at first.
+        state: what the last step returned, or its numbers; ``PidState()`` at first.
         reference: wanted speed [m/s].
         measurement: speed of the rear axle centre [m/s].
         period: time since the last step [s].

@@ -17,6 +17,7 @@ is not made, and I stays as it is, as a constant bias.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -124,7 +125,7 @@ NO_LIMITS = PidLimits()
 
 
 def pid_step(
-    state: PidState,
+    state: Sequence[float],
     reference: float,
     measurement: float,
     *,
@@ -136,7 +137,8 @@ def pid_step(
     """One step of the controller; equations in the head of the module.
 
     Args:
-        state: what the last step returned; ``PidState()`` at first, ``PidState(integral=...)`` for a warm start.
+        state: what the last step returned, or its numbers; ``PidState()`` at first, ``PidState(integral=...)`` for a
+            warm start.
         reference: set-point r [y].
         measurement: measured value [y].
         gains: gains; may differ from step to step.

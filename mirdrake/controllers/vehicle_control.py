@@ -29,7 +29,7 @@ GAINS = ("kp", "ki", "kd")
 """Order of the gains in a parameter."""
 
 _MESSAGE, _LAST = slice(0, 3), slice(3, 5)
-"""Places in the memory of the last message and of the last speed and steering set-points; behind them the loops."""
+"""Places in the memory of the last message and of the last speed and steering set-points."""
 _STATUS = signals(
     ("speed_setpoint", "m/s", "speed asked of the wheels, before the trim"),
     ("steering_setpoint", "rad", "bicycle steering angle after limit and rate"),
@@ -111,12 +111,15 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._desired = self.DeclareDiscreteState(2 * count)
         self._actuation = self.DeclareDiscreteState(count)
         self._status = self.DeclareDiscreteState(3)
-        loops = 7 if self._wheel_pid or self._steering_pid else 1  # speed, four wheels, two steering joints
-        self._late = slice(_row(loops - 1).stop, _row(loops - 1).stop + self._steering_actuator.size)
-        self._foot = slice(self._late.stop, self._late.stop + 1 + len(PidState._fields))
-        # last message, last speed and steering set-point, last of each loop, steering on its way, pedals
-        rest = [*self._steering_actuator.rest(0.0), *PedalState().flat()]
-        self._memory = self.DeclareDiscreteState([*CommandState(), 0.0, 0.0, *(list(PidState()) * loops), *rest])
+        # Memory: last message, last speed and steering set-point, steering on its way, pedals, loops.
+        memory = [*CommandState(), 0.0, 0.0]
+        self._late = _append(memory, self._steering_actuator.rest(0.0))
+        if self._pedal_law is not None:
+            self._foot = _append(memory, PedalState().flat())
+        self._speed_loop = _append(memory, PidState())
+        self._wheel_loops = {i: _append(memory, PidState()) for i in self._turned if self._wheel_pid is not None}
+        self._steering_loops = [_append(memory, PidState()) for _ in range(2) if self._steering_pid is not None]
+        self._memory = self.DeclareDiscreteState(memory)
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
         self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
         self.status = declare_state_output(self, "status", _STATUS, self._status)
@@ -167,7 +170,6 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         last_angle = memory[self._late][-1]
         memory[self._late], angle = self._steering_actuator.step(memory[self._late], steering)
         angles, ratios = self._wheels_at(angle)
-        old_angles, _ = self._wheels_at(last_angle)
         slope = (speed - last_speed) / period
         memory[_LAST] = speed, steering
 
@@ -187,14 +189,16 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             state.get_mutable_value(self._pedals)[:] = pedals
         else:
             trimmed = self._turn_wheels(context, x, memory, speed, slope, ratios, desired, actuation)
-        for i, angle in enumerate(angles):
-            if self._steering_pid is None:
-                desired[index.steering_inputs[i]] = angle
-                desired[index.actuators + index.steering_inputs[i]] = (angle - old_angles[i]) / period
-            else:
-                gains = self._read_gains(context, 2, x)
+        if self._steering_pid is None:
+            old_angles, _ = self._wheels_at(last_angle)
+            for at, angle, old in zip(index.steering_inputs, angles, old_angles, strict=True):
+                desired[at] = angle
+                desired[index.actuators + at] = (angle - old) / period
+        else:
+            gains = self._read_gains(context, 2, x)
+            for i, loop in enumerate(self._steering_loops):
                 actuation[index.steering_inputs[i]] = self._pid(
-                    memory, 5 + i, angle, x[index.steering_positions[i]], gains, self._steering_limits
+                    memory, loop, angles[i], x[index.steering_positions[i]], gains, self._steering_limits
                 )
         state.get_mutable_value(self._desired)[:] = desired
         state.get_mutable_value(self._actuation)[:] = actuation
@@ -213,9 +217,9 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         actuation: list[float],
     ) -> float:
         """Speed loop and loops of the wheels; memory and outputs are changed, the trimmed speed is returned [m/s]."""
-        index, row = self._index, _row(0)
-        memory[row], trimmed = cruise_step(
-            PidState(*memory[row]),
+        index = self._index
+        memory[self._speed_loop], trimmed = cruise_step(
+            memory[self._speed_loop],
             speed,
             index.forward_speed(x),
             period=self._period,
@@ -223,15 +227,16 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             limits=self._speed_limits,
         )
         rates = wheel_speed_setpoints(trimmed, ratios, radii=self._radii)
-        for i in self._turned:
-            push = self._push[i] * slope
-            actuation[index.wheel_inputs[i]] = push
-            if self._wheel_pid is None:
+        if self._wheel_pid is None:
+            for i in self._turned:
+                actuation[index.wheel_inputs[i]] = self._push[i] * slope
                 desired[index.actuators + index.wheel_inputs[i]] = rates[i]
-            else:
-                gains = self._read_gains(context, 1, x)
+        else:
+            gains = self._read_gains(context, 1, x)
+            for i, loop in self._wheel_loops.items():
+                measured, push = x[index.wheel_velocities[i]], self._push[i] * slope
                 actuation[index.wheel_inputs[i]] = self._pid(
-                    memory, 1 + i, rates[i], x[index.wheel_velocities[i]], gains, self._wheel_limits, push
+                    memory, loop, rates[i], measured, gains, self._wheel_limits, push
                 )
         return trimmed
 
@@ -248,17 +253,16 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _pid(
         self,
         memory: list[float],
-        row: int,
+        loop: slice,
         reference: float,
         measurement: float,
         gains: PidGains,
         limits: PidLimits,
         feedforward: float = 0.0,
     ) -> float:
-        """One step of the PID kept in a row of the memory, which is changed."""
-        part = _row(row)
-        memory[part], control = pid_step(
-            PidState(*memory[part]),
+        """One step of the PID kept at a place of the memory, which is changed."""
+        memory[loop], control = pid_step(
+            memory[loop],
             reference,
             measurement,
             gains=gains,
@@ -300,10 +304,10 @@ def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> Steering
     )
 
 
-def _row(loop: int) -> slice:
-    """Place of a loop in the memory: 0 speed, 1 to 4 wheels, 5 and 6 steering."""
-    size = len(PidState._fields)
-    return slice(5 + loop * size, 5 + (loop + 1) * size)
+def _append(memory: list[float], values: Sequence[float]) -> slice:
+    """Make room in the memory for values, and put them there; their place."""
+    memory.extend(values)
+    return slice(len(memory) - len(values), len(memory))
 
 
 class _Indices:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, read_text, shown, validate
+from mirdrake.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, shown, validate
 
 Value = int | float | str | bool
 
@@ -105,7 +105,6 @@ def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
         ConfigError: it cannot be read, or has faults.
     """
     path = Path(path)
-    read_text(path)
     spec = load_yaml(path, StudySpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem

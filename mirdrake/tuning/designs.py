@@ -7,6 +7,7 @@ from functools import partial
 
 from mirdrake.controllers.pid import PidGains
 from mirdrake.errors import MirdrakeError
+from mirdrake.tuning.gains import from_series
 from mirdrake.tuning.identify import Identified
 from mirdrake.tuning.margins import ultimate_point
 from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
@@ -112,6 +113,21 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
             "lambda tuning, closed-loop time of three dead times",
             partial(lambda_tuning, first, wide),
         )
+    if found.lag and isinstance(found.first, Integrator):
+        velocity, delay = found.first.gain, found.first.delay - 0.5 * found.lag + half
+        for times in (1.0, *SOFTER):
+            yield (
+                f"SIMC lag {times:g}",
+                "rule",
+                f"Skogestad's rule for an integrator with lag, closed-loop time of {times:g} dead times",
+                partial(_integrator_with_lag, velocity, delay, found.lag, times * delay),
+            )
+            yield (
+                f"SIMC lag PD {times:g}",
+                "rule",
+                f"the same with closed-loop time of {times:g} dead times, without its integral part: no overshoot",
+                partial(_integrator_with_lag, velocity, delay, found.lag, times * delay, integral=False),
+            )
     if found.relay is not None and found.first is not None:
         relay = found.relay
         for form in forms:
@@ -169,6 +185,18 @@ def _without_integral(gain: float, delay: float, closed_loop_time: float) -> Pid
     total = closed_loop_time + delay
     kp = 1.0 / (4.0 * gain * total**2)
     return PidGains(kp, 0.0, 4.0 * total * kp)
+
+
+def _integrator_with_lag(
+    gain: float, delay: float, lag: float, closed_loop_time: float, *, integral: bool = True
+) -> PidGains:
+    """SIMC for ``gain exp(-L s) / (s (1 + T2 s))``: series PID, Kc = 1/(gain (τc + L)), τI = 4 (τc + L), τD = T2.
+
+    Source: Skogestad (2003), table 1. Without the integral part it is the series form's PD part.
+    """
+    total = closed_loop_time + delay
+    kp = 1.0 / (gain * total)
+    return from_series(kp, 4.0 * total, lag) if integral else PidGains(kp, 0.0, kp * lag)
 
 
 def _ultimate(main: TransferFunction) -> PidGains:

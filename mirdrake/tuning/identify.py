@@ -2,7 +2,8 @@
 
 The car runs straight and even. Step and free run are subtracted, so that what drags the car is not in the model. In the
 frequency response the loop is closed by gains that any car stands: a speed loop of 1 rad/s from the mass, a steering
-loop by SIMC from the inertia of the joint.
+loop by SIMC from the inertia and the damping of the joint. A motor behind a gear damps its joint so that torque gives
+speed, not acceleration: where that lag is shorter than the delay, the rules see an integrator, else a double one.
 """
 
 import math
@@ -19,7 +20,7 @@ from mirdrake.tuning.loops.bench import GRAVITY, BenchLoop, BenchProcess, PlantB
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
 from mirdrake.tuning.processes import LinearProcess
 from mirdrake.tuning.relay import RelayResult, run_relay_test
-from mirdrake.tuning.rules import simc_double_integrator
+from mirdrake.tuning.rules import simc, simc_double_integrator
 from mirdrake.tuning.step_test import StepRecord, fit_first_order, fit_integrator
 
 FAST = 1.0
@@ -52,11 +53,13 @@ class Identified:
     Attributes:
         spec: the loop, with its reduced model.
         models: of each experiment.
-        first: first order with delay, or an integrator, for the rules; None for a steering loop.
+        first: first order with delay, or an integrator, for the rules; None for a steering loop with little damping.
         inertial: gain [y/(u s²)] and delay [s] of a double integrator, the larger ones of the two wheels together and
-            against each other; steering loops only.
+            against each other; steering loops with little damping only.
         relay: None where there is no limit cycle.
         frequency: None where it was not measured.
+        lag: time constant behind the integrator `first`, which counts it as half of it in its delay [s]; damped
+            steering loops only.
     """
 
     spec: LoopSpec
@@ -65,6 +68,7 @@ class Identified:
     inertial: tuple[float, float] | None = None
     relay: RelayResult | None = None
     frequency: FrequencyResponse | None = field(default=None)
+    lag: float = 0.0
 
 
 def identify_loop(bench: PlantBench) -> Identified:
@@ -215,10 +219,14 @@ def _steering(bench: PlantBench, spec: LoopSpec) -> Identified:
     context = bench.context(dict.fromkeys(spec.gains, 0.0), Conditions())
     matrix = plant.CalcMassMatrix(plant.GetMyContextFromRoot(context))
     at = int(joint.velocity_start())
-    inertia = float(matrix[at, at])
+    inertia, damping = float(matrix[at, at]), float(joint.default_damping())
     delay = spec.nominal["delay"] + 1.5 * bench.period
-    hold = simc_double_integrator(1.0 / inertia, delay)
-    gains = {"kp": hold.kp - hold.ki * delay, "ki": 0.0, "kd": hold.kd}
+    if damping * delay > inertia:
+        hold = simc(Integrator(1.0 / damping, delay + 0.5 * inertia / damping))
+        gains, start = {"kp": hold.kp, "ki": 0.0, "kd": 0.0}, (1.0 / inertia, damping / inertia, 1.0, delay)
+    else:
+        hold = simc_double_integrator(1.0 / inertia, delay)
+        gains, start = {"kp": hold.kp - hold.ki * delay, "ki": 0.0, "kd": hold.kd}, (1.0 / inertia, 0.5, 1.0, delay)
     size = 0.5 * hold.kp * float(spec.course["step"])
 
     # Step of the torque of both joints, with and without, subtracted.
@@ -227,20 +235,20 @@ def _steering(bench: PlantBench, spec: LoopSpec) -> Identified:
     free_run = np.array([free.measurement, *(free(0.0) for _ in range(count))])
     run = np.array([pushed.measurement, *(pushed(size) for _ in range(count))])
     record = StepRecord(np.arange(count + 1, dtype=float) * bench.period, np.asarray(run - free_run, dtype=float), size)
-    step, fit = _fit_inertial_step(record, 1.0 / inertia, delay)
+    step, fit = _fit_inertial_step(record, start)
     models = [_inertial_model("step test", step, fit)]
 
     relay, process = None, BenchProcess(bench, {**gains, "kp": 0.0})
+    note = "with the derivative part of the loop on, which a relay needs" if gains["kd"] else ""
     try:
         relay = run_relay_test(
             process, period=bench.period, amplitude=size, reference=0.0, duration=15.0, tolerance=0.1, refine=False
         )
-        models.append(replace(_relay_model(relay), note="with the derivative part of the loop on, which a relay needs"))
+        models.append(replace(_relay_model(relay), note=note))
     except MirdrakeError as error:
         models.append(Model("relay", "ultimate point", {}, note=str(error)))
 
     # Both wheels the same way, and against each other: the road ties them to the car in other ways.
-    start = (1.0 / inertia, 0.5, 1.0, delay)
     wanted = np.geomspace(1.0, min(0.3 * math.pi / bench.period, 3.0 / delay), 12)
     fits = []
     for name, apart in (("frequency response", False), ("wheels against each other", True)):
@@ -253,11 +261,19 @@ def _steering(bench: PlantBench, spec: LoopSpec) -> Identified:
         models.append(_inertial_model(name, main, fit))
     (found, main), (_, apart_model) = fits
     spec = _with_model(spec, main, apart=apart_model)
-    hard = max(main.numerator[0], apart_model.numerator[0]), max(main.delay, apart_model.delay)
-    return Identified(spec, tuple(models), None, hard, relay, found)
+    gain, rate, late = (
+        max(main.numerator[0], apart_model.numerator[0]),
+        min(main.denominator[1], apart_model.denominator[1]),
+        max(main.delay, apart_model.delay),
+    )
+    if rate * late > 1.0:
+        speed = max(model.numerator[0] / model.denominator[1] for model in (main, apart_model))
+        first = Integrator(speed, late + 0.5 / rate)
+        return Identified(spec, tuple(models), first, None, relay, found, lag=1.0 / rate)
+    return Identified(spec, tuple(models), None, (gain, late), relay, found)
 
 
-def _fit_inertial_step(record: StepRecord, gain: float, delay: float) -> tuple[TransferFunction, float]:
+def _fit_inertial_step(record: StepRecord, start: tuple[float, ...]) -> tuple[TransferFunction, float]:
     """``b / (s² + a1 s + a0)`` with dead time that follows a step best."""
     period = float(record.time[1] - record.time[0])
 
@@ -271,7 +287,7 @@ def _fit_inertial_step(record: StepRecord, gain: float, delay: float) -> tuple[T
 
     data = record.measurement - record.measurement[0]
     size = max(float(np.abs(data).max()), 1e-12)
-    fit = least_squares(lambda x: (follow(x) - data) / size, np.log([gain, 0.5, 1.0, delay]), max_nfev=60)
+    fit = least_squares(lambda x: (follow(x) - data) / size, np.log(start), max_nfev=60)
     return model(fit.x), _percent(follow(fit.x), data)
 
 

@@ -10,15 +10,18 @@ import pandas as pd
 
 from mirdrake.paths import installed_version
 from mirdrake.tuning.designs import Design
-from mirdrake.tuning.identify import Model
 from mirdrake.tuning.loops.base import Fidelity, LoopSpec
+from mirdrake.tuning.loops.make import finer
 from mirdrake.tuning.loops.reduced import critical_model, pid_of
 from mirdrake.tuning.margins import loop_response
 from mirdrake.tuning.robustness import Robustness
-from mirdrake.tuning.search import Trial, Trials
 from mirdrake.tuning.spec import AT_LEAST, TuningSpec
+from mirdrake.tuning.trials import Trial, Trials
 
 MARGINS = ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
+
+SEEN = 0.05
+"""Part of the IAE by which a finer step of the plant may change it without a note."""
 
 
 @dataclass(frozen=True)
@@ -114,31 +117,35 @@ def candidate_data(one: Candidate) -> dict[str, Any]:
     }
 
 
-def model_data(model: Model) -> dict[str, Any]:
-    """A model of the loop as tuning.json has it."""
-    return {
-        "name": model.name,
-        "kind": model.kind,
-        "parameters": {name: list(pair) for name, pair in model.parameters.items()},
-        "fit_percent": model.fit_percent,
-        "note": model.note,
-    }
+def finer_data(loop: LoopSpec, one: Candidate) -> dict[str, Any]:
+    """What a candidate gives at a finer step of the plant, as tuning.json has it; steps: the usual one, the finer."""
+    steps = [float(spec.diagram["plant"]["time_step"]) for spec in (loop, finer(loop))]
+    return {"steps": steps, "figures": one.trial.figures, "status": one.trial.status, "reason": one.trial.reason}
+
+
+def finer_notes(given: Mapping[str, Any], usual: Mapping[str, float]) -> list[str]:
+    """The same for the reader, where the cost of the step is more than :data:`SEEN`.
+
+    Args:
+        given: from :func:`finer_data`.
+        usual: figures at the usual step.
+    """
+    step, fine = (f"{1e3 * value:g} ms" for value in given["steps"])
+    there: Mapping[str, float] = given["figures"]
+    if given["status"] != "ok":
+        return [f"at a plant step of {fine} instead of {step}: {given['status']}, {given['reason']}"]
+    if not abs(there["iae"] - usual.get("iae", 0.0)) > SEEN * there["iae"]:
+        return []
+    named = {"IAE": "iae", "overshoot in percent": "overshoot_percent"}
+    parts = [f"{words} {there[name]:.4g} instead of {usual.get(name, math.nan):.4g}" for words, name in named.items()]
+    return [f"at a plant step of {fine} instead of {step}: {', '.join(parts)}"]
 
 
 def loop_data(loop: LoopSpec) -> dict[str, Any]:
     """A loop as tuning.json has it."""
-    return {
-        "name": loop.kind,
-        "reference": loop.reference,
-        "output": loop.output,
-        "effort": loop.effort,
-        "output_unit": loop.output_unit,
-        "effort_unit": loop.effort_unit,
-        "gains": {gain: {"unit": unit, "path": loop.paths.get(gain, "")} for gain, unit in loop.gains.items()},
-        "settings": loop.settings,
-        "course": loop.course,
-        "nominal": loop.nominal,
-    }
+    kept = ("reference", "output", "effort", "output_unit", "effort_unit", "settings", "course", "nominal")
+    gains = {gain: {"unit": unit, "path": loop.paths.get(gain, "")} for gain, unit in loop.gains.items()}
+    return {"name": loop.kind, **{name: getattr(loop, name) for name in kept}, "gains": gains}
 
 
 def responses_table(tried: list[Candidate]) -> pd.DataFrame:

@@ -27,7 +27,8 @@ from mirdrake.studies.journal import Journal
 from mirdrake.studies.sampling import spread
 from mirdrake.studies.spec import ParameterSpec
 from mirdrake.tuning.loops.base import Conditions, Evaluator
-from mirdrake.tuning.search import LIMIT, MORE_IS_BETTER, Evaluations, TrialProgress, read_space
+from mirdrake.tuning.search import LIMIT, Evaluations, TrialProgress, read_space
+from mirdrake.tuning.spec import AT_LEAST
 
 DRAWN = tuple(field.name for field in fields(Conditions) if field.name != "seed")
 """Conditions that can be drawn."""
@@ -270,7 +271,7 @@ def spread_of(figure: str, values: "np.ndarray[Any, Any]", ok: "np.ndarray[Any, 
         values: of each run, shape (n,).
         ok: whether each run counts; one that does not, or is nan, is the worst of all.
     """
-    sign = -1.0 if figure in MORE_IS_BETTER else 1.0
+    sign = -1.0 if figure in AT_LEAST else 1.0
     sizes = np.abs(values) if figure in SIGNED else sign * values
     bad = np.sort(np.where(ok & ~np.isnan(sizes), sizes, math.inf))
     at = [math.ceil(part * len(bad) - 1e-9) - 1 for part in (0.5, 0.95, 1.0)]

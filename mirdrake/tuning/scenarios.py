@@ -7,8 +7,8 @@ from typing import Any
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity
 from mirdrake.tuning.robustness import draw_conditions, read_ranges
-from mirdrake.tuning.search import judge
 from mirdrake.tuning.spec import TuningSpec
+from mirdrake.tuning.trials import judge
 
 SCREEN = 6
 """Draws of the Monte Carlo, those of the longest delay and those of the least friction, that come before all others."""

@@ -22,7 +22,8 @@ from mirdrake.studies.calls import open_executor
 from mirdrake.studies.journal import Journal
 from mirdrake.studies.optimise import LEARNING
 from mirdrake.tuning.loops.base import Evaluation, Evaluator
-from mirdrake.tuning.search import LIMIT, Evaluations, judge, search
+from mirdrake.tuning.search import LIMIT, Evaluations, search
+from mirdrake.tuning.trials import judge
 
 EvaluatorAt = Callable[[float], Evaluator]
 """The evaluator of the loop at a speed [m/s]."""
@@ -128,8 +129,7 @@ def check_schedule(
         trial = judge(0, gains, journal[speed, name], cost, constraints or {})
         rows.append(
             {"speed": speed, "gains": name, "where": "tuned" if speed in table.speeds else "between", **gains}
-            | {"cost": trial.cost, "violation": trial.violation, "feasible": trial.feasible}
-            | {"status": trial.status, "reason": trial.reason}
+            | trial.verdict()
         )
     return pd.DataFrame(rows)
 

@@ -1,8 +1,4 @@
-"""Search for gains: try many, keep what each of them gave, and say which is best and what it costs.
-
-A *cost* is a weighted sum of figures. A *constraint* bounds a figure from above, or from below where more of it is
-better (:data:`MORE_IS_BETTER`). A candidate that is unstable, failed, breaks a constraint or has a cost that is not
-finite is never best; the sampler is told a finite violation instead, the worst for one that is unstable.
+"""Search for gains: try many, and keep what each of them gave.
 
 The outcome depends on the seed and the evaluations only: neither on the number of workers, nor on how often the search
 was killed and resumed. A resumed search asks a fresh sampler of the same seed and takes known answers from the journal.
@@ -12,30 +8,19 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
-
-from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.errors import ConfigError, RunError
 from mirdrake.studies.calls import Lost, call_all, open_executor
-from mirdrake.studies.fronts import find_knee, pareto_front
 from mirdrake.studies.job import one_line
 from mirdrake.studies.journal import Journal, Record
 from mirdrake.studies.optimise import Point, make_proposer
 from mirdrake.studies.spec import ParameterSpec
 from mirdrake.tuning.loops.base import Evaluation, Evaluator
+from mirdrake.tuning.spec import AT_LEAST
+from mirdrake.tuning.trials import Trial, Trials, judge
 from mirdrake.yaml_io import Source, validate
-
-MORE_IS_BETTER = frozenset({"gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin"})
-"""Figures that a constraint bounds from below."""
-
-BROKEN, UNSTABLE = 1e9, 1e12
-"""Violation of a constraint on a figure that is not finite, and that of an unstable or failed candidate [1]."""
 
 LIMIT = 600.0
 """Wall time that one evaluation may take in a worker process [s]."""
@@ -45,99 +30,6 @@ BATCH = 8
 
 TrialProgress = Callable[[int, int, float], None]
 """Called with the number of trials done, of all trials, and the time left [s]."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A candidate and what became of it.
-
-    Attributes:
-        number: from 0, in the order in which they were proposed.
-        gains: by name.
-        status: ok, unstable or failed.
-        figures: by name; empty unless ok.
-        cost: weighted sum; inf if a figure in it is not finite, or the status is not ok.
-        violation: 0 if all constraints hold; else by how much they do not, in parts of their limits, added.
-        reason: one line; empty if ok.
-    """
-
-    number: int
-    gains: Point
-    status: str
-    figures: dict[str, float]
-    cost: float
-    violation: float
-    reason: str = ""
-
-    @property
-    def feasible(self) -> bool:
-        """Whether it is ok and all constraints hold."""
-        return self.violation == 0.0 and math.isfinite(self.cost)
-
-
-@dataclass(frozen=True)
-class Trials:
-    """What a search found.
-
-    Attributes:
-        trials: in the order of their numbers.
-        gains: names.
-        cost: weight of each figure in the cost.
-        constraints: limit of each figure.
-        method: how the candidates were proposed.
-        seed: of what was drawn.
-        complete: whether all trials were made; not if Ctrl-C came before.
-    """
-
-    trials: tuple[Trial, ...]
-    gains: tuple[str, ...]
-    cost: dict[str, float]
-    constraints: dict[str, float] = field(default_factory=dict)
-    method: str = ""
-    seed: int = 0
-    complete: bool = True
-
-    @property
-    def best(self) -> Trial | None:
-        """The feasible trial of the smallest cost; None if there is none."""
-        feasible = [trial for trial in self.trials if trial.feasible]
-        return min(feasible, key=lambda trial: (trial.cost, trial.number), default=None)
-
-    @cached_property
-    def table(self) -> pd.DataFrame:
-        """A row a trial: number, the gains, the figures, cost, violation, feasible, status, reason."""
-        names = dict.fromkeys(name for trial in self.trials for name in trial.figures)
-        rows = [
-            {"number": trial.number, **trial.gains}
-            | {name: trial.figures.get(name, math.nan) for name in names}
-            | {"cost": trial.cost, "violation": trial.violation, "feasible": trial.feasible}
-            | {"status": trial.status, "reason": trial.reason}
-            for trial in self.trials
-        ]
-        columns = ["number", *self.gains, *names, "cost", "violation", "feasible", "status", "reason"]
-        return pd.DataFrame(rows, columns=columns)
-
-    def front(self, figures: Sequence[str] | None = None) -> tuple[Trial, ...]:
-        """Feasible trials that no other feasible trial beats in one figure without being worse in another.
-
-        Args:
-            figures: names; those of the cost if left out. Sorted by the first of them.
-        """
-        names = self._named(figures)
-        feasible = [trial for trial in self.trials if trial.feasible and np.isfinite(_values(trial, names)).all()]
-        kept = pareto_front(np.array([_values(trial, names) for trial in feasible]).reshape(-1, len(names)))
-        return tuple(sorted((feasible[k] for k in kept), key=lambda trial: (*_values(trial, names), trial.number)))
-
-    def knee(self, figures: Sequence[str] | None = None) -> Trial | None:
-        """The knee of the front, see :func:`find_knee`; None without a front."""
-        front = self.front(figures)
-        if not front:
-            return None
-        names = self._named(figures)
-        return front[find_knee(np.array([_values(trial, names) for trial in front]))]
-
-    def _named(self, figures: Sequence[str] | None) -> list[str]:
-        return list(self.cost if figures is None else figures)
 
 
 def search(
@@ -169,7 +61,7 @@ def search(
             or random.
         trials: number of candidates, those of `start` with them.
         cost: weight of each figure [1/its unit].
-        constraints: limit of each figure [its unit]; see the head of the module.
+        constraints: limit of each figure [its unit]; see :mod:`mirdrake.tuning.trials`.
         fixed: gains that do not vary.
         start: candidates to begin with, as the baseline or that of a rule; within the ranges.
         seed: of what is drawn.
@@ -226,7 +118,7 @@ def search(
                 evaluations.make(tasks)
                 for number, (gains, _) in tasks.items():
                     trial = judge(number, gains, journal[number], cost, limits)
-                    proposer.tell(_values(trial, list(cost)) if method == "nsga2" else [trial.cost], trial.violation)
+                    proposer.tell(trial.values(list(cost)) if method == "nsga2" else [trial.cost], trial.violation)
                     done.append(trial)
             complete = True
         except KeyboardInterrupt:  # what is done counts
@@ -300,94 +192,6 @@ def try_gains(evaluate: Callable[..., Evaluation], gains: Mapping[str, float], o
     return {"status": given.status, "reason": given.reason, "figures": figures}
 
 
-def judge(
-    number: int,
-    gains: Mapping[str, float],
-    record: Mapping[str, Any],
-    cost: Mapping[str, float],
-    constraints: Mapping[str, float],
-) -> Trial:
-    """A trial from what its evaluation gave.
-
-    Raises:
-        ConfigError: the evaluation knows no such figure.
-    """
-    status, reason = str(record["status"]), str(record.get("reason", ""))
-    figures: dict[str, float] = dict(record.get("figures") or {})
-    if status != "ok":
-        return Trial(number, dict(gains), status, {}, math.inf, UNSTABLE, reason)
-    for what, names in (("cost", cost), ("constraints", constraints)):
-        for name in names:
-            if name not in figures:
-                raise ConfigError(f"{what}: no figure is called '{name}'; {did_you_mean(name, figures)}")
-    total = sum(weight * figures[name] for name, weight in cost.items() if weight)
-    broken = sum(_excess(name, figures[name], limit) for name, limit in constraints.items())
-    if not math.isfinite(total):
-        total, broken = math.inf, broken + BROKEN
-    return Trial(number, dict(gains), status, figures, total, broken, reason)
-
-
-@dataclass(frozen=True)
-class GainMap:
-    """Cost and stability over two gains.
-
-    Attributes:
-        table: columns: the two gains, cost (inf where it is not finite), ms (nan if unknown), stable, feasible; a row a
-            point, the second gain varies fastest.
-        gains: names of the two.
-        edge: points between a stable and an unstable neighbour, halfway on the scale of the axis, shape (n, 2).
-    """
-
-    table: pd.DataFrame
-    gains: tuple[str, str]
-    edge: NDArray[np.float64]
-
-
-def map_of_two_gains(
-    evaluate: Evaluator,
-    space: Mapping[str, Any],
-    *,
-    cost: Mapping[str, float],
-    constraints: Mapping[str, float] | None = None,
-    count: int = 15,
-    **more: Any,
-) -> GainMap:
-    """Cost, Ms and stability on a grid of two gains.
-
-    Args:
-        evaluate: tries gains.
-        space: range of each of the two, see :func:`search`.
-        cost: see :func:`search`.
-        constraints: see :func:`search`.
-        count: values of a range that does not say so itself.
-        more: further arguments of :func:`search`: fixed, workers, store, options and so on.
-
-    Raises:
-        ConfigError: not two gains, and as :func:`search`.
-    """
-    ranges = {
-        name: entry if entry.values or entry.count else entry.model_copy(update={"count": count})
-        for name, entry in read_space(space).items()
-    }
-    if len(ranges) != 2:
-        raise ConfigError(f"a map needs two gains, got {len(ranges)}: {', '.join(ranges) or 'none'}")
-    sizes = [len(entry.values) if entry.values else entry.count or 0 for entry in ranges.values()]
-    found = search(evaluate, ranges, method="grid", trials=math.prod(sizes), cost=cost, constraints=constraints, **more)
-    first, second = ranges
-    table = pd.DataFrame(
-        {
-            first: [trial.gains[first] for trial in found.trials],
-            second: [trial.gains[second] for trial in found.trials],
-            "cost": [trial.cost for trial in found.trials],
-            "ms": [trial.figures.get("ms", math.nan) for trial in found.trials],
-            "stable": [trial.status == "ok" for trial in found.trials],
-            "feasible": [trial.feasible for trial in found.trials],
-        }
-    )
-    scales = [entry.scale for entry in ranges.values()]
-    return GainMap(table, (first, second), _edge(table, (first, second), sizes, scales, found.complete))
-
-
 def read_space(space: Mapping[str, Any]) -> dict[str, ParameterSpec]:
     """Ranges of gains, checked.
 
@@ -421,7 +225,7 @@ def _check(
     for name, weight in cost.items():
         if not (math.isfinite(weight) and weight >= 0.0):
             raise ConfigError(f"cost.{name}: {weight:g} is not allowed; a weight is 0 or more")
-        if name in MORE_IS_BETTER:
+        if name in AT_LEAST:
             raise ConfigError(f"cost.{name}: more of it is better; make it a constraint, or take ms or mt")
     both = sorted(set(ranges) & set(fixed))
     if both:
@@ -435,35 +239,3 @@ def _check(
             low, high = min(entry.ends()), max(entry.ends())
             if not low <= point[name] <= high:
                 raise ConfigError(f"start.{at}.{name}: {point[name]:g} is outside its range, {low:g} to {high:g}")
-
-
-def _excess(name: str, value: float, limit: float) -> float:
-    """By how much a figure breaks its limit, in parts of the limit."""
-    over = limit - value if name in MORE_IS_BETTER else value - limit
-    if math.isnan(over):
-        return BROKEN
-    return min(max(over, 0.0) / (abs(limit) or 1.0), BROKEN)
-
-
-def _values(trial: Trial, names: Sequence[str]) -> list[float]:
-    """Figures to be made small."""
-    signs = [-1.0 if name in MORE_IS_BETTER else 1.0 for name in names]
-    return [sign * trial.figures.get(name, math.nan) for sign, name in zip(signs, names, strict=True)]
-
-
-def _edge(
-    table: pd.DataFrame, gains: tuple[str, str], sizes: Sequence[int], scales: Sequence[str], complete: bool
-) -> NDArray[np.float64]:
-    if not complete:
-        return np.zeros((0, 2))
-    stable = table["stable"].to_numpy(dtype=bool).reshape(sizes)
-    x, y = (table[name].to_numpy(dtype=float).reshape(sizes) for name in gains)
-    points = []
-    for along, (values, scale) in enumerate(zip((x, y), scales, strict=True)):
-        near, far = (np.take(stable, part, axis=along) for part in (range(sizes[along] - 1), range(1, sizes[along])))
-        for i, j in np.argwhere(near != far):
-            other = (i + 1, j) if along == 0 else (i, j + 1)
-            a, b = float(values[i, j]), float(values[other])
-            middle = math.sqrt(a * b) if scale == "log" else 0.5 * (a + b)
-            points.append((middle, float(y[i, j])) if along == 0 else (float(x[i, j]), middle))
-    return np.array(points, dtype=float).reshape(-1, 2)

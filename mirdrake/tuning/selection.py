@@ -12,8 +12,8 @@ from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.outcome import Candidate
 from mirdrake.tuning.robustness import draw_conditions, read_ranges
 from mirdrake.tuning.scenarios import corners, hardest, words
-from mirdrake.tuning.search import Trial, Trials
 from mirdrake.tuning.stages import Stages, rounded
+from mirdrake.tuning.trials import Trial, Trials
 
 POOL = 8
 """Candidates that are shaken at most before the one that fails least is taken; rules, too."""

@@ -7,8 +7,8 @@ from mirdrake.errors import ConfigError
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.reduced import find_loop_margins
 from mirdrake.tuning.outcome import Candidate
-from mirdrake.tuning.search import Trial, Trials
 from mirdrake.tuning.spec import TuningSpec
+from mirdrake.tuning.trials import Trial, Trials
 from mirdrake.yaml_io import where
 
 

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from mirdrake.errors import ConfigError
 from mirdrake.plant import PlantSpec
 from mirdrake.studies.spec import Number
-from mirdrake.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, read_text, shown, validate
+from mirdrake.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, shown, validate
 
 PUBLISHED = {"kp": 100.0, "ki": 0.01, "kd": 10.0}
 """Untuned gains of the vehicles of the papers, to compare with.
@@ -191,7 +191,6 @@ def load_tuning(path: Path | str, *, overrides: Iterable[str] = ()) -> TuningSpe
     path = Path(path)
     if not path.suffix and not path.exists():
         raise ConfigError(f"{shown(path)}: no such file; a tuning file ends with .yaml")
-    read_text(path)
     spec = load_yaml(path, TuningSpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem

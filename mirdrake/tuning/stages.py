@@ -11,13 +11,16 @@ import pandas as pd
 
 from mirdrake.studies.calls import Lost, call_all, open_executor
 from mirdrake.tuning.designs import DIGITS, Design
+from mirdrake.tuning.gain_map import map_of_two_gains
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator
+from mirdrake.tuning.loops.make import finer
 from mirdrake.tuning.outcome import MARGINS, Candidate
 from mirdrake.tuning.robustness import Robustness, monte_carlo
 from mirdrake.tuning.scenarios import InScenarios, drawn_ranges
-from mirdrake.tuning.search import Trials, judge, map_of_two_gains, search
+from mirdrake.tuning.search import search
 from mirdrake.tuning.spec import TuningSpec
+from mirdrake.tuning.trials import Trials, judge
 
 MAP = 13
 """Values of each gain in the map."""
@@ -136,6 +139,10 @@ class Stages:
         if not found.complete:
             raise KeyboardInterrupt
         return found
+
+    def try_finer(self, design: Design) -> Candidate | None:
+        """A design at a finer step of the plant; None where nothing is known of the loop but its signals."""
+        return None if self.bare else self.candidate(design, LoopEvaluator(finer(self.loop))(design.gains))
 
     def stands(self, gains: Mapping[str, float], scenarios: Sequence[Conditions], loop: LoopSpec | None = None) -> bool:
         """Whether gains are stable in all of some scenarios."""

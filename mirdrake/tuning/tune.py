@@ -19,32 +19,33 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.errors import RunError
 from mirdrake.logs import write_file
 from mirdrake.recording.files import told
+from mirdrake.tuning.check import check_study
 from mirdrake.tuning.designs import Design, make_designs
 from mirdrake.tuning.identify import Identified, check_identified, identify_loop
 from mirdrake.tuning.loops.evaluate import bench_of
-from mirdrake.tuning.loops.make import baseline_gains, check_names, make_loop_spec
+from mirdrake.tuning.loops.make import baseline_gains, make_loop_spec
 from mirdrake.tuning.outcome import (
     accept,
     baseline_words,
     candidate_data,
+    finer_data,
+    finer_notes,
     frequency_table,
     loop_data,
-    model_data,
     responses_table,
     trials_table,
     versions,
 )
 from mirdrake.tuning.over_speed import tune_over_speed
 from mirdrake.tuning.result import TuningResult, digest, load_result, plain, write_result
-from mirdrake.tuning.search import Trials
 from mirdrake.tuning.selection import Selection
 from mirdrake.tuning.space import known_starts, leaders_of, near_the_limits, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 from mirdrake.tuning.stages import Progress, Stages
-from mirdrake.yaml_io import where
+from mirdrake.tuning.trials import Trials
 
 STUDY = "study.json"
 
@@ -81,10 +82,7 @@ def tune(
     spec = make_tuning(study)
     began = time.monotonic()
     loop = make_loop_spec(spec)
-    check_names(spec, loop)
-    baseline_gains(spec, loop)
-    if spec.schedule is not None and loop.kind in ("path", "diagram"):
-        raise ConfigError(f"{where(spec, 'schedule')}: gains of this loop stand in no control.yaml; leave it out")
+    check_study(spec, loop)
     folder = Path(out)
     data = spec.model_dump(mode="json")
     key = digest({"study": data, "loop": asdict(loop)})
@@ -165,6 +163,10 @@ def _run(stages: Stages, data: dict[str, Any], began: float) -> TuningResult:
     tables |= {} if bare else {"frequency": frequency_table(stages.loop, chosen)}
     tables |= {} if gain_map is None else {"map": gain_map}
     tables |= {} if robust is None else {"monte_carlo": selection.with_grip(robust.table)}
+    confirmed = stages.try_finer(winner.design)
+    fine_step = None if confirmed is None else finer_data(stages.loop, confirmed)
+    notes += selection.notes(winner)
+    notes += [] if fine_step is None else finer_notes(fine_step, winner.trial.figures)
     rows = accept(baseline, rule, winner, robust, stages.constraints, stages.loop.course)
     result = {
         "name": spec.name,
@@ -174,12 +176,13 @@ def _run(stages: Stages, data: dict[str, Any], began: float) -> TuningResult:
         "seed": spec.seed,
         "versions": versions(),
         "loop": loop_data(stages.loop),
-        "models": [model_data(model) for model in found.models],
-        "notes": [*notes, *selection.notes(winner), *scheduled.notes],
+        "models": [asdict(model) for model in found.models],
+        "notes": [*notes, *scheduled.notes],
         "candidates": [candidate_data(one) for one in tried],
         "baseline": baseline.design.name,
         "best": winner.design.name if winner.trial.feasible else None,
         "best_rule": rule.design.name if rule is not None else None,
+        "finer": fine_step,
         "schedule": scheduled.rows,
         "schedule_check": scheduled.check,
         "robustness": None if robust is None else robust.data() | {"corners": selection.corners(chosen)},

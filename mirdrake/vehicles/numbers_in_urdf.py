@@ -72,6 +72,8 @@ _RULES: tuple[tuple[str, str, int, Test], ...] = (  # element, attribute, how ma
     (_DRAKE + "hunt_crossley_dissipation", "value", 1, _not_negative),
     (_DRAKE + "point_contact_stiffness", "value", 1, _positive),
     (_DRAKE + "relaxation_time", "value", 1, _not_negative),
+    (_DRAKE + "rotor_inertia", "value", 1, _not_negative),
+    (_DRAKE + "gear_ratio", "value", 1, _any),
 )
 
 

@@ -75,8 +75,7 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _calc(self, context: Context, output: BasicVector) -> None:
         n = self.size
         memory = context.get_discrete_state(self._memory).value()
-        delay = context.get_numeric_parameter(self._delay).value()[0]
-        periods = delay / self.period
+        periods = context.get_numeric_parameter(self._delay).value().item() / self.period
         whole = math.floor(periods + 1e-9)
         part = max(periods - whole, 0.0)
         at = (1 + whole) * n  # the newest past control is at 2 n

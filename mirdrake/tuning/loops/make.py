@@ -1,12 +1,14 @@
 """From a tuning file to the data of its loop: the diagram to build, the gains, the course."""
 
 import math
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
 from mirdrake.diagram import assemble as make_assembly
 from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.errors import ConfigError
+from mirdrake.plant import PlantSpec
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.spec import PUBLISHED, TuningSpec
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -47,6 +49,9 @@ def make_loop_spec(spec: TuningSpec, *, noise: bool | None = None, speed: float 
         return make_signal_loop(spec)
     vehicle = load_vehicle(_model(spec), where=where(spec, "vehicle"))
     world = load_world(spec.world, where=where(spec, "world"))
+    if any(mu != world.ground.mu for _, mu in world.friction_areas):
+        place = where(spec, "world")
+        raise ConfigError(f"{place}: {spec.world} has friction that is not the same everywhere; take empty, say")
     noisy = spec.robustness.noise > 0.0 if noise is None else noise
     joint = "steering" if spec.loop == "steering" else "wheel"
     pedals = joint == "wheel" and vehicle.control.wheel_speed.kind == "pedals"
@@ -126,6 +131,17 @@ def make_loop_spec(spec: TuningSpec, *, noise: bool | None = None, speed: float 
     )
 
 
+def finer(loop: LoopSpec) -> LoopSpec:
+    """The loop at a finer step of the plant: that of a diagram which names none, or half of its own if that is less.
+
+    A long step of the plant damps what it does not resolve. Wheels that lose their grip for an instant are light, and
+    gains that hold the car may make them spin; at a long step that is not seen.
+    """
+    plant = loop.diagram["plant"]
+    step = min(PlantSpec().time_step, 0.5 * float(plant["time_step"]))
+    return replace(loop, diagram={**loop.diagram, "plant": {**plant, "time_step": step}})
+
+
 def make_course(spec: TuningSpec, vehicle: Vehicle, *, speed: float | None = None) -> dict[str, Any]:
     """Numbers of the trial: speed [m/s], step [y], step_time, load [u], load_time, duration [s].
 
@@ -150,36 +166,6 @@ def make_course(spec: TuningSpec, vehicle: Vehicle, *, speed: float | None = Non
         "load_time": 0.6 * test.duration if test.load_time is None else test.load_time,
         "duration": test.duration,
     }
-
-
-def check_names(spec: TuningSpec, loop: LoopSpec) -> None:
-    """Refuse gains and figures that there are not.
-
-    Raises:
-        ConfigError: the first of them, with file and line.
-    """
-    from mirdrake.tuning.spec import FIGURES
-
-    for name in spec.search.ranges:
-        if name not in loop.gains:
-            raise ConfigError(
-                f"{where(spec, 'search', 'ranges', name)}: no gain '{name}'; {did_you_mean(name, loop.gains)}"
-            )
-    if isinstance(spec.baseline, dict):
-        for name in spec.baseline:
-            if name not in loop.gains:
-                raise ConfigError(
-                    f"{where(spec, 'baseline', name)}: no gain '{name}'; {did_you_mean(name, loop.gains)}"
-                )
-    for part in ("cost", "constraints"):
-        for name in getattr(spec, part):
-            if name not in FIGURES:
-                raise ConfigError(f"{where(spec, part, name)}: no figure '{name}'; {did_you_mean(name, FIGURES)}")
-    if spec.test.load_time is not None and not spec.test.step_time < spec.test.load_time < spec.test.duration:
-        raise ConfigError(
-            f"{where(spec, 'test', 'load_time')}: {spec.test.load_time:g} s is not between the step "
-            f"({spec.test.step_time:g} s) and the end ({spec.test.duration:g} s)"
-        )
 
 
 def baseline_gains(spec: TuningSpec, loop: LoopSpec) -> dict[str, float]:

@@ -18,8 +18,9 @@ from pydrake.systems.framework import Context
 from mirdrake.controllers import DiscretePid
 from mirdrake.controllers.path_tracking import PathTracker
 from mirdrake.diagram import Assembly, assemble
-from mirdrake.diagram_spec import load_diagram, make_spec
+from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.paths import find
 from mirdrake.simulation import Simulation
 from mirdrake.studies.job import _NUMERICS
 from mirdrake.studies.knobs import GAINS, find_knobs
@@ -53,13 +54,10 @@ def make_signal_loop(spec: TuningSpec) -> LoopSpec:
     """
     loop = spec.loop if isinstance(spec.loop, DiagramLoop) else _path_loop(spec)
     own = isinstance(spec.loop, DiagramLoop)
-    if own:
-        beside = Path(spec.folder or ".") / loop.diagram
-        diagram = load_diagram(str(beside) if beside.is_file() else loop.diagram).model_dump(mode="json")
-    else:
-        diagram = _path_diagram(spec)
-    diagram["record"] = {**diagram.get("record", {}), "meshcat": False, "report": False, "cameras": False}
-    assembly = assemble(make_spec(diagram))
+    drawing = _own_diagram(spec, loop.diagram) if own else make_spec(_path_diagram(spec))
+    drawing.record.meshcat = drawing.record.report = drawing.record.cameras = False
+    assembly = assemble(drawing)  # of the file itself, so that its faults are told with their lines
+    diagram = drawing.model_dump(mode="json")
     columns = Simulation(assembly).run(duration=LOOK).signals.columns
     wanted = {"output": loop.output, "effort": loop.effort}
     if isinstance(loop.reference, str):
@@ -147,6 +145,14 @@ def _set(system: Any, context: Context, gain: str, value: float) -> None:
 def replace_gain(gains: Any, gain: str, value: float) -> Any:
     """The same gains but for one."""
     return replace(gains, **{gain: value})
+
+
+def _own_diagram(spec: TuningSpec, name: str) -> DiagramSpec:
+    """A user's diagram: beside the study, a path, or a name."""
+    beside = Path(spec.folder or ".") / name
+    if not beside.is_file():
+        beside = find("diagrams", name, where=where(spec, "loop", "diagram"))
+    return load_diagram(str(beside))
 
 
 def _path_loop(spec: TuningSpec) -> DiagramLoop:  # noqa: ARG001
