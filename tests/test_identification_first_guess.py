@@ -1,5 +1,6 @@
 """A mapping and nothing else: first guesses of the steering, refused signs, default studies, held-out ends."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -256,3 +257,68 @@ def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
     for ranked in ((), (SimpleNamespace(name="step steer", d_gain=float("nan")),)):
         monkeypatch.setattr(output_error, "rank", lambda *_, ranked=ranked, **__: ranked)
         assert output_error.best_manoeuvre(empty) == []  # type: ignore[arg-type]
+
+
+def braking(height, seed=0):
+    """A single track whose stiffness goes with the load of its axles, braking and turning for 60 s; Euler, 1 ms."""
+    random = np.random.default_rng(seed)
+    front = rear = 0.16
+    fine = np.arange(0.0, TIME[-1] + 5e-4, 1e-3)
+    v, push = 3.2 + 1.2 * np.sin(1.1 * fine), 1.32 * np.cos(1.1 * fine)
+    angle = 0.12 * np.sin(0.8 * fine) + 0.05 * np.sin(2.3 * fine + 1.0)
+    vy = turn = 0.0
+    seen = []
+    for now, moved, steer in zip(v.tolist(), (height / (9.81 * 0.16) * push).tolist(), angle.tolist(), strict=True):
+        seen.append((vy, turn))
+        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer)
+        two = -60.0 * (1.0 + moved) * math.atan((vy - rear * turn) / now)
+        vy, turn = (
+            vy + 1e-3 * (one * math.cos(steer) + two - now * turn),
+            turn + 1e-3 * (front * one * math.cos(steer) - rear * two) / 0.02,
+        )
+    v, angle, seen = v[::20], angle[::20], seen[::20]
+    side, rate = np.array(seen).T
+    return DataSet(
+        (
+            Log(
+                "drive",
+                "train",
+                TIME,
+                {
+                    "vx": v,
+                    "vy": side + random.normal(0.0, 0.01, len(TIME)),
+                    "yaw_rate": rate + random.normal(0.0, 0.01, len(TIME)),
+                    "road_wheel_angle": angle,
+                },
+            ),
+        ),
+        0.32,
+    )
+
+
+@pytest.mark.parametrize("height", [0.0, 0.08])
+def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
+    """Otherwise bends that a vehicle brakes for look as if its steering were early."""
+    spec = ModelSpec("single_track", {"tyres": "linear"})
+    found = choose_structure(braking(height), spec, {}, EstimatorOptions())
+    assert ("load_transfer" in found.choices) is (height > 0.0)
+    assert [note for note in found.notes if "load transfer" in note] == list(found.notes)
+    if height:
+        assert found.start is not None
+        assert found.start["load_transfer"] == pytest.approx(height, rel=0.05)
+        assert found.start["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
+
+
+def test_an_axle_that_carries_more_holds_more():
+    """Steady bend r = v δ / (L + K v²), K = (b / Cf' - a / Cr') / L · m, with Cf' = Cf (1 - h ax / (g b)) and so on."""
+    data = braking(0.0)
+    model = make_model(ModelSpec("single_track", {"tyres": "linear"}), data, {})
+    known = {one.name: one.guess for one in model.parameters}
+    known |= {"cornering_stiffness_front": 50.0, "cornering_stiffness_rear": 60.0, "load_transfer": 0.08}
+    p = {name: np.array([value]) for name, value in known.items()}
+    speed, push, angle, half = 3.0, -2.0, 1e-3, 0.16
+    front, rear = (50.0 * (1.0 - 0.08 * push / (9.80665 * half)), 60.0 * (1.0 + 0.08 * push / (9.80665 * half)))
+    turn = speed * angle / (0.32 + (half / front - half / rear) / 0.32 * speed**2 * 0.32 / 0.32)
+    side = turn * (half - half * speed**2 / (0.32 * rear))
+    rates = model.rates(np.array([[side], [turn]]), np.array([[angle], [speed], [push]]), p)
+    assert np.abs(rates).max() < 1e-5 * speed * turn

@@ -13,7 +13,9 @@ from mirdrake.identification.models import MODELS, ModelSpec, make_model
 from mirdrake.identification.models.base import first_order, second_order, smooth_between
 from mirdrake.identification.models.steer import play
 from mirdrake.identification.parameters import Choice, choose
-from mirdrake.single_track.dynamics import brush_force
+from mirdrake.single_track import SingleTrack, SingleTrackParameters
+from mirdrake.single_track.dynamics import Variant, brush_force
+from mirdrake.worlds.world import GRAVITY
 from tests.identification_rigs import FRONT, MASS, REAR, TRUTH, exact, lateral_data
 
 KNOWN = {"mass": MASS, "front_length": FRONT, "rear_length": REAR}
@@ -55,13 +57,17 @@ def test_shots_side_by_side_are_one_trajectory(count):
 
 @pytest.mark.parametrize("tyres", ["linear", "fiala", "magic_formula"])
 def test_derivatives_of_the_residuals_equal_differences(tyres):
-    model = make_model(ModelSpec("single_track_roll", {"tyres": tyres}), lateral_data(), KNOWN)
+    options = {"tyres": tyres, "relaxation": tyres == "fiala"}
+    model = make_model(ModelSpec("single_track_roll", options), lateral_data(), KNOWN)
     choices = HELD | {"steering_lag": Choice(guess=0.05), "steering_delay": Choice(guess=0.033)}
     choices |= {
         "roll_steer": Choice(free=True),
         "roll_steer_rear": Choice(free=True),
         "accelerometer_height": Choice(guess=0.4),
+        "roll_arm": Choice(guess=0.3),
     }
+    if options["relaxation"]:
+        choices |= {"relaxation_front": Choice(guess=0.5), "trail_rear": Choice(guess=0.03)}
     drives, _ = make_drives(model, lateral_data().logs, 8.0)
     sigmas = {"yaw_rate": 0.003, "lateral_acceleration": 0.1}
     problem = Problem(model, drives, choose(model.parameters, choices), sigmas, joined=0.1)
@@ -72,6 +78,41 @@ def test_derivatives_of_the_residuals_equal_differences(tyres):
         step[i] = 1e-4
         around = (problem.residuals(z + step) - problem.residuals(z - step)) / 2e-4
         assert np.linalg.norm(slopes[:, i] - around) < 2e-3 * np.linalg.norm(around) + 1e-6, i
+
+
+def test_relaxation_and_roll_are_those_of_the_reduced_model():
+    """The same car in both, quick enough for slip that builds up and a body that sways."""
+    p = SingleTrackParameters(
+        mass=MASS, yaw_inertia=2400.0, front_length=FRONT, rear_length=REAR, front_stiffness=9e4, rear_stiffness=1.1e5,
+        front_relaxation=0.5, rear_relaxation=0.4, roll_mass=1300.0, roll_height=0.45, roll_inertia=500.0,
+        roll_stiffness=9e4, roll_damping=3e3,
+    )  # fmt: skip
+    arm = p.roll_mass * p.roll_height
+    righting = p.roll_stiffness - arm * GRAVITY
+    inertia = p.roll_inertia + arm * p.roll_height - arm * arm / p.mass
+    natural = (righting / inertia) ** 0.5
+    values = {
+        "cornering_stiffness_front": 9e4, "cornering_stiffness_rear": 1.1e5, "yaw_inertia": 2400.0,
+        "relaxation_front": 0.5, "relaxation_rear": 0.4, "roll_arm": arm / p.mass, "roll_gain": arm / righting,
+        "roll_frequency": natural, "roll_damping": 0.5 * p.roll_damping / (natural * inertia),
+    }  # fmt: skip
+    model = make_model(ModelSpec("single_track_roll", {"relaxation": True}), lateral_data(), KNOWN)
+    other = SingleTrack(p, Variant("linear", relaxation=True, roll=True))
+    context = other.CreateDefaultContext()
+    random = np.random.default_rng(3)
+    for _ in range(5):
+        vx, delta = 20.0, float(random.normal(0.0, 0.02))
+        ours = random.normal(0.0, 0.02, 6)
+        names = ("vy", "yaw_rate", "roll", "roll_rate", "front_slip", "rear_slip")
+        states = dict.fromkeys(other.state_names, 0.0) | {"vx": vx} | dict(zip(names, ours, strict=True))
+        context.SetContinuousState([states[name] for name in other.state_names])
+        other.GetInputPort("steering").FixValue(context, [delta])
+        other.GetInputPort("forces").FixValue(context, [0.0, 0.0])
+        rates = dict(zip(other.state_names, other.EvalTimeDerivatives(context).CopyToVector(), strict=True))
+        p_all = {info.name: info.guess for info in model.parameters} | values
+        found = model.rates(ours, np.array([delta, vx, 0.0]), p_all)
+        theirs = [rates[name] for name in names]
+        assert found == pytest.approx(theirs, rel=0.01, abs=0.02)
 
 
 def test_fiala_force_is_that_of_the_reduced_model():

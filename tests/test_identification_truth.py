@@ -11,9 +11,13 @@ from mirdrake.identification.estimators import fit
 from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.models import ModelSpec, make_model
+from mirdrake.identification.models.vehicle_values import vehicle_values
 from mirdrake.identification.online import filter_log
 from mirdrake.identification.parameters import Choice, choose
 from mirdrake.single_track import SingleTrackParameters
+from mirdrake.vehicles import load_vehicle
+from tests.bolt_drives import DELAY, LAG, RATE, Bolt, noisy, truth
+from tests.bolt_drives import lateral_data as bolt_data
 from tests.commonroad_budget import effective_stiffnesses, tyre_stiffnesses
 from tests.commonroad_rig import CARS, car, manoeuvre, reference_trace
 from tests.identification_rigs import (
@@ -127,6 +131,133 @@ def test_a_log_of_90_s_at_200_hz_takes_less_than_20_s_and_the_filter_runs_50_tim
     begun = time.process_time()
     filter_log(data.logs[0], known)
     assert time.process_time() - begun < 90.0 / 50.0
+
+
+# --- the full plant ---------------------------------------------------------------------------------------------
+
+SENSORS = ("vx", "vy", "yaw_rate", "roll_rate", "lateral_acceleration")
+KNOWN = (
+    "mass", "front_length", "rear_length", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", "roll_steer",
+    "roll_steer_rear", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front", "trail_rear",
+)  # fmt: skip
+"""What a study of a vehicle takes from its files; gain, frequency and damping of roll are where a fit starts only."""
+
+
+@pytest.fixture(scope="module")
+def bolt(tmp_path_factory):
+    """Exact drives of the plant, and its coast-down."""
+    car_ = Bolt.copy(tmp_path_factory.mktemp("bolt"))
+    return car_.lateral(), car_.coast()
+
+
+def fit_bolt(drives, seed, steer, **more):
+    """The fit of a seed's noise to the drives of the plant; stiffness and inertia start where all cars start."""
+    measured = steer == "road_wheel_angle"
+    values = vehicle_values(load_vehicle("bolt@handling"), "single_track_roll", measured=measured)
+    places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Choice(fixed=-values["rear_length"]))
+    choices = {name: Choice(given=values[name]) for name in KNOWN} | places | more
+    data = bolt_data(drives, (*SENSORS, steer), seed)
+    return fit(data, ModelSpec("single_track_roll", {"relaxation": True}), parameters=choices)
+
+
+def half(one):
+    """Half of the width of an interval over its value."""
+    return 0.5 * (one.high - one.low) / one.value
+
+
+@pytest.mark.slow
+def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
+    """Truth: the tyre's own stiffness at the static load, and the inertia of all bodies.
+
+    What the model leaves out is some 1 % of the stiffnesses, and so are their intervals: not each of these holds the
+    truth, but none is off by more than twice and a half of it.
+    """
+    so = truth()
+    wanted = {
+        "cornering_stiffness_front": so.stiffness[0],
+        "cornering_stiffness_rear": so.stiffness[1],
+        "yaw_inertia": so.yaw_inertia,
+    }
+    held = 0
+    for seed in range(4):
+        found: Any = fit_bolt(bolt[0], seed, "road_wheel_angle")
+        for name, value in wanted.items():
+            off = found[name].value / value - 1.0
+            assert abs(off) < 0.02, (name, seed, off)
+            assert abs(off) < 2.5 * half(found[name]), (name, seed, off)
+        turn = found["yaw_inertia"]
+        # Wheels on the outside of a bend turn faster, which resists yawing and is no inertia of bodies.
+        held += turn.low < so.yaw_inertia < turn.high or turn.low < so.yaw_inertia + so.spin_inertia < turn.high
+        assert abs(found["steering_delay"].value) < 1e-3
+    assert held == 4
+
+
+@pytest.mark.slow
+def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent(bolt):
+    """The command passes the actuator of vehicle.yaml, is held for a period of the control unit, and waits for a step.
+
+    The lag of the first half of a period is that of the hold, a whole one that between two discrete updates.
+    """
+    late = DELAY + 1.5 / RATE
+    fixed = {"steering_ratio": Choice(fixed=1.0), "steering_lag": Choice(free=True, guess=0.03)}
+    for seed in range(4):
+        found: Any = fit_bolt(bolt[0], seed, "steering_command", **fixed)
+        assert found["steering_lag"].value == pytest.approx(LAG, rel=0.02), seed
+        assert found["steering_delay"].value == pytest.approx(late, rel=0.02), seed
+        assert found["yaw_inertia"].value == pytest.approx(truth().yaw_inertia, rel=0.02), seed
+        assert found["steering_delay"].low < late < found["steering_delay"].high
+
+
+@pytest.mark.slow
+def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_percent(bolt):
+    spec = load_vehicle("bolt@handling").spec
+    so = truth()
+    wanted = {"rolling_resistance": spec.tyres.rolling_resistance, "drag": 0.5 * 1.2 * spec.aerodynamics.drag_area}
+    fixed = {"mass": Choice(fixed=so.mass), "rotating_mass": Choice(fixed=so.rotating_mass)}
+    for seed in range(4):
+        data = DataSet((noisy(bolt[1], ("vx",), seed, name="coast"),))
+        found: Any = fit(data, ModelSpec("longitudinal"), parameters=fixed)
+        for name, value in wanted.items():
+            assert found[name].value == pytest.approx(value, rel=0.02), (name, seed)
+            assert abs(found[name].value / value - 1.0) < 4.0 * half(found[name])
+
+
+@pytest.mark.slow
+def test_what_a_plain_single_track_makes_of_a_full_plant(bolt):
+    """Without relaxation its build-up of slip is a delay of 20 ms and a fifth of the inertia; roll has the rest."""
+    so = truth()
+    values = vehicle_values(load_vehicle("bolt@handling"), "single_track", relaxation=False)
+    choices = {name: Choice(fixed=values[name]) for name in ("mass", "front_length", "rear_length")}
+    choices |= dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Choice(fixed=-values["rear_length"]))
+    data = bolt_data(bolt[0], (*SENSORS, "road_wheel_angle"))
+    plain: Any = fit(data, ModelSpec("single_track"), parameters=choices)
+    assert plain["yaw_inertia"].value < 0.9 * so.yaw_inertia
+    assert plain["steering_delay"].value > 0.01
+
+
+def test_values_of_a_vehicle_are_those_of_its_tyres():
+    so, vehicle = truth(), load_vehicle("bolt@handling")
+    values = vehicle_values(vehicle, "single_track_roll")
+    assert values["cornering_stiffness_front"] == pytest.approx(so.stiffness[0], rel=1e-3)
+    assert values["cornering_stiffness_rear"] == pytest.approx(so.stiffness[1], rel=1e-3)
+    assert values["yaw_inertia"] == pytest.approx(so.yaw_inertia)
+    assert values["rotating_mass"] == pytest.approx(so.rotating_mass)
+    radius = vehicle.geometry.front_wheel_radius
+    assert values["wheel_momentum"] == pytest.approx(4 * 0.5 * 20.0 * radius)  # solid cylinders of 20 kg
+    assert 0.03 < values["trail_rear"] < values["trail_front"] < 0.06
+    soft = vehicle_values(vehicle, "single_track_roll", measured=False)
+    # Both servos of 5e4 N m/rad give way to the aligning moment of both wheels.
+    c = so.stiffness[0] * values["trail_front"] / 1e5
+    assert soft["cornering_stiffness_front"] == pytest.approx(so.stiffness[0] / (1.0 + c), rel=1e-3)
+    assert soft["cornering_stiffness_rear"] == values["cornering_stiffness_rear"]
+    assert soft["relaxation_front"] < values["relaxation_front"]
+    # Leaning wheels are in the stiffness where the model does not lean.
+    flat = vehicle_values(vehicle, "single_track")
+    slip = (values["mass"] * values["rear_length"] / (values["front_length"] + values["rear_length"])) / so.stiffness[0]
+    assert flat["cornering_stiffness_front"] == pytest.approx(
+        so.stiffness[0] / (1.0 - values["roll_steer"] * values["roll_gain"] / slip), rel=0.01
+    )
+    assert "relaxation_front" not in vehicle_values(load_vehicle("bolt"), "single_track")
 
 
 # --- the multi-body cars of commonroad-vehicle-models ------------------------------------------------------------

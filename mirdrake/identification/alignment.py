@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding, Severity
 from mirdrake.identification.relations import Grid, Relation, make_grid, relations_of
+from mirdrake.identification.sideways import Sideways, sideways_delays
 
 LONGEST = 0.6
 """Delays are sought up to this [s]."""
@@ -20,6 +21,8 @@ SMOOTHING = 0.05
 
 LEVELS = 4
 """The comparison is made with that smoothing, twice, four times, …; the one that is surest counts."""
+
+STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 
 BLOCKS = 10
 """Parts of a log, whose delays give the uncertainty and the drift."""
@@ -148,21 +151,21 @@ def find_delays(log: Log) -> list[tuple[Relation, Delay]]:
     return found
 
 
-def check_delays(
-    log: Log, sources: Sequence[Collection[str]] = (), *, repair: bool, second: bool = False
-) -> tuple[Log, list[Finding]]:
+def check_delays(log: Log, sources: Sequence[Collection[str]] = (), *, repair: bool) -> tuple[Log, list[Finding]]:
     """Channels that are late against others; their repair shifts as few as possible.
 
     Args:
         log: the log.
         sources: channels that come from one source: when some are late, those whose own delay is not known are, too.
         repair: whether to shift them.
-        second: the delay of vy is known and taken out.
     """
-    given = log
-    pairs, found = [], []
+    log, found = _check_drift(log, repair=repair)
+    pairs = []
     grid = make_grid(log)
     step = grid.step
+    forward = "vx" if "vx" in grid.channels else "speed"
+    one_source = True if any({"vy", forward} <= set(source) for source in sources) else None
+    side = sideways_delays(grid, 0.5 * step, together=one_source)
     for relation, delay in find_delays(log):
         if not relation.timed:
             text = (
@@ -173,16 +176,23 @@ def check_delays(
             name = f"{relation.measured}, {_clock_of(relation)}"
             found.append(Finding(log.name, "delay", name, "info", delay.value, "s", text))
             continue
-        arm = _lever_arm(grid, relation, delay)
-        if arm is None:
-            pairs.append((relation, delay))
-            continue
-        text = (
-            f"the accelerometer sits {abs(arm):.3g} m {'ahead of' if arm > 0.0 else 'behind'} the point whose velocity "
-            f"is logged: this fits better than a delay of {1e3 * delay.value:.3g} ms"
-        )
-        found.append(Finding(log.name, "place", relation.measured, "warning", arm, "m", text))
-    late = _lateness(pairs, 0.25 * step, "vy" in log.channels, sources)
+        if relation.measured == "lateral_acceleration" and side is not None:
+            arm = abs(side.arm) > 4.0 * side.arm_sigma
+            if arm and not side.acceleration:
+                if abs(delay.value) > max(0.25 * step, 5.0 * delay.sigma):
+                    text = (
+                        f"the accelerometer sits {abs(side.arm):.3g} ± {2.0 * side.arm_sigma:.2g} m "
+                        f"{'ahead of' if side.arm > 0.0 else 'behind'} the point whose velocity is logged: this fits "
+                        f"better than a delay of {1e3 * delay.value:.3g} ms"
+                    )
+                    found.append(Finding(log.name, "place", relation.measured, "warning", side.arm, "m", text))
+                continue
+            if side.velocity and not side.acceleration:
+                continue
+            if arm or side.velocity:  # else the pair by itself tells more exactly
+                delay = delay._replace(value=side.acceleration, sigma=max(side.sigmas[0], 1e-4), drift=0.0)
+        pairs.append((relation, delay))
+    late = _lateness(pairs, 0.25 * step, _ties(side, forward), sources)
     if "x" in late:
         late["y"] = late["x"]
     along = _along(late, sources, pairs, 0.25 * step)
@@ -205,31 +215,73 @@ def check_delays(
         found.append(
             Finding(log.name, "delay", name, severity, delay.value, "s", text, done if repair and sure else "")
         )
-        if abs(delay.drift) > 7.0 * delay.drift_sigma and abs(delay.drift) * np.ptp(log.time) > step:
-            text = f"the delay of {relation.measured} against {other} changes by {1e6 * delay.drift:.3g} µs each second"
-            found.append(Finding(log.name, "drift", name, "fault", delay.drift, "s/s", text + ": two clocks"))
     for name, value in along.items():
         text = f"{name} changes on the same rows as what is {1e3 * value:.3g} ms late: it comes from the same source"
         done = f"shifted by {-1e3 * value:+.3g} ms" if repair else ""
         found.append(Finding(log.name, "delay", name, "warning", value, "s", text, done))
-    log = _moved(log, moved) if repair else log
-    if "vy" in along:
+    if side is not None and side.velocity and "vy" not in along:
+        text = (
+            f"vy is {1e3 * abs(side.velocity):.3g} ± {2e3 * side.sigmas[1]:.2g} ms "
+            f"{'late' if side.velocity > 0.0 else 'early'} against what lateral_acceleration and yaw_rate give "
+            f"({abs(side.velocity) / step:.3g} samples, correlation {side.correlation:.3f})"
+        )
+        text += f"; {forward} is as late" if side.together else ""
+        shifted = [name for name in ("vy", forward, "yaw_rate", "lateral_acceleration") if name in moved]
+        shifted = shifted if {"vy", "yaw_rate"} & set(shifted) else []
+        done = "shifted " + ", ".join(f"{name} by {-1e3 * moved[name]:+.3g} ms" for name in shifted) if shifted else ""
+        name = "vy, lateral_acceleration"
+        found.append(Finding(log.name, "delay", name, "warning", side.velocity, "s", text, done if repair else ""))
+    return (_moved(log, moved) if repair else log), found
+
+
+def _check_drift(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
+    """Clocks that go at different rates; the repair stretches the channels that do not go with the steering."""
+    grid, span = make_grid(log), float(np.ptp(log.time))
+    seen = [(relation.measured, _clock_of(relation), delay) for relation, delay in find_delays(log) if relation.timed]
+    sure = [one for one in seen if _drifts(one[2], span, grid.step)]
+    if not sure:
+        return log, []
+    ties = [
+        (first, second, delay.drift if _drifts(delay, span, grid.step) else 0.0, delay.drift_sigma)
+        for first, second, delay in seen
+    ]
+    steer = next((name for name in STEERING if name in grid.channels), None)
+    if steer is not None and "yaw_rate" in grid.channels:
+        delay = delay_of(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
+        other = max((one[2].drift for one in sure), key=abs)
+        if delay is not None and abs(delay.correlation) > 0.7:
+            # Whether the yaw rate drifts away from the steering as those two do, or stays with it: what is nearer.
+            near = min((0.0, other, -other), key=lambda rate: abs(rate - delay.drift))
+            ties.append(("yaw_rate", steer, near, max(delay.drift_sigma, 1e-6)))
+    rates = _levelled(ties, 1e-6, (), steer)
+    moved = {name: rate for name, rate in rates.items() if abs(rate) * span > grid.step}
+    if "x" in moved:
+        moved["y"] = moved["x"]
+    done = ", ".join(f"{name} stretched by {-100.0 * rate:+.3g} %" for name, rate in sorted(moved.items()))
+    found = []
+    for first, second, delay in sure:
+        text = f"the delay of {first} against {second} changes by {1e6 * delay.drift:.3g} µs each second: two clocks"
+        repaired = done if repair and {first, second} & set(moved) else ""
+        found.append(Finding(log.name, "drift", f"{first}, {second}", "fault", delay.drift, "s/s", text, repaired))
+    if not repair:
         return log, found
-    side = None if second else _sideways_delay(make_grid(log))
-    if side is None or side.correlation < 0.7 or abs(side.value) < max(0.5 * step, 6.0 * side.sigma):
-        return log, found
-    # A late vy stands in the lateral acceleration, too: once more, with a vy that is not.
-    log, found = check_delays(_moved(given, {"vy": side.value}), sources, repair=repair, second=True)
-    rest = _sideways_delay(make_grid(log))
-    value = side.value + (rest.value if rest is not None else 0.0)
-    text = (
-        f"vy is {1e3 * abs(value):.3g} ± {2e3 * side.sigma:.2g} ms {'late' if value > 0.0 else 'early'} "
-        f"against what lateral_acceleration and yaw_rate give ({abs(value) / step:.3g} samples, correlation "
-        f"{side.correlation:.3f})"
-    )
-    done = f"shifted vy by {-1e3 * value:+.3g} ms" if repair else ""
-    found.append(Finding(log.name, "delay", "vy, lateral_acceleration", "warning", value, "s", text, done))
-    return (_moved(log, {"vy": value - side.value}) if repair else given), found
+    begin = log.time - log.time[0]
+    return _moved(log, {name: rate * begin for name, rate in moved.items()}), found
+
+
+def _drifts(delay: Delay, span: float, step: float) -> bool:
+    """Whether a delay changes by more than a step, surely."""
+    return abs(delay.drift) > 7.0 * delay.drift_sigma and abs(delay.drift) * span > step
+
+
+def _ties(side: Sideways | None, forward: str) -> list[tuple[str, str, float, float]]:
+    """How late vy is behind the yaw rate, and the speed behind vy where both have one clock."""
+    if side is None:
+        return []
+    ties = [("vy", "yaw_rate", side.velocity, max(side.sigmas[1], 1e-4))]
+    if side.velocity and not side.acceleration:
+        ties.append(("lateral_acceleration", "yaw_rate", 0.0, 1e-4))
+    return ties + ([(forward, "vy", 0.0, 1e-4)] if side.together and side.velocity else [])
 
 
 def _along(
@@ -255,8 +307,8 @@ def _along(
     return found
 
 
-def _moved(log: Log, late: Mapping[str, float]) -> Log:
-    """A log in which channels are so much earlier [s]."""
+def _moved(log: Log, late: Mapping[str, float | Array]) -> Log:
+    """A log in which channels are so much earlier, as a number or for each row (n) [s]."""
     channels = dict(log.channels)
     for name, value in late.items():
         good = np.isfinite(channels[name])
@@ -265,75 +317,10 @@ def _moved(log: Log, late: Mapping[str, float]) -> Log:
     return replace(log, channels=channels)
 
 
-def _sideways_delay(grid: Grid) -> Delay | None:
-    """How late vy is behind the lateral acceleration and the yaw rate; None: they do not tell.
-
-    ``dvy/dt = ay - vx r + d dr/dt`` is a small difference of large numbers, which roll and scales spoil; so it is
-    compared with the best ``c1 ay + c2 vx r + c3 dr/dt + c4`` at each delay.
-    """
-    forward = "vx" if "vx" in grid.channels else "speed"
-    if not {"vy", "yaw_rate", "lateral_acceleration", forward} <= set(grid.channels):
-        return None
-    best = None
-    for factor in (1.0, 2.0, 4.0):
-        found = _sideways_at(grid, forward, max(2.0, factor * SMOOTHING / grid.step))
-        if found is not None and (best is None or found.sigma < 0.7 * best.sigma):
-            best = found
-    return best
-
-
-def _sideways_at(grid: Grid, forward: str, width: float) -> Delay | None:
-    """The same, with a smoothing over so many rows."""
-    thin = max(1, int(0.5 * width))
-    step = float(thin * grid.step)
-    reach = int(0.5 * LONGEST / step) + 1
-
-    def soft(values: Array) -> Array:
-        return np.asarray(gaussian_filter1d(values, width, mode="nearest")[::thin])
-
-    side = np.gradient(soft(grid.channels["vy"]), step)
-    if len(side) < 2 * reach + 200 or np.ptp(side) == 0.0:
-        return None
-    turn = grid.channels["yaw_rate"]
-    parts = [soft(grid.channels["lateral_acceleration"]), soft(turn * grid.channels[forward])]
-    base = np.column_stack((*parts, np.gradient(soft(turn), step), np.ones(len(side))))[reach:-reach]
-    if np.linalg.cond(base / np.maximum(np.linalg.norm(base, axis=0), 1e-12)) > 200.0:
-        return None
-    frame = np.linalg.qr(base)[0]
-    likeness = []
-    for ahead in range(2 * reach + 1):
-        part = side[ahead : ahead + len(base)]
-        likeness.append(float(np.sum((frame.T @ part) ** 2) / np.sum(part**2)))
-    lag = float(np.argmax(likeness))
-    curve, rows = CubicSpline(np.arange(len(side)), side), np.arange(len(base), dtype=float)
-    for _ in range(20):
-        if not 1.0 <= lag <= 2.0 * reach - 1.0:
-            return None
-        gains = np.linalg.lstsq(base, curve(rows + lag), rcond=None)[0]
-        model = base @ gains
-        slope, rest = np.gradient(model), curve(rows + lag) - model
-        change = -float(slope @ rest) / max(float(slope @ slope), 1e-300)
-        lag += float(np.clip(change, -1.0, 1.0))
-        if abs(change) < 1e-4:
-            break
-    # ay and vx r must enter as they do in kinematics: else what is alike is something else.
-    if not (0.5 < gains[0] < 1.5 and -1.5 < gains[1] < -0.5):
-        return None
-    blocks = np.array_split(np.arange(len(base)), BLOCKS)
-    weights = np.array([float(slope[part] @ slope[part]) for part in blocks])
-    shares = weights / weights.sum()
-    away = np.array([-float(slope[part] @ rest[part]) for part in blocks]) / np.maximum(weights, 1e-300)
-    enough = 1.0 / float(np.sum(shares**2))
-    if enough < 3.0:
-        return None
-    sigma = step * float(np.sqrt(np.sum(shares * away**2) / (enough - 1.0)))
-    return Delay(step * (lag - reach), sigma, 0.0, np.inf, float(np.corrcoef(model, model + rest)[0, 1]))
-
-
 def check_response(log: Log) -> list[Finding]:
     """How late the yaw rate is behind the steering: the response of the car and the delay of the channels together."""
     grid, found = make_grid(log), []
-    for name in ("road_wheel_angle", "steering_wheel_angle", "steering_command"):
+    for name in STEERING:
         if name in grid.channels and "yaw_rate" in grid.channels:
             delay = delay_of(grid.channels["yaw_rate"], grid.channels[name], grid.step)
             if delay is not None and abs(delay.correlation) > 0.7:
@@ -342,51 +329,57 @@ def check_response(log: Log) -> list[Finding]:
     return found
 
 
-def _lever_arm(grid: Grid, relation: Relation, delay: Delay) -> float | None:
-    """How far the accelerometer sits ahead [m], when that explains the lateral acceleration better than a delay."""
-    if relation.measured != "lateral_acceleration" or abs(delay.value) < max(0.25 * grid.step, 5.0 * delay.sigma):
-        return None
-    width = max(1.0, SMOOTHING / grid.step)
-    right, turn = relation.right(grid), grid.rate(grid.channels["yaw_rate"])
-    target = gaussian_filter1d(grid.channels[relation.measured], width)
-    base = np.column_stack((gaussian_filter1d(right, width), gaussian_filter1d(turn, width), np.ones(len(right))))
-    solved = np.linalg.lstsq(base, target, rcond=None)[0]
-    rest = float(np.var(target - base @ solved))
-    return float(solved[1] / solved[0]) if rest < (1.0 - delay.correlation**2) * float(np.var(target)) else None
-
-
 def _clock_of(relation: Relation) -> str:
     """The channel of the right side that has its timing: the one that is differentiated, or turns."""
     return "yaw_rate" if "yaw_rate" in relation.others else relation.others[0]
 
 
 def _lateness(
-    pairs: list[tuple[Relation, Delay]], least: float, sideways: bool, sources: Sequence[Collection[str]] = ()
+    pairs: list[tuple[Relation, Delay]],
+    least: float,
+    more: Sequence[tuple[str, str, float, float]] = (),
+    sources: Sequence[Collection[str]] = (),
 ) -> dict[str, float]:
     """How late each channel is [s] against the clock of most of those that it is tied to; a source counts as one.
 
     Args:
         pairs: relations and their delays; one that is not sure ties its channels, too.
         least: what is less than this is no difference [s].
+        more: ties beside the relations: a channel, the one that it is late against, how late, and how sure that is [s].
         sources: channels that come from one source.
-        sideways: there is a vy; its clock is that of the yaw rate, beside which it stands in the lateral acceleration.
     """
-    ties = [(relation.measured, _clock_of(relation), delay.value, delay.sigma) for relation, delay in pairs]
-    if sideways and any(relation.measured == "lateral_acceleration" for relation, _ in pairs):
-        ties.append(("vy", "yaw_rate", 0.0, 1e-5))
+    ties = [
+        (
+            relation.measured,
+            _clock_of(relation),
+            delay.value if abs(delay.value) > 5.0 * delay.sigma else 0.0,
+            delay.sigma,
+        )
+        for relation, delay in pairs
+    ]
+    return _levelled([*ties, *more], least, sources)
+
+
+def _levelled(
+    ties: Sequence[tuple[str, str, float, float]],
+    least: float,
+    sources: Sequence[Collection[str]] = (),
+    lead: str | None = None,
+) -> dict[str, float]:
+    """Values of channels from their differences, zero for most of those that are tied together, or for the `lead`."""
     names = sorted({name for first, second, _, _ in ties for name in (first, second)})
     if not names:
         return {}
     matrix, right = np.zeros((len(ties), len(names))), np.zeros(len(ties))
     groups = {name: name for name in names}
     for row, (first, second, value, sigma) in enumerate(ties):
-        scale = 1.0 / max(sigma, 1e-5)
+        scale = 1.0 / max(sigma, 0.01 * least)
         matrix[row, names.index(first)], matrix[row, names.index(second)] = scale, -scale
-        right[row] = value * scale if abs(value) > 5.0 * sigma else 0.0
+        right[row] = value * scale
         old, new = groups[second], groups[first]
         groups = {name: new if group == old else group for name, group in groups.items()}
     solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    late: dict[str, float] = {}
+    levelled: dict[str, float] = {}
     for group in set(groups.values()):
         members = {name: float(solved[names.index(name)]) for name in names if groups[name] == group}
         values = np.array(sorted(members.values()))
@@ -394,8 +387,9 @@ def _lateness(
         others = [
             sum(share.get(name, 1.0) for name, own in members.items() if abs(own - value) > least) for value in values
         ]
-        late |= {name: value - float(values[int(np.argmin(others))]) for name, value in members.items()}
-    return late
+        zero = members[lead] if lead in members else float(values[int(np.argmin(others))])
+        levelled |= {name: value - zero for name, value in members.items()}
+    return levelled
 
 
 def smooth(grid: Grid, name: str) -> Array:

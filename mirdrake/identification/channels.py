@@ -48,7 +48,7 @@ CHANNELS: dict[str, Channel] = {
     "y": Channel("m", "position on the ground, 90 degrees left of x", 1e8),
     "steering_wheel_angle": Channel("rad", "of the hand wheel, to the left", 40.0),
     "road_wheel_angle": Channel("rad", "of the front wheels, to the left", 4.0),
-    "steering_command": Channel("1", "normalised, to the left", 1e3),
+    "steering_command": Channel("1", "in units of its own, to the left", 1e6),
     "steering_torque": Channel("N m", "at the hand wheel, to the left", 1e4),
     "throttle": Channel("1", "pedal, 0 to 1", 10.0, moves=False),
     "brake": Channel("1", "pedal, 0 to 1", 10.0, moves=False),

@@ -4,7 +4,9 @@ Comment lines and lines of text before the header are passed over; the delimiter
 header (``speed [km/h]``, ``speed (km/h)``) or in a row of their own below it are found. What was found is noted.
 """
 
+import gzip
 import re
+import zlib
 from collections.abc import Collection
 from io import StringIO
 from pathlib import Path
@@ -22,7 +24,21 @@ _DELIMITERS = ("\t", ";", ",", "|")
 _UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|nan|inf|-inf|", re.IGNORECASE)
-_MISSING = ["", "-", "--", "n/a", "NA", "NaN", "nan", "null", "NULL", "None"]
+_MISSING = [
+    "", "-", "--", "---", "n/a", "N/A", "#N/A", "NA", "<NA>", "NaN", "nan", "NAN", "-nan", "-nan(ind)", "1.#QNAN",
+    "null", "NULL", "None",
+]  # fmt: skip
+_CODES = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_OTHERS = {
+    b"PK\x03\x04": "a workbook or another zip file",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook",
+    b"\x89PNG": "a picture",
+    b"%PDF": "a PDF file",
+    b"PAR1": "a Parquet file (suffix .parquet)",
+    b"\x89HDF": "an HDF5 file",
+    b"SQLite format 3": "a database (a bag has the suffix .db3)",
+}
+"""What files begin with that are given for CSV by mistake."""
 _UNITS = {channel.unit for channel in CHANNELS.values()} | {"s", "m/s^2", "rad", "m"}
 
 
@@ -37,13 +53,9 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
     Raises:
         ConfigError: the file cannot be read, is empty, or a row has more cells than the header.
     """
-    name, notes = shown(path), []
-    raw = read_bytes(path)
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-        notes.append("is not UTF-8; read as Latin-1")
+    name = shown(path)
+    notes: list[str] = []
+    text = _text(read_bytes(path), name, notes)
     comments = tuple(layout.comment)
     lines = text.splitlines()
     kept = [at for at, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
@@ -90,6 +102,38 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
         line = f":{numbers[min(int(match.group(1)), len(numbers)) - 1]}" if match else ""
         raise ConfigError(f"{name}{line}: does not have the {len(names)} cells of the header") from None
     return Table(name, names, {title: frame[index] for index, title in enumerate(names)}, units, numbers, notes)
+
+
+def _text(raw: bytes, name: str, notes: list[str]) -> str:
+    """The text of a file in whatever code it is written; what was taken for granted is noted.
+
+    Raises:
+        ConfigError: it is no text.
+    """
+    if raw[:2] == b"\x1f\x8b":
+        try:
+            raw = gzip.decompress(raw)
+        except (OSError, EOFError, zlib.error):
+            raise ConfigError(f"{name}: is a gzip file, and is broken") from None
+        notes.append("is compressed with gzip")
+    known = next((what for head, what in _OTHERS.items() if raw.startswith(head)), None)
+    if known is not None:
+        raise ConfigError(f"{name}: is {known} and no text; export it as CSV")
+    code = next((code for head, code in _CODES.items() if raw.startswith(head)), None)
+    if code is None and b"\0" in raw[:4000]:
+        even, odd = raw[0:4000:2].count(0), raw[1:4000:2].count(0)
+        code = "utf-16-le" if odd > 0.4 * len(raw[1:4000:2]) > even else "utf-16-be" if even > odd else None
+    try:
+        text = raw.decode(code or "utf-8-sig")
+    except UnicodeDecodeError:
+        text, code = raw.decode("latin-1"), "Latin-1"
+    if code is not None:
+        notes.append(f"is not UTF-8; read as {code}")
+    sample = text[:4000]
+    strange = sum((char < " " and char not in "\t\n\r\f\v") or "\x7f" <= char < "\xa0" for char in sample)
+    if strange > 0.02 * len(sample):
+        raise ConfigError(f"{name}: is no text; CSV is expected")
+    return text
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

@@ -17,15 +17,19 @@ from mirdrake.identification.findings import DataReport
 from mirdrake.identification.fit import Fit
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import Model
+from mirdrake.identification.models.vehicle_values import vehicle_values
 from mirdrake.identification.parameters import Choice, Parameter
+from mirdrake.identification.plausibility import STANDSTILL, STEERING
 from mirdrake.identification.refusal import refuse_faults
 from mirdrake.identification.study import ParameterSpec, StudySpec, Value, in_study, inline_data
 from mirdrake.logs import write_file
-from mirdrake.single_track import estimate_parameters
 from mirdrake.vehicles import load_vehicle
 from mirdrake.yaml_io import to_si, where
 
 Tell = Callable[[str], None]
+
+FOLLOWS = 25.0
+"""Fit of the best channel of the training drives from which on a model has to do with them [%]."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
     tell = tell or _silent
     tell("reading")
     data = make_data(inline_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
-    vehicle, given = ("", {}) if spec.vehicle is None else _given(spec, folder, spec.vehicle)
+    vehicle, given = ("", {}) if spec.vehicle is None else _given(spec, folder, spec.vehicle, data)
     if data.wheelbase is None and given:
         data = replace(data, wheelbase=given["front_length"] + given["rear_length"])
     if not data.train:
@@ -94,6 +98,7 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
     model_spec, asked = ModelSpec(kind, options), {**given, **_fixed_numbers(spec)}
     try:
         model = make_model(model_spec, drives, asked)
+        _check_moves(drives, model)
         if not spec.force:
             refuse_faults(check, {*model.inputs, *model.outputs})
         choices = make_choices(spec, model, given, vehicle)
@@ -104,7 +109,7 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
             drives, chosen.model, parameters=chosen.choices, options=_options(spec), name=spec.name,
             start=chosen.start,
         )  # fmt: skip
-        final = replace(final, notes=(*chosen.notes, *final.notes))
+        final = doubt_poor(replace(final, notes=(*chosen.notes, *final.notes)))
     except ConfigError as error:
         raise in_study(spec, error) from None
     return Identification(spec.name, spec.about, check, final, tuple(stages), vehicle, given, time.monotonic() - began)
@@ -208,24 +213,12 @@ def _load(spec: StudySpec, folder: Path, file: str) -> DataSet:
     return load_data(path)
 
 
-def _given(spec: StudySpec, folder: Path, name: str) -> tuple[str, dict[str, float]]:
+def _given(spec: StudySpec, folder: Path, name: str, data: DataSet) -> tuple[str, dict[str, float]]:
     """Name of a vehicle, and values of its files by name of the parameter."""
     vehicle = load_vehicle(_vehicle_of(folder, name), where=where(spec, "vehicle"))
-    p = estimate_parameters(vehicle)
-    ratio = vehicle.spec.steering.ratio
-    return vehicle.name, {
-        "mass": p.mass,
-        "yaw_inertia": p.yaw_inertia,
-        "front_length": p.front_length,
-        "rear_length": p.rear_length,
-        "com_height": p.com_height,
-        "cornering_stiffness_front": p.front_stiffness,
-        "cornering_stiffness_rear": p.rear_stiffness,
-        "rolling_resistance": p.rolling_resistance,
-        "drag": p.drag,
-        "steering_lag": p.steering_lag,
-        "hand_wheel_ratio": ratio,
-    }
+    measured = all("road_wheel_angle" in log.channels for log in data.logs)
+    relaxation = spec.model.get("relaxation") is not False
+    return vehicle.name, vehicle_values(vehicle, str(spec.model["kind"]), relaxation=relaxation, measured=measured)
 
 
 def _vehicle_of(folder: Path, name: str) -> str:
@@ -242,6 +235,39 @@ def _check_alive(data: DataSet) -> None:
     for log in data.logs:
         if all(np.nanmax(values) == np.nanmin(values) for values in log.channels.values()):
             raise ConfigError(f"{log.name}: every channel is constant; there is nothing to identify")
+
+
+def _check_moves(data: DataSet, model: Model) -> None:
+    """Refuse training drives in which the speed is zero or the steering does not move, if the model has them.
+
+    Raises:
+        ConfigError: one line for each such channel.
+    """
+    lines = []
+    for name in model.inputs:
+        values = np.concatenate([log.channels[name] for log in data.train if name in log.channels] or [np.zeros(0)])
+        values = values[np.isfinite(values)]
+        if not len(values):
+            continue
+        if name in {"vx", "speed"} and np.max(np.abs(values)) < STANDSTILL:
+            lines.append(f"{name}: the vehicle stands in all training drives; there is nothing to identify")
+        if name in STEERING and np.ptp(values) == 0.0:
+            lines.append(f"{name}: does not move in any training drive; map the column that does, or drive bends")
+    if lines:
+        raise ConfigError("\n".join(lines))
+
+
+def doubt_poor(found: Fit) -> Fit:
+    """A fit of a model that does not follow what it was fitted to: then no parameter of it is identified."""
+    best = max((one.nrmse_percent for one in found.channels if one.part == "train"), default=100.0)
+    if best >= FOLLOWS:
+        return found
+    words = f"the model follows no channel by more than {max(best, 0.0):.0f} %: its values say nothing of the vehicle"
+    parameters = tuple(
+        one if one.kind == "fixed" else replace(one, verdict="not identifiable", words=words)
+        for one in found.parameters
+    )
+    return replace(found, parameters=parameters, notes=(words, *found.notes))
 
 
 def _options(spec: StudySpec) -> EstimatorOptions:

@@ -124,11 +124,34 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
         else:
             scale, odd = 1.0 / gain, False
             text = f"the yaw rate is speed · {name} / {scale:.3g} m: wheelbase times ratio, and what the tyres slip"
+        mistake = None if wheelbase is None else _steering_mistake(name, scale, is_slow)
+        if mistake is not None and abs(correlation) > 0.8:
+            explained = f"would be explained by: {mistake} of {name}"
+            found.append(Finding(log.name, "units", name, "fault", scale, "1", explained))
         unit = "1" if wheelbase is not None else "m"
         found.append(
             Finding(log.name, "relation", f"yaw_rate, {name}", "warning" if odd else "info", scale, unit, text)
         )
     return found
+
+
+def _steering_mistake(name: str, scale: float, is_slow: bool) -> str | None:
+    """The mistake that makes an angle what wheels can do, when it is not as it is given; None: there is no such one.
+
+    Args:
+        name: of the channel.
+        scale: yaw rate over speed · angle / wheelbase [1].
+        is_slow: whether the tyres slip little where this was seen.
+    """
+    if name == "steering_command":
+        return None
+    hand = name == "steering_wheel_angle"
+    low, high = (1.0 / 40.0, 1.0 / 4.0) if hand else (0.5 if is_slow else 0.1, 1.3)
+    if low < abs(scale) < high:
+        return None
+    turn = 180.0 / np.pi
+    fits = {"deg as rad": abs(scale) * turn, "rad as deg": abs(scale) / turn}
+    return next((what for what, size in fits.items() if low < size < high), None)
 
 
 def _aligned(grid: Grid, name: str, angle: np.ndarray) -> np.ndarray:

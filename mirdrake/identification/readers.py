@@ -40,7 +40,12 @@ def read_table(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
         return (read_bag if (path / "metadata.yaml").is_file() else read_run)(path, wanted, layout)
     if not path.exists():
         raise ConfigError(f"{shown(path)}: no such file")
-    reader = FORMATS.get(path.suffix.lower())
+    suffix = path.suffix.lower()
+    reader = FORMATS.get(Path(path.stem).suffix.lower() if suffix == ".gz" else suffix)
+    if suffix == ".gz" and reader is not read_csv:
+        raise ConfigError(f"{shown(path)}: unpack it first; of compressed files only text is read")
+    if reader is None and suffix in {".xlsx", ".xls", ".ods"}:
+        raise ConfigError(f"{shown(path)}: is a workbook; export its sheet as CSV")
     if reader is None:
         raise ConfigError(f"{shown(path)}: unknown format '{path.suffix}'; {did_you_mean(path.suffix, FORMATS)}")
     return reader(path, wanted, layout)

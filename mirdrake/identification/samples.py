@@ -110,13 +110,17 @@ def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
 
 def check_values(log: Log) -> list[Finding]:
     """Resolution, saturation, range, and channels that never change."""
-    found = []
+    found: list[Finding] = []
+    if all(np.nanmax(values) == np.nanmin(values) for values in log.channels.values()):
+        text = "every channel is constant: there is nothing to identify"
+        return [Finding(log.name, "range", "", "fault", float(len(log.channels)), "channels", text)]
     for name, values in log.channels.items():
         known, good = channel(name), values[np.isfinite(values)]
         low, high = float(good.min()), float(good.max())
         if low == high:
-            text = f"is {low:.4g} {known.unit} all the time"
-            found.append(Finding(log.name, "range", name, "warning", low, known.unit, text))
+            stands = quantity(name) in {"vx", "speed"} and low == 0.0
+            text = f"is {low:.4g} {known.unit} all the time" + (": the vehicle stands" if stands else "")
+            found.append(Finding(log.name, "range", name, "fault" if stands else "warning", low, known.unit, text))
             continue
         if max(-low, high) > known.limit:
             text = f"reaches {max(-low, high):.4g} {known.unit}; no vehicle goes beyond {known.limit:g}: another unit?"

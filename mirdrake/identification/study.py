@@ -25,7 +25,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification.spec import DataSpec
-from mirdrake.yaml_io import Duration, Schema, Source, load_yaml, validate, where
+from mirdrake.yaml_io import Duration, Schema, Source, load_yaml, read_tree, validate, where
 
 Value = float | str
 
@@ -124,7 +124,11 @@ def load_identification(path: Path | str, *, overrides: Iterable[str] = ()) -> S
     Raises:
         ConfigError: it cannot be read, or has faults; one line per fault.
     """
-    path = Path(path)
+    path, overrides = Path(path), list(overrides)
+    if any(text.strip().startswith("model.") for text in overrides):
+        tree, _ = read_tree(path)
+        if isinstance(tree, dict) and isinstance(tree.get("model"), str):
+            overrides.insert(0, f"model={{kind: {tree['model']}}}")  # the short form has no keys to be set
     spec = load_yaml(path, StudySpec, overrides=overrides)
     if not spec.name:
         spec.name = path.stem

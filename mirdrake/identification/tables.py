@@ -46,8 +46,12 @@ class Table:
         Raises:
             ConfigError: there is none of that name, or a cell is no number.
         """
+        if column not in self.columns and self.lines is not None and all(_is_number(name) for name in self.names):
+            raise ConfigError(f"{asked}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")
         if column not in self.columns:
             raise ConfigError(f"{asked}: {self.name} has no column '{column}'; {did_you_mean(column, self.names)}")
+        if self.names.count(column) > 1:
+            raise ConfigError(f"{asked}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
         values = pd.Series(np.asarray(self.columns[column]).ravel())
         numbers = pd.to_numeric(values, errors="coerce")
         bad = numbers.isna() & values.notna()
@@ -63,6 +67,14 @@ class Table:
     def row(self, index: int) -> str:
         """``file:line`` of a row."""
         return f"{self.name}:{self.lines[index]}" if self.lines is not None else f"{self.name}: row {index + 1}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def read_bytes(path: Path) -> bytes:

@@ -71,7 +71,7 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             found.append(Finding(log.name, "missing", name, "info", float(missing), "rows", text))
         elif missing:
             part = missing / len(values)
-            text = f"{missing} of {len(values)} values are missing ({100 * part:.2g} %)"
+            text = f"{missing} of {len(values)} values are missing ({100 * part:.3g} %)"
             found.append(
                 Finding(log.name, "missing", name, "fault" if part > 0.2 else "warning", float(missing), "rows", text)
             )

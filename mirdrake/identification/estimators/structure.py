@@ -1,4 +1,4 @@
-"""Which options a model needs, where a study leaves them open: tyres that saturate, a lag of the steering.
+"""Which options a model needs, where a study leaves them open: load transfer, lag of the steering, tyres that saturate.
 
 The plain model is fitted first, then each addition in turn, from where the best fit ended and with the noise of the
 first. What makes the residuals clearly smaller, and has values with a meaning, is kept.
@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.errors import RunError
 from mirdrake.identification.data import DataSet
@@ -24,8 +25,14 @@ from mirdrake.identification.parameters import Choice, choose
 LIMIT = 3.0
 """Lateral acceleration from which on tyres may be seen to saturate [m/s²]."""
 
-WORTH = 0.01
-"""Part of the cost that an addition must save."""
+ALONG = 2.0
+"""From braking to acceleration, where a drive has so much of both that load transfer can be told [m/s²]."""
+
+SMOOTHING = 0.2
+"""Of a speed that is differentiated for that [s]."""
+
+WORTH, WORTH_OF_LOAD = 0.01, 0.03
+"""Part of the cost that an addition must save; load transfer goes with the speed, as much else does."""
 
 MOST = 15
 """Evaluations of an addition: one that is needed shows by then."""
@@ -56,7 +63,7 @@ class Structure(NamedTuple):
 def choose_structure(
     data: DataSet, model: ModelSpec, choices: Mapping[str, Choice], options: EstimatorOptions
 ) -> Structure:
-    """Try what the study leaves open: ``tyres`` of a single track, and the lag of the steering.
+    """Try what the study leaves open: ``tyres`` and load transfer of a single track, the lag of the steering.
 
     Raises:
         ConfigError: as :func:`~mirdrake.identification.estimators.fit`.
@@ -68,23 +75,29 @@ def choose_structure(
     # A measured angle of the wheels has the lag of the steering in it.
     measured = all("road_wheel_angle" in log.channels for log in data.logs)
     lag = "steering_lag" not in choices and not measured
-    tyres = model.kind.startswith("single_track") and "tyres" not in model.options and _most(data) > LIMIT
-    if not lag and not tyres:
+    slips = model.kind.startswith("single_track")
+    tyres = slips and "tyres" not in model.options and _most(data) > LIMIT
+    load = slips and "load_transfer" not in choices and _most_along(data) > ALONG
+    if not (lag or tyres or load):
         return best
+    # Load transfer first: what it does to the bends before which a vehicle brakes looks like a delay.
+    tries = {"load transfer in braking": load, "a lag of the steering": lag, "tyres: fiala": tyres}
     options = replace(options, bootstrap=0, profile=False)
     few = replace(options, iterations=min(options.iterations, MOST))
     least = first = _solve(data, best, options, None)
     notes = []
-    for words in [*(["a lag of the steering"] if lag else []), *(["tyres: fiala"] if tyres else [])]:
+    for words in [words for words, is_open in tries.items() if is_open]:
         if words.startswith("tyres"):
             tried = best._replace(model=replace(model, options={**model.options, "tyres": "fiala"}))
         else:
-            tried = best._replace(choices={**best.choices, "steering_lag": Choice(free=True)})
+            added = "steering_lag" if "lag" in words else "load_transfer"
+            tried = best._replace(choices={**best.choices, added: Choice(free=True)})
         try:
             found = _solve(data, tried, few, least)
         except RunError:
             continue
-        if _has_meaning(found, first) and found.cost < (1.0 - WORTH) * least.cost:
+        worth = WORTH_OF_LOAD if words.startswith("load") else WORTH
+        if _has_meaning(found, first) and found.cost < (1.0 - worth) * least.cost:
             saved = 100.0 * (1.0 - found.cost / least.cost)
             notes.append(f"left open by the study, wanted by the training drives: {words} ({saved:.2g} % less misfit)")
             best, least = tried, found
@@ -112,6 +125,24 @@ def _most(data: DataSet) -> float:
             side = forward * rate
         if side is not None:
             most = max(most, float(np.nanpercentile(np.abs(side), 99.0)))
+    return most
+
+
+def _most_along(data: DataSet) -> float:
+    """From the hardest braking to the hardest acceleration in the bends of the training drives [m/s²]."""
+    most = 0.0
+    for log in data.train:
+        forward, turn = log.channels.get("vx", log.channels.get("speed")), log.channels.get("yaw_rate")
+        if forward is None:
+            continue
+        side = log.channels.get("lateral_acceleration") if turn is None else forward * turn
+        good, step = np.isfinite(forward), float(np.median(np.diff(log.time)))
+        speed = np.interp(log.time, log.time[good], forward[good])
+        rate = np.gradient(gaussian_filter1d(speed, max(SMOOTHING / step, 1e-3)), step)
+        if side is not None:
+            size = np.abs(np.nan_to_num(side))
+            rate = rate[size >= 0.3 * float(np.percentile(size, 99.0))]
+        most = max(most, float(np.ptp(np.percentile(rate, (5.0, 95.0)))))
     return most
 
 

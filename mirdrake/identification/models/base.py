@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from mirdrake.errors import ConfigError
+from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -259,3 +259,20 @@ def channel_of(offered: set[str], names: tuple[str, ...], what: str, kind: str) 
         f"model {kind}: needs {what}, channel {' or '.join(names)}, in every log; the logs share "
         f"{', '.join(sorted(offered)) or 'nothing'}; map the column in 'channels'"
     )
+
+
+def pick_outputs(offered: set[str], possible: list[str], asked: list[str] | None, kind: str) -> tuple[str, ...]:
+    """The channels to compare.
+
+    Raises:
+        ConfigError: one that was asked for is missing or unknown, or there is none at all.
+    """
+    for name in asked or []:
+        if name not in possible:
+            raise ConfigError(f"model.outputs: {kind} has no output '{name}'; {did_you_mean(name, possible)}")
+        if name not in offered:
+            raise ConfigError(f"model.outputs: no log has '{name}'; map its column in 'channels'")
+    found = tuple(name for name in possible if name in offered and (asked is None or name in asked))
+    if not found:
+        raise ConfigError(f"model {kind}: needs at least one of {', '.join(possible)} to compare with; map its column")
+    return found

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, first_order
-from mirdrake.identification.models.single_track import SPEED, pick_outputs
+from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, first_order, pick_outputs
+from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.parameters import Parameter
 from mirdrake.worlds.world import GRAVITY
 

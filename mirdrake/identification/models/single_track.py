@@ -13,30 +13,51 @@ known. Velocities vy and yaw rate r are of the centre of mass, δ the angle of t
 Roll, an option, follows the lateral acceleration; the front wheels may steer with it, and an accelerometer on the body
 sees a part of gravity and of its own sway::
 
-    φ̈ = ω² (g_φ ay - φ) - 2 ζ ω φ̇        ay_seen = ay + l ṙ - h φ̈ + i g φ
+    φ̈ = ω² (g_φ ay - φ) - 2 ζ ω φ̇        ay_seen = ay + l ṙ + (h - z) φ̈ + i g φ
+
+The centre of mass is h above the roll axis, the accelerometer z. vy is that of the point below the centre of mass on
+the axis, near the road, where the tyres are: with ay = (Ff + Fr) / m of the centre of mass itself it is
+v̇y + vx r = ay + h φ̈, as in :mod:`mirdrake.single_track.dynamics`. Leaning wheels have camber thrust and may steer,
+which is slip over roll: e φ of an axle.
+
+Relaxation, another option: what the force of an axle answers is not its slip α but one that follows it while the tyre
+rolls over its relaxation length σ: α̇' = vx (α - α') / σ. At 20 m/s that is some 20 ms. Without it the fit of a quick
+steering takes it for yaw inertia and a delay of the steering. The forces then act behind the wheels by the tyres'
+pneumatic trail t: a - t and b + t stand for a and b in Iz ṙ; where there is roll, the wheels with their momentum H vx
+are a gyroscope, and Iz ṙ has -H vx φ̇ more.
+
+Where the vehicle brakes its front tyres carry more, and turn it in more: stiffness and largest force of each axle go
+with its load. The load transfer h, an option, is the height of the centre of mass if they are proportional to it, and
+less if they grow more slowly::
+
+    Nf = m g b / L - m h dvx/dt / L        Nr = m g a / L + m h dvx/dt / L
 
 Below the speed v1 = 0.2 sqrt(g L) the car goes where its wheels point, from 3 v1 on as above, between them mixed.
 Without a mass, stiffnesses and inertia are per kilogram: that is all that motion tells.
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of
-from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle, steering_parameters
-from mirdrake.identification.parameters import Parameter
+from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, pick_outputs
+from mirdrake.identification.models.single_track_parameters import single_track_parameters
+from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle
 from mirdrake.worlds.world import GRAVITY
 
 TYRES = ("linear", "fiala", "magic_formula")
 SPEED = ("vx", "speed")
 _FROUDE, _BLEND = 0.2, 0.05
 _FINE = 0.03  # step of the integration over sqrt(L / g) [1]
-_CORNERING = 12.0  # cornering stiffness over load, a common tyre [1/rad]
+_SMOOTHING = 0.1  # of the speed, before it is differentiated [s]
+_LIGHTEST = 0.1  # an axle keeps so much of its load [1]
+_SLIPPING = 0.4
+"""Least time in which slip builds up, over the step of the integration [1]."""
 
 
 class SingleTrackModel(Model):
@@ -48,6 +69,7 @@ class SingleTrackModel(Model):
         wheelbase: of the data set [m].
         tyres: one of :data:`TYRES`.
         roll: whether the body rolls.
+        relaxation: whether slip builds up over a length; None: if lengths are given.
         outputs: channels to compare; None: all that there are.
 
     Raises:
@@ -62,13 +84,17 @@ class SingleTrackModel(Model):
         *,
         tyres: str = "linear",
         roll: bool = False,
+        relaxation: bool | None = None,
         outputs: list[str] | None = None,
     ) -> None:
         if tyres not in TYRES:
             raise ConfigError(f"model.tyres: unknown tyres '{tyres}'; {did_you_mean(tyres, TYRES)}")
         self.kind = "single_track_roll" if roll else "single_track"
-        self.title = f"single track with {tyres.replace('_', ' ')} tyres" + (" and roll" if roll else "")
-        self._tyres, self._roll = tyres, roll
+        if relaxation is None:
+            relaxation = bool(given.get("relaxation_front") or given.get("relaxation_rear"))
+        more = [word for word, there in (("relaxation", relaxation), ("roll", roll)) if there]
+        self.title = f"single track with {tyres.replace('_', ' ')} tyres" + "".join(f" and {word}" for word in more)
+        self._tyres, self._roll, self._relaxation = tyres, roll, bool(relaxation)
         self._steer = channel_of(offered, STEERING, "the steering", self.kind)
         self._speed = channel_of(offered, SPEED, "the speed", self.kind)
         self.inputs = (self._steer, self._speed)
@@ -78,159 +104,48 @@ class SingleTrackModel(Model):
             self.states += ("roll", "roll_rate")
             self.state_scales += (0.05, 0.3)
             possible += ["roll", "roll_rate"]
+        self._slips = len(self.states)
+        if relaxation:
+            self.states += ("slip_front", "slip_rear")
+            self.state_scales += (0.02, 0.02)
         self.outputs = pick_outputs(offered, possible, outputs, self.kind)
         self.through = NAMES
-        self.parameters = self._make(given, wheelbase)
+        self.parameters = single_track_parameters(
+            given, wheelbase, self._steer, outputs=self.outputs, tyres=tyres, roll=roll, relaxation=self._relaxation
+        )
         p = {info.name: info.guess for info in self.parameters}
         length = p["front_length"] + p["rear_length"]
         self._v1 = _FROUDE * (GRAVITY * length) ** 0.5
         # Slip of stiff tyres at 3 v1 settles at some 60 sqrt(g / L); Runge-Kutta needs steps of less than 2.8 of it.
         self.fine = min(self.fine, _FINE * (length / GRAVITY) ** 0.5)
 
-    def _make(self, given: Mapping[str, float], wheelbase: float | None) -> tuple[Parameter, ...]:
-        lengths = [given.get("front_length"), given.get("rear_length")]
-        total = wheelbase or given.get("assumed_wheelbase", 2.7)
-        said = "half of the given wheelbase" if wheelbase else "assumed, no wheelbase is given"
-        front = lengths[0] or (max(total - lengths[1], 0.1 * total) if lengths[1] else 0.5 * total)
-        rear = lengths[1] or (max(total - front, 0.1 * total) if lengths[0] else 0.5 * total)
-        mass = given.get("mass", 1.0)
-        bare = "mass" not in given
-        loads = (mass * GRAVITY * rear / (front + rear), mass * GRAVITY * front / (front + rear))
-        per = " per kg" if bare else ""
-        stiff, inert = ("N/(rad kg)", "m^2") if bare else ("N/rad", "kg m^2")
-        name = "cornering stiffness of the {} axle, both tyres" + per
-        found = [
-            Parameter(
-                "mass",
-                "1" if bare else "kg",
-                "of the vehicle",
-                mass,
-                1e-3,
-                1e6,
-                source="not given: stiffness and inertia are per kilogram" if bare else "",
-            ),
-            Parameter("front_length", "m", "centre of mass to front axle", front, 0.01, 20.0, source=said),
-            Parameter("rear_length", "m", "centre of mass to rear axle", rear, 0.01, 20.0, source=said),
-            Parameter(
-                "cornering_stiffness_front",
-                stiff,
-                name.format("front"),
-                _CORNERING * loads[0],
-                0.3 * loads[0],
-                500.0 * loads[0],
-                True,
-                usual=1.0,
-            ),
-            Parameter(
-                "cornering_stiffness_rear",
-                stiff,
-                name.format("rear"),
-                _CORNERING * loads[1],
-                0.3 * loads[1],
-                500.0 * loads[1],
-                True,
-                usual=1.0,
-            ),
-            Parameter(
-                "yaw_inertia",
-                inert,
-                "about the vertical" + per,
-                mass * front * rear,
-                0.05 * mass * front * rear,
-                20.0 * mass * front * rear,
-                True,
-                usual=0.7,
-            ),
-            *steering_parameters(self._steer),
-            Parameter(
-                "accelerometer_ahead",
-                "m",
-                "accelerometer before the centre of mass",
-                0.0,
-                -10.0,
-                10.0,
-                "lateral_acceleration" in self.outputs,
-                0.2 * (front + rear),
-                usual=1.5,
-            ),
-            Parameter(
-                "velocity_ahead",
-                "m",
-                "place of the measured vy before the centre of mass",
-                0.0,
-                -10.0,
-                10.0,
-                "vy" in self.outputs,
-                0.2 * (front + rear),
-                usual=1.5,
-            ),
-        ]
-        if self._tyres != "linear":
-            found += [
-                Parameter(f"friction_{axle}", "1", f"largest force over load, {axle}", 0.9, 0.05, 3.0, True, usual=0.7)
-                for axle in ("front", "rear")
-            ]
-        if self._tyres == "magic_formula":
-            for axle in ("front", "rear"):
-                found.append(Parameter(f"shape_{axle}", "1", f"shape factor C, {axle}", 1.4, 1.0, 2.5, usual=0.3))
-                found.append(
-                    Parameter(
-                        f"curvature_{axle}", "1", f"curvature factor E, {axle}", 0.0, -10.0, 0.99, scale=0.5, usual=2.0
-                    )
-                )
-        if self._roll:
-            found += [
-                Parameter(
-                    "roll_gain", "rad s^2/m", "roll angle over lateral acceleration", 0.01, 1e-4, 0.1, True, usual=1.0
-                ),
-                Parameter("roll_frequency", "rad/s", "natural frequency of roll", 9.0, 1.0, 60.0, True, usual=0.7),
-                Parameter("roll_damping", "1", "damping ratio of roll", 0.3, 0.02, 3.0, True, usual=1.0),
-                Parameter(
-                    "roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0
-                ),
-                Parameter("roll_steer_rear", "1", "the same at the rear", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
-                Parameter(
-                    "accelerometer_height",
-                    "m",
-                    "accelerometer over the roll axis",
-                    0.0,
-                    -5.0,
-                    5.0,
-                    scale=0.3,
-                    usual=2.0,
-                ),
-                Parameter(
-                    "accelerometer_tilt",
-                    "1",
-                    "1: it leans with the body, 0: it is levelled",
-                    0.0,
-                    -1.0,
-                    2.0,
-                    scale=0.3,
-                    usual=2.0,
-                ),
-            ]
-        return tuple(found)
-
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
-        """Angle of the wheels [rad] and speed [m/s]."""
-        return np.stack((steering_angle(p, drive, self._steer, times), drive.at(self._speed, times)))
+        """Angle of the wheels [rad], speed [m/s] and its rate [m/s²]."""
+        speed, step = drive.at(self._speed, times), float(times[1] - times[0])
+        smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
+        return np.stack((steering_angle(p, drive, self._steer, times), speed, np.gradient(smooth, step)))
 
-    def _forces(self, x: Array, u: Array, p: Values) -> tuple[Array, Array, Array]:
-        """Lateral forces of the axles [N], and the angle of the front wheels [rad]."""
-        delta, v = u[0], np.maximum(u[1], self._v1)
-        if self._roll:
-            delta = delta + p["roll_steer"] * x[2]
+    def _slip_angles(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
+        """Of the wheels as they move, front and rear [rad]."""
+        v = np.maximum(u[1], self._v1)
+        a, b = p["front_length"], p["rear_length"]
+        return np.arctan((x[0] + a * x[1]) / v) - u[0], np.arctan((x[0] - b * x[1]) / v)
+
+    def _forces(self, x: Array, u: Array, slips: Sequence[Array], p: Values) -> tuple[Array, Array]:
+        """Lateral forces of the axles [N]."""
         a, b, m = p["front_length"], p["rear_length"], p["mass"]
-        rear = np.arctan((x[0] - b * x[1]) / v)
+        alpha = (x[self._slips], x[self._slips + 1]) if self._relaxation else slips
         if self._roll:
-            rear = rear - p["roll_steer_rear"] * x[2]
-        slips = (np.arctan((x[0] + a * x[1]) / v) - delta, rear)
+            alpha = (alpha[0] - p["roll_steer"] * x[2], alpha[1] - p["roll_steer_rear"] * x[2])
         loads = (m * (GRAVITY / (a + b)) * b, m * (GRAVITY / (a + b)) * a)
-        forces = [
-            self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), slips, loads, strict=True)
-        ]
-        return forces[0], forces[1], delta
+        front, rear = (
+            self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), alpha, loads, strict=True)
+        )
+        if np.any(p["load_transfer"]):
+            moved = m * p["load_transfer"] / (a + b) * u[2]
+            front = front * np.maximum(1.0 - moved / loads[0], _LIGHTEST)
+            rear = rear * np.maximum(1.0 + moved / loads[1], _LIGHTEST)
+        return front, rear
 
     def _force(self, axle: str, slip: Array, load: Any, p: Values) -> Array:
         stiffness = p[f"cornering_stiffness_{axle}"]
@@ -246,31 +161,46 @@ class SingleTrackModel(Model):
         slope = stiffness / (shape * peak) * slip
         return np.asarray(-peak * np.sin(shape * np.arctan(slope - bend * (slope - np.arctan(slope)))))
 
-    def _accelerations(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
-        """Lateral acceleration of the centre of mass [m/s²] and yaw acceleration [rad/s²]."""
-        front, rear, delta = self._forces(x, u, p)
+    def _accelerations(self, x: Array, u: Array, p: Values) -> tuple[Array, Array, Array]:
+        """Lateral acceleration of the centre of mass [m/s²], yaw and roll acceleration [rad/s²]."""
+        return self._motion(x, u, p, self._slip_angles(x, u, p))
+
+    def _motion(self, x: Array, u: Array, p: Values, slips: Sequence[Array]) -> tuple[Array, Array, Array]:
+        front, rear = self._forces(x, u, slips, p)
+        delta = u[0]
         front = front * np.cos(delta)
-        side, turn = (
-            (front + rear) / p["mass"],
-            (p["front_length"] * front - p["rear_length"] * rear) / p["yaw_inertia"],
-        )
+        ahead, behind = p["front_length"], p["rear_length"]
+        if self._relaxation:
+            ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
+        side, turn = (front + rear) / p["mass"], (ahead * front - behind * rear) / p["yaw_inertia"]
         vx, low = u[1], self._v1
         part = (vx * vx - low * low) / (8.0 * low * low)
-        if np.min(part) >= 1.0:
-            return side, turn
-        part = np.clip(part, 0.0, 1.0)
-        weigh = part * part * (3.0 - 2.0 * part)
-        spin = vx * np.tan(delta) / (p["front_length"] + p["rear_length"])
-        slow_turn, slow_vy = (spin - x[1]) / _BLEND, (p["rear_length"] * spin - x[0]) / _BLEND
-        slow_side = slow_vy + x[1] * vx
-        return slow_side + weigh * (side - slow_side), slow_turn + weigh * (turn - slow_turn)
+        if np.min(part) < 1.0:
+            part = np.clip(part, 0.0, 1.0)
+            weigh = part * part * (3.0 - 2.0 * part)
+            spin = vx * np.tan(delta) / (p["front_length"] + p["rear_length"])
+            slow_turn, slow_vy = (spin - x[1]) / _BLEND, (p["rear_length"] * spin - x[0]) / _BLEND
+            slow_side = slow_vy + x[1] * vx
+            side, turn = slow_side + weigh * (side - slow_side), slow_turn + weigh * (turn - slow_turn)
+        if not self._roll:
+            return side, turn, side
+        # Spinning wheels are a gyroscope: what rolls them turns the car.
+        turn = turn - p["wheel_momentum"] * vx * x[3] / p["yaw_inertia"]
+        return side, turn, self._roll_acceleration(x, side, p)
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Of vy, yaw rate, and roll."""
-        side, turn = self._accelerations(x, u, p)
+        """Of vy, yaw rate, roll, slips."""
+        slips = self._slip_angles(x, u, p)
+        side, turn, sway = self._motion(x, u, p, slips)
         found = [side - x[1] * u[1], turn]
         if self._roll:
-            found += [x[3], self._roll_acceleration(x, side, p)]
+            found[0] = found[0] + p["roll_arm"] * sway
+            found += [x[3], sway]
+        if self._relaxation:
+            v = np.maximum(u[1], self._v1)
+            for i, (axle, slip) in enumerate(zip(("front", "rear"), slips, strict=True)):
+                time = np.maximum(p[f"relaxation_{axle}"] / v, _SLIPPING * self.fine)
+                found.append((slip - x[self._slips + i]) / time)
         return np.stack(found)
 
     def _roll_acceleration(self, x: Array, side: Array, p: Values) -> Array:
@@ -288,11 +218,11 @@ class SingleTrackModel(Model):
             elif name in {"roll", "roll_rate"}:
                 found.append(x[2 if name == "roll" else 3])
             else:
-                side, turn = self._accelerations(x, u, p)
+                side, turn, sway = self._accelerations(x, u, p)
                 seen = side + p["accelerometer_ahead"] * turn
                 if self._roll:
-                    sway = self._roll_acceleration(x, side, p)
-                    seen = seen - p["accelerometer_height"] * sway + p["accelerometer_tilt"] * GRAVITY * x[2]
+                    arm = p["roll_arm"] - p["accelerometer_height"]
+                    seen = seen + arm * sway + p["accelerometer_tilt"] * GRAVITY * x[2]
                 found.append(seen)
         return np.stack(found)
 
@@ -313,6 +243,9 @@ class SingleTrackModel(Model):
         found = [side, spin]
         if self._roll:
             found += [p["roll_gain"] * v * spin, np.zeros(len(rows))]
+        if self._relaxation:
+            held = m * v * spin / (a + b)
+            found += [-held * b / p["cornering_stiffness_front"], -held * a / p["cornering_stiffness_rear"]]
         return np.stack(found)
 
     def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
@@ -340,6 +273,7 @@ class SingleTrackModel(Model):
             "yaw_inertia": (0.3 * m * a * b, 3.0 * m * a * b),
             "friction_front": (0.1, 2.0),
             "friction_rear": (0.1, 2.0),
+            "load_transfer": (0.0, 0.4 * (a + b)),
         }
         return ranges.get(name, (-np.inf, np.inf))
 
@@ -357,20 +291,3 @@ class SingleTrackModel(Model):
         if names & stiff:
             return "do a step steer at two speeds, and record the lateral velocity if possible"
         return "do a step steer or a sweep to 2 Hz" if "yaw_inertia" in names else "turn left and right alike"
-
-
-def pick_outputs(offered: set[str], possible: list[str], asked: list[str] | None, kind: str) -> tuple[str, ...]:
-    """The channels to compare.
-
-    Raises:
-        ConfigError: one that was asked for is missing or unknown, or there is none at all.
-    """
-    for name in asked or []:
-        if name not in possible:
-            raise ConfigError(f"model.outputs: {kind} has no output '{name}'; {did_you_mean(name, possible)}")
-        if name not in offered:
-            raise ConfigError(f"model.outputs: no log has '{name}'; map its column in 'channels'")
-    found = tuple(name for name in possible if name in offered and (asked is None or name in asked))
-    if not found:
-        raise ConfigError(f"model {kind}: needs at least one of {', '.join(possible)} to compare with; map its column")
-    return found

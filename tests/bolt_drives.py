@@ -1,0 +1,178 @@
+"""Drives of the full plant of the Bolt on its springs, with a steering actuator, and what sensors make of them.
+
+What the plant is worth to a single track is worked out here from its files, without the code under test: mass, centre
+and inertia of its bodies by Drake, the tyre's cornering stiffness by the formula of its .tir file, and the chain of the
+steering by the numbers that are written into vehicle.yaml.
+"""
+
+import math
+import re
+import shutil
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.tree import BodyIndex
+
+from mirdrake.diagram import assemble
+from mirdrake.diagram_spec import make_spec
+from mirdrake.identification import DataSet, Log
+from mirdrake.paths import data_root
+from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.parse import parse_urdf
+
+DELAY, LAG = 0.04, 0.06
+"""Of the steering actuator [s]."""
+
+RATE = 200.0
+"""Of driver, control unit and record [Hz]."""
+
+DRIVES = {
+    "sweep": (25.0, 22.0, {"kind": "sweep", "amplitude": 0.006, "first": 0.2, "last": 3.0, "length": 20.0}),
+    "slow": (12.0, 22.0, {"kind": "random", "amplitude": 0.015, "first": 0.1, "last": 3.0, "length": 20.0}),
+    "step": (20.0, 5.0, {"kind": "step", "amplitude": 0.012, "rise": 0.1}),
+}
+"""Speed at the start [m/s], duration [s] and steering, which begins after a second."""
+
+NOISE = {
+    "vx": 0.02, "vy": 0.02, "yaw_rate": 0.002, "roll_rate": 0.002, "lateral_acceleration": 0.05,
+    "road_wheel_angle": 1e-4, "steering_command": 0.0,
+}  # fmt: skip
+"""Of each sample: twice and more what the preset automotive_imu has at 100 Hz, for a car shakes; the speeds are those
+of an optical sensor, the angle that of a hand wheel in steps of 0.1 degrees."""
+
+OFFSET = {"vy": 0.01, "yaw_rate": 0.002, "roll_rate": -0.003, "lateral_acceleration": 0.05}
+
+
+@dataclass
+class Bolt:
+    """A copy of the Bolt's folder whose steering is late.
+
+    Attributes:
+        model: path and variant.
+    """
+
+    model: str
+
+    @classmethod
+    def copy(cls, folder):
+        """Into a folder."""
+        target = folder / "bolt"
+        shutil.copytree(data_root() / "models" / "bolt", target)
+        file = target / "variants" / "handling.yaml"
+        text = file.read_text()
+        told = f"  actuators:\n    steering: {{delay: {DELAY}, time_constant: {LAG}}}\n"
+        changed = text.replace("  actuators:\n", told, 1)
+        assert changed != text
+        file.write_text(changed)
+        return cls(f"{target}@handling")
+
+    def drive(self, profile, speed, duration, *, pedals=None):
+        """Channels (n) at 200 Hz by name; vy and lateral acceleration are those of the rear axle, on the ground."""
+        kind = "OpenLoopDriver" if pedals is None else "OpenLoopPedalDriver"
+        driver: dict[str, Any] = {"kind": f"mirdrake.manoeuvres.drivers:{kind}"}
+        driver |= {"speeds": [[0.0, speed]]} if pedals is None else {"pedals": pedals}
+        driver |= {"profile": profile, "period": 1.0 / RATE}
+        place = {"x": 0.0, "y": 0.0, "yaw": 0.0}
+        spec = {
+            "name": "drive",
+            "world": "empty",
+            "vehicles": {"ego": {"model": self.model, "start": place, "speed": speed, "control": {"rate": RATE}}},
+            "control": {"ego": driver},
+            "plant": {"contact": "point", "time_step": 1.0 / RATE},
+            "record": {"rate": RATE, "meshcat": False, "report": False},
+            "duration": duration,
+        }
+        found = Simulation(assemble(make_spec(spec))).run().signals
+        time = found.index.to_numpy()
+        seen = {name: found[f"ego.{name}"].to_numpy() for name in ("vx", "vy", "wz", "wx", "steering_command")}
+        angles = [found[f"ego.steering_angle.{side}"].to_numpy() for side in ("left", "right")]
+        channels = {
+            "vx": seen["vx"], "vy": seen["vy"], "yaw_rate": seen["wz"], "roll_rate": seen["wx"],
+            "lateral_acceleration": np.gradient(seen["vy"], time) + seen["vx"] * seen["wz"],
+            "road_wheel_angle": 0.5 * (angles[0] + angles[1]), "steering_command": seen["steering_command"],
+        }  # fmt: skip
+        return time, channels
+
+    def lateral(self):
+        """The drives of :data:`DRIVES`, exact."""
+        return {
+            name: self.drive({**profile, "start": 1.0}, speed, duration)
+            for name, (speed, duration, profile) in DRIVES.items()
+        }
+
+    def coast(self, start=30.0, duration=70.0):
+        """A coast-down in neutral, exact."""
+        return self.drive(
+            {"kind": "step", "amplitude": 0.0}, start, duration, pedals=[[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
+        )
+
+
+def noisy(exact, names, seed, *, name="drive", use="train", begin=0.5, every=2):
+    """What sensors with noise and offsets have of an exact drive, at 100 Hz."""
+    time, channels = exact
+    random = np.random.default_rng(seed)
+    rows = slice(int(begin * RATE), None, every)
+    found = {
+        one: (channels[one] + OFFSET.get(one, 0.0) + random.normal(0.0, NOISE[one], len(time)))[rows] for one in names
+    }
+    return Log(name, use, time[rows], found)
+
+
+def lateral_data(drives, names, seed=0):
+    """A data set of them; the step is held out."""
+    return DataSet(
+        tuple(
+            noisy(exact, names, 10 * seed + k, name=name, use="validation" if name == "step" else "train")
+            for k, (name, exact) in enumerate(drives.items())
+        )
+    )
+
+
+@dataclass
+class Truth:
+    """What is so.
+
+    Attributes:
+        mass: [kg].
+        front_length: [m].
+        rear_length: [m].
+        yaw_inertia: of all bodies about their common centre of mass [kg m²].
+        spin_inertia: what the wheels add to it, since those outside turn faster in a bend [kg m²].
+        rotating_mass: what turns with the wheels, reduced to the road [kg].
+        stiffness: of both tyres of front and rear axle at their static load [N/rad].
+    """
+
+    mass: float
+    front_length: float
+    rear_length: float
+    yaw_inertia: float
+    spin_inertia: float
+    rotating_mass: float
+    stiffness: tuple[float, float]
+
+
+def truth():
+    """Of the Bolt by its files, see the head of the module."""
+    vehicle = load_vehicle("bolt@handling")
+    plant, _, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
+    context = plant.CreateDefaultContext()
+    bodies = [BodyIndex(number) for number in range(1, plant.num_bodies())]
+    whole = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
+    mass, ahead = whole.get_mass(), whole.get_com()[0]
+    turn = whole.Shift(whole.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[2, 2]
+    radius, half = vehicle.geometry.front_wheel_radius, 0.5 * vehicle.geometry.front_track
+    spin = 0.5 * 20.0 * radius**2  # solid cylinders of 20 kg: models/bolt/properties.xacro, 4
+    motor = 0.04 * 7.05**2  # variants/handling.yaml
+    length = vehicle.geometry.wheelbase
+    loads = [0.5 * mass * 9.80665 * arm / length for arm in (ahead, length - ahead)]
+    tir = (data_root() / "models" / "tyres" / "215_50R17.tir").read_text()
+    data = dict(re.findall(r"^(\w+)\s*=\s*(\S+)", tir, re.MULTILINE))
+    nominal, k1, k2, k4 = (float(data[name]) for name in ("FNOMIN", "PKY1", "PKY2", "PKY4"))
+    # H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., equation 4.E25.
+    first, second = (2.0 * abs(k1) * nominal * math.sin(k4 * math.atan(load / (k2 * nominal))) for load in loads)
+    return Truth(
+        mass, length - ahead, ahead, turn, 4.0 * spin * (half / radius) ** 2, (4.0 * spin + motor) / radius**2,
+        (first, second),
+    )  # fmt: skip

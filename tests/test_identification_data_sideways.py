@@ -1,0 +1,232 @@
+"""A late vy, a late lateral acceleration, a sensor in another place, and two clocks: each told from the others."""
+
+import gzip
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mirdrake.cli import main
+from mirdrake.errors import ConfigError
+from mirdrake.identification import DataSet, Log, check_data
+from mirdrake.identification.identify import doubt_poor
+from mirdrake.identification.relations import make_grid
+from mirdrake.identification.sideways import sideways_delays
+from tests.test_identification_data import STEP, checked, recorded
+
+NOISE = {"vx": 0.02, "vy": 0.02, "yaw_rate": 0.004, "lateral_acceleration": 0.1}
+
+
+def drive(seed, *, late=None, ahead=0.0):
+    """Rigid-body motion at 8 to 22 m/s with noise, 80 s; channels of `late` are so late [s].
+
+    Args:
+        seed: of the noise.
+        late: by channel.
+        ahead: of the place of vy, the accelerometer [m].
+    """
+    time = np.arange(0.0, 80.0, STEP)
+    random = np.random.default_rng(seed)
+
+    def series(name):
+        t = time - (late or {}).get(name, 0.0)
+        vx, slope = 15.0 + 7.0 * np.sin(0.23 * t), 7.0 * 0.23 * np.cos(0.23 * t)
+        r = 0.12 * np.sin(0.9 * t) + 0.08 * np.sin(2.9 * t + 1.0)
+        turn = 0.108 * np.cos(0.9 * t) + 0.232 * np.cos(2.9 * t + 1.0)
+        vy, rise = r * (1.4 - 0.006 * vx**2), turn * (1.4 - 0.006 * vx**2) - 0.012 * r * vx * slope
+        exact = {"vx": vx, "vy": vy, "yaw_rate": r, "lateral_acceleration": vx * r + rise + ahead * turn}
+        return exact[name] + random.normal(0.0, NOISE[name], len(t))
+
+    return Log("drive", "train", time, {name: series(name) for name in NOISE})
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
+def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ahead):
+    found = sideways_delays(make_grid(drive(seed, ahead=ahead)), 0.5 * STEP)
+    assert found is not None
+    assert (found.acceleration, found.velocity) == (0.0, 0.0)
+    assert found.arm == pytest.approx(ahead, abs=0.1)
+    report = checked(drive(seed, ahead=ahead))
+    assert not [one for one in report.of("delay") if one.repair]
+
+
+@pytest.mark.parametrize("ahead", [0.0, 1.4])
+def test_velocities_of_one_source_are_late_together(ahead):
+    """An inertial unit with both velocities at the rear axle, 100 ms late: the lever arm alone looks like 100 ms."""
+    report = checked(drive(2, late={"vx": 0.1, "vy": 0.1}, ahead=ahead))
+    (found,) = report.of("delay", "vy, lateral_acceleration")
+    assert found.value == pytest.approx(0.1, abs=0.01)
+    assert "vx is as late" in found.text
+    assert found.repair.startswith("shifted vy by -")
+    assert "vx by -" in found.repair
+    assert "yaw_rate" not in found.repair
+    if ahead:
+        (place,) = report.of("place", "lateral_acceleration")
+        assert place.value == pytest.approx(ahead, abs=0.1)
+    assert not [one for one in checked(report.data.logs[0]).of("delay") if one.repair]
+
+
+@pytest.mark.parametrize("name", ["vy", "lateral_acceleration"])
+def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
+    found = sideways_delays(make_grid(drive(3, late={name: 0.06}, ahead=1.0)), 0.5 * STEP)
+    assert found is not None
+    assert found.velocity == pytest.approx(0.06 if name == "vy" else 0.0, abs=0.01)
+    assert found.acceleration == pytest.approx(0.0 if name == "vy" else 0.06, abs=0.015)
+    assert found.arm == pytest.approx(1.0, abs=0.25)
+
+
+def test_too_short_a_drive_says_nothing():
+    log = drive(4)
+    short = replace(log, time=log.time[:300], channels={name: values[:300] for name, values in log.channels.items()})
+    assert sideways_delays(make_grid(short), 0.5 * STEP) is None
+
+
+def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
+    """An inertial unit, 0.2 % slow, beside a vehicle bus: 80 ms after 40 s, and none when it is mended."""
+    log = recorded(5)
+    slow = log.time * 1.002
+    channels = dict(log.channels)
+    for name in ("yaw_rate", "lateral_acceleration"):
+        channels[name] = np.interp(slow, log.time, log.channels[name])
+    report = checked(replace(log, channels=channels))
+    (found,) = report.of("drift")
+    assert found.value == pytest.approx(-2e-3, rel=0.1)
+    assert re.search(r"yaw_rate stretched by \+0\.[12]\d* %", found.repair)
+    assert "lateral_acceleration stretched" in found.repair
+    assert "yaw stretched" not in found.repair
+    mended = report.data.logs[0].channels["yaw_rate"]
+    inner = slice(200, 3700)
+    assert np.std((mended - log.channels["yaw_rate"])[inner]) < 1.5 * 0.002 * np.sqrt(2.0)
+    assert not checked(report.data.logs[0]).of("drift")
+    kept = check_data(DataSet((replace(log, channels=channels),)), repairs=())
+    assert [one.repair for one in kept.of("drift")] == [""]
+    assert kept.left
+
+
+HEADER = "t,vx,vy,wz,ay,steer\n"
+MAPPING = """\
+mirdrake: data/1
+wheelbase: 2.7 m
+time: {column: t, unit: s}
+channels:
+  vx: {column: vx, unit: m/s}
+  yaw_rate: {column: wz, unit: rad/s}
+  road_wheel_angle: {column: steer, unit: rad}
+logs: [{file: log.csv}]
+"""
+
+
+def rows(steer=1.0, speed=1.0, lock=0.04):
+    """Text of a car in bends that it takes without slip."""
+    t = np.arange(0.0, 30.0, 0.02)
+    v, angle = 6.0 + 2.0 * np.sin(0.3 * t), lock * np.sin(t)
+    table = np.column_stack((t, speed * v, 0.1 * angle, v * angle / 2.7, v * v * angle / 2.7, steer * angle))
+    return "\n".join(",".join(f"{value:.6g}" for value in row) for row in table) + "\n"
+
+
+def check(folder, content, capsys, mapping=MAPPING):
+    """Exit code, output and error of the check of a file."""
+    (folder / "log.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    (folder / "data.yaml").write_text(mapping, encoding="utf-8")
+    code = main(["identify", "check", str(folder / "data.yaml")])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+@pytest.mark.parametrize(
+    ("content", "note"),
+    [
+        ((HEADER + rows()).encode("utf-16"), "read as utf-16"),
+        ((HEADER + rows()).encode("utf-16-le"), "read as utf-16-le"),
+        ((HEADER + rows()).encode("utf-16-be"), "read as utf-16-be"),
+        (gzip.compress((HEADER + rows()).encode()), "is compressed with gzip"),
+        ((HEADER + rows().replace("\n", ",\n").replace(",\n", "\n")).replace("\n", "\r").encode(), ""),
+    ],
+)
+def test_text_in_any_code_is_read_and_said(tmp_path, capsys, content, note):
+    code, out, err = check(tmp_path, content, capsys)
+    assert (code, err) == (0, "")
+    assert note in out
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"PK\x03\x04" + bytes(900), "is a workbook or another zip file and no text; export it as CSV"),
+        (b"\xd0\xcf\x11\xe0" + bytes(900), "is an Excel workbook and no text"),
+        (b"\x1f\x8b" + bytes(900), "is a gzip file, and is broken"),
+        (bytes(5000), "is no text; CSV is expected"),
+        (np.random.default_rng(0).bytes(5000), "is no text; CSV is expected"),
+        (HEADER.replace("vy", "vx") + rows(), "has 2 columns 'vx'; rename one"),
+        (rows(), "has no header; name its columns under 'csv: {columns: […]}'"),
+    ],
+)
+def test_what_is_no_table_is_one_line_for_each_fault(tmp_path, capsys, content, told):
+    code, _, err = check(tmp_path, content, capsys)
+    assert code == 2
+    assert told in err
+    assert all(line.startswith("error: ") for line in err.splitlines())
+
+
+@pytest.mark.parametrize(("steer", "mistake"), [(57.3, "deg as rad"), (1 / 57.3, "rad as deg")])
+def test_steering_in_the_wrong_unit_is_a_fault_and_no_fit(tmp_path, capsys, steer, mistake):
+    code, out, _ = check(tmp_path, HEADER + rows(steer), capsys)
+    assert code == 1
+    assert f"would be explained by: {mistake} of road_wheel_angle" in out
+    assert main(["identify", str(tmp_path / "data.yaml"), "--out", str(tmp_path / "out")]) == 2
+    assert "correct 'unit' or 'sign' of road_wheel_angle" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "found", "told"),
+    [
+        ({"speed": 0.0}, "the vehicle stands", "vx: the vehicle stands in all training drives"),
+        ({"steer": 0.0}, "is 0 rad all the time", "road_wheel_angle: does not move in any training drive"),
+    ],
+)
+def test_a_vehicle_that_stands_and_a_steering_that_rests_give_no_fit(tmp_path, capsys, change, found, told):
+    _, out, _ = check(tmp_path, HEADER + rows(**change), capsys)
+    assert found in out
+    assert main(["identify", str(tmp_path / "data.yaml"), "--out", str(tmp_path / "out")]) == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_constant_log_is_a_fault(tmp_path, capsys):
+    still = HEADER + "".join(f"{0.02 * row:g},5,5,5,5,5\n" for row in range(400))
+    code, out, _ = check(tmp_path, still, capsys)
+    assert code == 1
+    assert "every channel is constant: there is nothing to identify" in out
+    assert main(["identify", str(tmp_path / "data.yaml"), "--out", str(tmp_path / "out")]) == 2
+
+
+def test_noise_has_no_parameters(tmp_path):
+    """A single track is fitted to numbers without sense: none of its parameters is called identified."""
+    from mirdrake.identification.default_study import default_study
+    from mirdrake.identification.identify import identify
+
+    random = np.random.default_rng(3)
+    t = np.arange(0.0, 10.0, 0.04)
+    table = np.column_stack((t, 5.0 + random.normal(0, 1, len(t)), random.normal(0, 1, (len(t), 4))))
+    (tmp_path / "log.csv").write_text(HEADER + "\n".join(",".join(f"{v:.5g}" for v in row) for row in table))
+    (tmp_path / "data.yaml").write_text(MAPPING, encoding="utf-8")
+    plain = ["model.tyres=linear", "parameters.steering_lag.fixed=0", "parameters.load_transfer.fixed=0"]
+    plain += ["estimator.iterations=3"]
+    try:
+        found = identify(default_study(tmp_path / "data.yaml", overrides=plain), tmp_path).fit
+    except ConfigError:
+        return  # refused is as good
+    assert all(one.verdict != "identified" for one in found.parameters if one.kind != "fixed")
+    assert "the model follows no channel" in found.notes[0]
+    assert doubt_poor(found).parameters == found.parameters
+
+
+def test_a_key_of_a_model_in_its_short_form_can_be_set(tmp_path):
+    from mirdrake.identification.study import load_identification
+
+    text = "mirdrake: identification/1\ndata: data.yaml\nmodel: single_track\n"
+    (tmp_path / "study.yaml").write_text(text, encoding="utf-8")
+    spec = load_identification(tmp_path / "study.yaml", overrides=["model.tyres=fiala"])
+    assert spec.model == {"kind": "single_track", "tyres": "fiala"}
