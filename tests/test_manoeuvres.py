@@ -9,6 +9,7 @@ import pytest
 from mirdrake.cli import main
 from mirdrake.logs import load_run
 from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, run_manoeuvre
+from mirdrake.manoeuvres.skidpad import SkidpadSpec
 from mirdrake.manoeuvres.straight import BrakingSpec
 from mirdrake.single_track import understeer_gradient
 from mirdrake.vehicles import load_vehicle
@@ -134,7 +135,24 @@ def test_a_small_robot_is_driven_at_its_own_scale(tmp_path):
     slalom = results["manoeuvres"][0]
     assert slalom["settings"]["spacing"]["value"] == pytest.approx(18.0 * results["vehicle"]["scale"], rel=1e-3)
     assert slalom["verdict"] == "done", slalom["reason"]
-    assert 3.0 < _figures(results, "slalom")["speed"] < 60.0
+    figures = _figures(results, "slalom")
+    assert 3.0 < figures["speed"] < 60.0
+    assert 0.7 * figures["speed"] < figures["told_at"] <= 0.96 * figures["speed"]  # the others are not of the limit
+    steps = figures["told_at"] / (5.0 * results["vehicle"]["scale"] ** 0.5)
+    assert steps == pytest.approx(round(steps), abs=1e-3)
+    assert any(note.startswith("on the limit, at ") for note in slalom["notes"])
+
+
+def test_a_skidpad_is_driven_to_the_grip_of_the_car_and_not_to_that_of_its_start():
+    """A car that is put on its circle at once leaves the lane at two thirds of what it holds."""
+    vehicle = load_vehicle("bolt@handling")
+    facts = find_facts(vehicle)
+    spec = SkidpadSpec(resolution=1.0 / 3.6)
+    outcome = run_manoeuvre("skidpad", Rig("bolt@handling", vehicle, facts, kind="single_track"), spec)
+    grip = min(facts.parameters.front_friction, facts.parameters.rear_friction)
+    assert 0.7 * grip < (outcome.value("lateral") or 0.0) < grip
+    way = (outcome.value("lap") or 0.0) * (outcome.value("speed") or 0.0) / 3.6
+    assert way == pytest.approx(2.0 * math.pi * spec.path_radius, rel=0.01)
 
 
 def test_the_same_run_gives_the_same_figures():

@@ -1,5 +1,6 @@
 """What a manoeuvre is: settings with units and sources, a run, and an outcome that says what was used."""
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -66,13 +67,36 @@ class Used:
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure: key, what it is in words, value (None: there is none) and unit; a short note."""
+    """A figure.
+
+    Attributes:
+        key: of it.
+        text: what it is in words.
+        value: None: there is none.
+        unit: of the value.
+        note: a short one.
+        scale: what a change is to be measured by, in the same unit, where that is not the value itself: for what may
+            be zero, or is a small difference of large numbers.
+    """
 
     key: str
     text: str
     value: float | None
     unit: str
     note: str = ""
+    scale: float | None = None
+
+    def change(self, other: "Metric") -> float:
+        """How much another figure of the same kind differs, over the larger of scale and value [1].
+
+        0 if neither has a value, infinite if one has none.
+        """
+        if self.value is None or other.value is None:
+            return 0.0 if self.value is other.value else math.inf
+        if self.value == other.value:
+            return 0.0
+        size = max(abs(self.scale or 0.0), abs(self.value), abs(other.value))
+        return abs(self.value - other.value) / size
 
 
 @dataclass(frozen=True)
@@ -129,10 +153,12 @@ class Outcome:
     runs: list[str] = field(default_factory=list)
     wall: float = 0.0
 
-    def add(self, key: str, text: str, value: float | None, unit: str, note: str = "") -> None:
-        """Add a figure; NaN counts as none."""
+    def add(
+        self, key: str, text: str, value: float | None, unit: str, note: str = "", *, scale: float | None = None
+    ) -> None:
+        """Add a figure, see :class:`Metric`; NaN counts as none."""
         number = None if value is None or not np.isfinite(value) else float(value)
-        self.metrics.append(Metric(key, text, number, unit, note))
+        self.metrics.append(Metric(key, text, number, unit, note, scale))
 
     def value(self, key: str) -> float | None:
         """A figure by its key.
@@ -154,7 +180,9 @@ class Outcome:
             "verdict": self.verdict,
             "reason": self.reason,
             "metrics": {
-                m.key: {"value": m.value, "unit": m.unit, "text": m.text, **({"note": m.note} if m.note else {})}
+                m.key: {"value": m.value, "unit": m.unit, "text": m.text}
+                | ({"note": m.note} if m.note else {})
+                | ({"scale": m.scale} if m.scale is not None else {})
                 for m in self.metrics
             },
             "settings": {

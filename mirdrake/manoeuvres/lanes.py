@@ -30,7 +30,11 @@ class CourseSpec(ManoeuvreSpec):
 
     lowest: Speed = setting(30.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
     highest: Speed = setting(110.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    resolution: Speed = setting(0.5 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    resolution: Speed = setting(0.25 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    share: float = setting(
+        0.95, "of the highest entry speed, up to which the other figures are taken [-]", "own", gt=0.0
+    )
+    multiple: Speed = setting(5.0 * KMH, "of which the speed of the other figures is a multiple [m/s]", "own", gt=0.0)
     margin: Length = setting(0.1, "between body and cones on the planned line, if there is room [m]", "own", ge=0.0)
     run_up: Length = setting(30.0, "straight way before the course [m]", "own", gt=0.0)
     run_out: Length = setting(25.0, "straight way behind the course [m]", "own", ge=0.0)
@@ -61,12 +65,22 @@ class CourseSpec(ManoeuvreSpec):
         highest = min(self.highest, 0.95 * facts.top_speed)
         check_speed(facts, self.lowest)
 
+        passes: list[tuple[float, Record]] = []
+
         def attempt(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
             try:
                 record, room = self._try(rig, sections, speed)
             except Diverged as error:
                 return None, str(error)
-            return (record, room), _fault(room, sections)
+            fault = _fault(room, sections)
+            if not fault:
+                passes.append((speed, record))
+            return (record, room), fault
+
+        def again(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
+            """The run of that speed that there is, or a new one."""
+            there = [record for one, record in passes if _label(one) == _label(speed)]
+            return ((there[0], self._room(rig.facts, sections, there[0])), "") if there else attempt(speed)
 
         found = find_highest(
             attempt,
@@ -77,33 +91,64 @@ class CourseSpec(ManoeuvreSpec):
         )
         if found.best is None:
             raise NotPossible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {found.why}")
-        best, room = found.best
-        failed, why = found.failed, found.why
-        entry = self._entry(best, facts)
-        outcome.add(
-            "speed",
-            "Highest entry speed without a touch",
-            entry / KMH,
-            "km/h",
-            f"within {self.resolution / KMH:.1f} km/h",
-        )
+        best, failed = found.best[0], found.failed
+        limit = self._entry(best, facts) / KMH
+        note = f"within {self.resolution / KMH:.2g} km/h"
+        outcome.add("speed", "Highest entry speed without a touch", limit, "km/h", note)
         if failed < math.inf:
-            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", why)
+            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", found.why)
         else:
             outcome.notes.append("it passes at the highest speed that was tried")
-        outcome.add("exit", "Speed at the end of the course", _exit(best, sections) / KMH, "km/h")
-        outcome.add("room", "Smallest distance to the cones", min(room), "m")
-        course = (best.x + facts.front > sections[0].x0) & (best.x + facts.rear < sections[-1].x1)
-        for key, text, values, unit in (
-            ("lateral", "Largest lateral acceleration", best.lateral_acceleration / GRAVITY, "g"),
-            ("yaw_rate", "Largest yaw rate", np.degrees(best.yaw_rate), "deg/s"),
-            ("sideslip", "Largest sideslip angle", np.degrees(best.sideslip), "deg"),
-            ("hand_wheel", "Largest hand-wheel angle", np.degrees(best.hand_wheel), "deg"),
-            ("roll", "Largest roll angle", np.degrees(best.roll), "deg"),
-        ):
-            outcome.add(key, text, float(np.max(np.abs(values[course]), initial=0.0)), unit, "at the highest speed")
+        speed = max(self.lowest, self.multiple * math.floor(self.share * found.passed / self.multiple + 1e-9))
+        result, fault = again(speed)
+        while fault and speed - self.multiple >= self.lowest:
+            speed -= self.multiple
+            result, fault = again(speed)
+        if result is None:
+            raise Diverged(fault)
+        record, room = result
+        told = f"at {speed / KMH:.3g} km/h"
+        outcome.add("told_at", "Speed at which the figures below are taken", speed / KMH, "km/h", fault)
+        outcome.add("exit", "Speed at the end of the course", _exit(record, sections) / KMH, "km/h", told)
+        inside = record.y[(record.x > sections[0].x0) & (record.x < sections[-1].x1)]
+        way = float(np.ptp(inside)) if len(inside) else None
+        outcome.add("room", "Smallest distance to the cones", min(room), "m", told, scale=way)
+        peaks = self._peaks(record, sections, facts)
+        for key, (text, value, unit) in peaks.items():
+            outcome.add(key, text, value, unit, told)
         outcome.notes.append("the driver is a law that follows a planned line; another driver may be faster or slower")
+        self._note_limit(outcome, passes, sections, facts)
         self._draw(outcome, best, sections, facts)
+
+    def _peaks(self, record: Record, sections: list[Section], facts: Facts) -> dict[str, tuple[str, float, str]]:
+        """The largest figures in the course by key: what it is, value, unit."""
+        course = (record.x + facts.front > sections[0].x0) & (record.x + facts.rear < sections[-1].x1)
+        rows = (
+            ("lateral", "Largest lateral acceleration", record.lateral_acceleration / GRAVITY, "g"),
+            ("yaw_rate", "Largest yaw rate", np.degrees(record.yaw_rate), "deg/s"),
+            ("sideslip", "Largest sideslip angle", np.degrees(record.sideslip), "deg"),
+            ("hand_wheel", "Largest hand-wheel angle", np.degrees(record.hand_wheel), "deg"),
+            ("roll", "Largest roll angle", np.degrees(record.roll), "deg"),
+        )
+        return {
+            key: (text, float(np.max(np.abs(values[course]), initial=0.0)), unit) for key, text, values, unit in rows
+        }
+
+    def _note_limit(
+        self, outcome: Outcome, passes: list[tuple[float, Record]], sections: list[Section], facts: Facts
+    ) -> None:
+        """What the figures are on the limit, and how steep they are there: no figures to three digits."""
+        low, high = sorted(passes, key=lambda one: one[0])[-2:] if len(passes) > 1 else passes * 2
+        peaks = self._peaks(high[1], sections, facts)
+        told = ", ".join(
+            f"{text.removeprefix('Largest ')} {_rough(value)} {unit}" for text, value, unit in peaks.values()
+        )
+        steep = ""
+        slips = [self._peaks(record, sections, facts)["sideslip"][1] for _, record in (low, high)]
+        if high[0] > low[0] and min(slips) > 0.0:
+            rise = math.log(slips[1] / slips[0]) / (high[0] - low[0]) * self.resolution
+            steep = f"; there {self.resolution / KMH:.2g} km/h change the sideslip by {100.0 * abs(rise):.2g} %"
+        outcome.notes.append(f"on the limit, at {high[0] / KMH:.4g} km/h, the largest are: {told}{steep}")
 
     def _guess(self, facts: Facts, sections: list[Section]) -> float:
         """A speed [m/s] that the friction may allow on the planned line."""
@@ -153,7 +198,7 @@ class CourseSpec(ManoeuvreSpec):
 
         try:
             record = rig.run(
-                f"v{speed / KMH:.2f}kmh",
+                _label(speed),
                 driver,
                 duration=2.0 * (end - start) / speed,
                 speed=speed,
@@ -162,9 +207,11 @@ class CourseSpec(ManoeuvreSpec):
             )
         except ConfigError as error:
             raise NotPossible(str(error).rsplit(": ", 1)[-1]) from None
+        return record, self._room(facts, sections, record)
+
+    def _room(self, facts: Facts, sections: list[Section], record: Record) -> list[float]:
         body = Body(facts.rear, facts.front, 0.5 * facts.width)
-        room = clearance(record.x, record.y, record.yaw, body, sections)
-        return record, [float(value) for value in room]
+        return [float(value) for value in clearance(record.x, record.y, record.yaw, body, sections)]
 
     def _release(self) -> float:
         """Place of the front end at which the throttle is released [m]."""
@@ -196,6 +243,16 @@ class CourseSpec(ManoeuvreSpec):
         ):
             line = Line(label, record.x[chosen], values[chosen])
             outcome.charts.append(Chart("x", "m", label, unit, (line,)))
+
+
+def _label(speed: float) -> str:
+    """Name of the run at a speed [m/s], and of its folder."""
+    return f"v{speed / KMH:.2f}kmh"
+
+
+def _rough(value: float) -> str:
+    """Two digits, and no exponent."""
+    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
 
 
 def _fault(room: Sequence[float], sections: Sequence[Section]) -> str:

@@ -15,6 +15,9 @@ from mirdrake.manoeuvres.steady_circle import SIDES, spun_or_steady
 from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Acceleration, AngularRate, Duration, Frequency, Speed
 
+_OVER = 10.0
+"""Overshoot [%] by which the change of a smaller one is measured: it is the small difference of two large numbers."""
+
 
 class StepSteerSpec(ManoeuvreSpec):
     """Step of the steering at constant speed: response times, overshoot, gains."""
@@ -81,11 +84,12 @@ class StepSteerSpec(ManoeuvreSpec):
         outcome.add("lateral", "Steady lateral acceleration", abs(side.steady), "m/s²")
         outcome.add("yaw_response", "Response time of the yaw rate", yaw.response_time, "s", "50 % steer to 90 %")
         outcome.add("yaw_peak", "Peak time of the yaw rate", yaw.peak_time, "s", "none without overshoot")
-        outcome.add("yaw_overshoot", "Overshoot of the yaw rate", 100.0 * yaw.overshoot, "%")
+        outcome.add("yaw_overshoot", "Overshoot of the yaw rate", 100.0 * yaw.overshoot, "%", scale=_OVER)
         outcome.add("yaw_gain", "Yaw-rate gain", yaw.gain, "1/s", "over the hand-wheel angle")
         outcome.add("lateral_response", "Response time of the lateral acceleration", side.response_time, "s")
         outcome.add("lateral_peak", "Peak time of the lateral acceleration", side.peak_time, "s")
-        outcome.add("lateral_overshoot", "Overshoot of the lateral acceleration", 100.0 * side.overshoot, "%")
+        over = 100.0 * side.overshoot
+        outcome.add("lateral_overshoot", "Overshoot of the lateral acceleration", over, "%", scale=_OVER)
         outcome.add("lateral_gain", "Lateral-acceleration gain", side.gain * math.radians(1.0), "m/s² per deg")
         slip = math.degrees(float(np.mean(record.sideslip[end]))) * sign
         outcome.add("sideslip", "Steady sideslip angle", slip, "deg", "negative: the nose points into the turn")
@@ -220,11 +224,11 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         yaw = frequency_response(record.time, record.hand_wheel, record.yaw_rate, **band)
         side = frequency_response(record.time, record.hand_wheel, record.lateral_acceleration, **band)
         slowest = float(yaw.gain[0])
-        peak = int(np.argmax(yaw.gain))
+        fastest, highest = yaw.peak()
         outcome.add("hand_wheel", "Amplitude at the hand-wheel", math.degrees(angle) * facts.ratio, "deg")
         outcome.add("yaw_gain", f"Yaw-rate gain at {yaw.frequency[0]:.2f} Hz", slowest, "1/s")
-        outcome.add("yaw_peak_ratio", "Largest over lowest gain", float(yaw.gain[peak]) / slowest, "1")
-        outcome.add("yaw_peak_frequency", "Frequency of the largest gain", float(yaw.frequency[peak]), "Hz")
+        outcome.add("yaw_peak_ratio", f"Largest gain over that at {yaw.frequency[0]:.2f} Hz", highest / slowest, "1")
+        outcome.add("yaw_peak_frequency", "Frequency of the largest gain", fastest, "Hz")
         lag = math.degrees(self.lag)
         outcome.add("yaw_bandwidth", f"Bandwidth of the yaw rate, {lag:.0f} deg lag", bandwidth(yaw, self.lag), "Hz")
         outcome.add(

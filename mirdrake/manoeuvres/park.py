@@ -44,10 +44,12 @@ class ParkSpec(ManoeuvreSpec):
             ground = {"slope": {"grade": grade, "heading": heading}} if grade else None
             record = rig.run(name, driver, duration=self.settle + self.length, ground=ground, parked=not rig.pedals)
             speed, way = creep(record.time, record.x, record.y, settle=self.settle)
+            allowed = 1000.0 * self.allowed
             outcome.add(
-                f"creep_{name}", f"Creep {text}", 1000.0 * speed, "mm/s", f"at most {1000.0 * self.allowed:g} mm/s"
+                f"creep_{name}", f"Creep {text}", 1000.0 * speed, "mm/s", f"at most {allowed:g} mm/s", scale=allowed
             )
-            outcome.add(f"way_{name}", f"Way in {self.length:g} s, {text}", 1000.0 * way, "mm")
+            most = allowed * self.length
+            outcome.add(f"way_{name}", f"Way in {self.length:g} s, {text}", 1000.0 * way, "mm", scale=most)
             if not speed <= self.allowed:
                 faults.append(f"{text} it creeps at {1000.0 * speed:.3g} mm/s")
             gone = 1000.0 * np.hypot(record.x - record.x[0], record.y - record.y[0])

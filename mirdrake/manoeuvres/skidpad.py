@@ -15,10 +15,20 @@ from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.search import find_highest
 from mirdrake.worlds.world import GRAVITY
-from mirdrake.yaml_io import Length, Speed
+from mirdrake.yaml_io import Duration, Length, Speed
 
 _FSAE = "FSAE Rules 2026, D.10"
 _TIMED = ("right", "left")
+
+_APPROACH = 0.8
+"""Speed at the start over that of the timed laps: a car that is put on a circle at its limit, with its wheel straight,
+leaves the lane before it turns."""
+
+_WAYS = (0.2, 0.4)
+"""Parts of the first lap that are driven at that speed, and on which it rises [1]."""
+
+_LATE = _WAYS[0] * (1.0 / _APPROACH - 1.0) + _WAYS[1] * (2.0 / (1.0 + _APPROACH) - 1.0)
+"""Time that the first lap takes longer for it, over that of a lap [1]."""
 
 
 class SkidpadSpec(ManoeuvreSpec):
@@ -33,10 +43,15 @@ class SkidpadSpec(ManoeuvreSpec):
     diameter: Length = setting(17.10, "of the formula g = 2.012 D / t² [m]", "E", "FSAE 2014", gt=0.0)
     highest: Speed = setting(60.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
     lowest: Speed = setting(15.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    resolution: Speed = setting(0.5 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    resolution: Speed = setting(0.1 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+
+    time_step: Duration = setting(
+        0.0025, "of the plant, unless plant.time_step is given; the limit needs it [s]", "own", scales=False, gt=0.0
+    )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """A bisection of the speed."""
+        rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
             raise self.fault("highest", "must be above lowest")
@@ -62,7 +77,7 @@ class SkidpadSpec(ManoeuvreSpec):
         best, failed, why = found.best, found.failed, found.why
         if best is None:
             raise NotPossible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {why}")
-        times = self._laps(best)
+        times = self._laps(best, switch=(2.0 + _LATE) * 2.0 * math.pi * self.path_radius / found.passed)
         mean = float(np.mean(times))
         for side, lap in zip(_TIMED if self.layout == "eight" else ("left",), times, strict=False):
             outcome.add(f"lap_{side}", f"Timed lap, {side}", lap, "s")
@@ -101,7 +116,9 @@ class SkidpadSpec(ManoeuvreSpec):
             line = {"kind": "circle", "radius": radius, "turn": 1.0, "laps": 2.2}
             ways = 2.1 * lap
         start = make_line(line)
-        duration = ways / speed * 1.01 + 0.2
+        duration = (ways * 1.01 + _LATE * lap) / speed + 0.2
+        slow, rising = _WAYS[0] * lap / (_APPROACH * speed), _WAYS[1] * lap / (0.5 * (1.0 + _APPROACH) * speed)
+        speeds = [[0.0, _APPROACH * speed], [slow, _APPROACH * speed], [slow + rising, speed]]
         half = 0.5 * (self.width - facts.width)
         centres = (-radius, radius) if self.layout == "eight" else (radius,)
         faults: list[str] = []
@@ -111,28 +128,33 @@ class SkidpadSpec(ManoeuvreSpec):
             y = state[1] + facts.ahead * math.sin(state[5])
             away = [math.hypot(x, y - centre) - radius for centre in centres]
             out = max(-min(away), min(away)) - half  # over the inner cones of a circle, or the outer ones of both
-            timed = int(time * speed / lap) in {1, 3}
+            timed = math.floor(time * speed / lap - _LATE) in {1, 3}
             if out > (0.02 if timed else self.width):
                 faults.append(f"it left its lane by {out:.2f} m")
                 return faults[-1]
-            if state[6] < (0.97 if timed else 0.7) * speed:
+            if state[6] < (0.97 if timed else 0.5) * speed:
                 faults.append("it did not hold the speed")
                 return faults[-1]
             return None
 
         record = rig.run(
             f"v{speed / KMH:.2f}kmh",
-            rig.line_driver(line, speeds=[[0.0, speed]], integral=0.5, frequency=3.0 / facts.scale**0.5),
+            rig.line_driver(line, speeds=speeds, integral=0.5, frequency=3.0 / facts.scale**0.5),
             duration=duration,
-            speed=speed,
+            speed=_APPROACH * speed,
             x=float(start.x[0]) - facts.ahead,
             y=float(start.y[0]),
             stop=stop,
         )
         return record, faults[0] if faults else ""
 
-    def _laps(self, record: Record) -> list[float]:
-        """Times of the timed laps: the second of each direction, from angle to angle about the centre."""
+    def _laps(self, record: Record, *, switch: float) -> list[float]:
+        """Times of the timed laps [s]: the second of each direction, from angle to angle about the centre.
+
+        Args:
+            record: of the run.
+            switch: when a figure of eight goes from its first circle to the other [s].
+        """
         found = []
         for number, centre in enumerate((-self.path_radius, self.path_radius)):
             if self.layout == "circle" and number == 0:
@@ -140,15 +162,12 @@ class SkidpadSpec(ManoeuvreSpec):
             angle = np.unwrap(np.arctan2(record.y_com - centre, record.x_com))
             turned = np.abs(angle - angle[0])
             if self.layout == "circle":
-                starts = [2.0 * math.pi]
                 time, values = record.time, turned
             else:
-                half = record.time[-1] * 0.5
-                part = record.time < half + 1e-9 if number == 0 else record.time >= half * 0.96
+                part = record.time < switch if number == 0 else record.time >= 0.96 * switch
                 time, values = record.time[part], np.abs(angle[part] - angle[part][0])
-                starts = [2.0 * math.pi]
             end = float(values[-1])
-            first = min(starts[0], max(end - 2.0 * math.pi - 0.05, 0.1))
+            first = min(2.0 * math.pi, max(end - 2.0 * math.pi - 0.05, 0.1))
             found.append(crossing(time, values, first + 2.0 * math.pi) - crossing(time, values, first))
         return found
 

@@ -143,7 +143,8 @@ class AccelerationSpec(ManoeuvreSpec):
         outcome.add("rollout_time", f"Time of the first {self.rollout:.4g} m", roll, "s")
         peak = float(np.max(record.longitudinal_acceleration[record.time > begin + 0.1]))
         outcome.add("peak", "Largest acceleration", peak, "m/s²")
-        outcome.add("begin", "Moving since the pedal", begin - self.wait, "s", f"time counts from {MOVED:g} m/s on")
+        note = f"time counts from {MOVED:g} m/s on"
+        outcome.add("begin", "Moving since the pedal", begin - self.wait, "s", note, scale=roll)
         shown = record.time > self.wait - 0.2
         _speed_charts(outcome, record, shown)
 
@@ -178,7 +179,8 @@ class BrakingSpec(ManoeuvreSpec):
                 outcome.add(
                     "mfdd", "Mean fully developed deceleration", found.developed, "m/s²", "80 to 10 % of the speed"
                 )
-        outcome.add("sideways", "Largest offset to the side", float(np.max(np.abs(record.y))), "m")
+        sideways = float(np.max(np.abs(record.y)))
+        outcome.add("sideways", "Largest offset to the side", sideways, "m", scale=rig.facts.width)
         locked = _locked(record)
         if locked:
             outcome.notes.append(f"wheels locked: {', '.join(locked)}")

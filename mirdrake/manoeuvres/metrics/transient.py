@@ -107,6 +107,18 @@ class FrequencyResponse:
         gain = float(np.interp(frequency, self.frequency, self.gain))
         return gain, float(np.interp(frequency, self.frequency, self.phase))
 
+    def peak(self) -> tuple[float, float]:
+        """Frequency [Hz] and height of the largest gain: the top of the parabola through its line and the two beside.
+
+        At an end of the range it is the last line itself.
+        """
+        index = int(np.argmax(self.gain))
+        f, g = self.frequency[index - 1 : index + 2], self.gain[index - 1 : index + 2]
+        if not 0 < index < len(self.gain) - 1 or not g[0] + g[2] < 2.0 * g[1]:
+            return float(self.frequency[index]), float(self.gain[index])
+        part = 0.5 * float(g[0] - g[2]) / float(g[0] - 2.0 * g[1] + g[2])
+        return float(f[1] + part * (f[2] - f[1])), float(g[1] - 0.25 * (g[0] - g[2]) * part)
+
 
 def frequency_response(
     time: Array, steering: Array, answer: Array, *, first: float, last: float, segment: float
@@ -180,12 +192,14 @@ def dwell_response(
         after_beginning: time after the beginning of steer at which the way counts [s].
         threshold: angle from which on the wheel counts as turned [rad].
     """
-    turned = np.flatnonzero(np.abs(hand_wheel) >= threshold)
+    size = np.abs(hand_wheel)
+    turned = np.flatnonzero(size >= threshold)
     if not len(turned):
         nothing = math.nan
         return DwellResponse(nothing, nothing, nothing, (nothing,) * len(after_completion), nothing, 0.0)
-    begin = float(time[turned[0]])
-    complete = float(time[min(turned[-1] + 1, len(time) - 1)])
+    begin = crossing(time, size, threshold) if turned[0] else float(time[0])
+    last = int(turned[-1])
+    complete = crossing(time[last:], size[last:], threshold) if last + 1 < len(time) else float(time[-1])
     first = math.copysign(1.0, float(hand_wheel[turned[0]]))
     other = np.flatnonzero(first * hand_wheel <= -threshold)
     change = float(time[other[0]]) if len(other) else begin
