@@ -247,12 +247,13 @@ def _check_drift(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     ]
     steer = next((name for name in STEERING if name in grid.channels), None)
     if steer is not None and "yaw_rate" in grid.channels:
-        delay = delay_of(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
+        answer = delay_of(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
         other = max((one[2].drift for one in sure), key=abs)
-        if delay is not None and abs(delay.correlation) > 0.7:
+        if answer is not None and abs(answer.correlation) > 0.7:
             # Whether the yaw rate drifts away from the steering as those two do, or stays with it: what is nearer.
-            near = min((0.0, other, -other), key=lambda rate: abs(rate - delay.drift))
-            ties.append(("yaw_rate", steer, near, max(delay.drift_sigma, 1e-6)))
+            drift = answer.drift
+            near = min((0.0, other, -other), key=lambda rate: abs(rate - drift))
+            ties.append(("yaw_rate", steer, near, max(answer.drift_sigma, 1e-6)))
     rates = _levelled(ties, 1e-6, (), steer)
     moved = {name: rate for name, rate in rates.items() if abs(rate) * span > grid.step}
     if "x" in moved:

@@ -38,6 +38,9 @@ SURE = 6.0
 
 BLOCKS = 20
 
+MOST_ROWS = 50_000
+"""Rows of a long drive that are looked at."""
+
 
 class Opened(NamedTuple):
     """Which unknowns are sought; the others are 0."""
@@ -86,6 +89,10 @@ def sideways_delays(grid: Grid, least: float, *, together: bool | None = None) -
     forward = "vx" if "vx" in grid.channels else "speed"
     if not {"vy", "yaw_rate", "lateral_acceleration", forward} <= set(grid.channels):
         return None
+    if len(grid.channels["vy"]) > 2 * MOST_ROWS:  # the part that turns most tells enough
+        starts = range(0, len(grid.channels["vy"]) - MOST_ROWS + 1, MOST_ROWS)
+        begin = max(starts, key=lambda at: float(np.var(grid.channels["yaw_rate"][at : at + MOST_ROWS])))
+        grid = Grid(grid.step, {name: values[begin : begin + MOST_ROWS] for name, values in grid.channels.items()})
     if together is None:
         alone, both = (sideways_delays(grid, least, together=one) for one in (False, True))
         if alone is None or both is None or not both.velocity:

@@ -45,11 +45,13 @@ def accept(
     robust: Robustness | None,
     constraints: Mapping[str, float],
     course: Mapping[str, Any],
+    *,
+    at_finer: Candidate | None = None,
 ) -> list[dict[str, Any]]:
     """What a tuned loop shall reach, and whether it does.
 
-    IAE at most half of the baseline's, the constraints, no run of the Monte Carlo unstable, and a cost below that of
-    the best rule which keeps the constraints and is stable in all runs, too.
+    IAE at most half of the baseline's, the constraints, no run of the Monte Carlo unstable, nor one at a finer step of
+    the plant, and a cost below that of the best rule which keeps the constraints and is stable in all of them, too.
     """
     figures = winner.trial.figures
     rows: list[dict[str, Any]] = []
@@ -64,6 +66,9 @@ def accept(
     if robust is not None:
         failures = robust.failures(winner.design.name).failures
         rows.append({"what": "Monte-Carlo runs not stable", "value": failures, "limit": 0, "met": failures == 0})
+    if at_finer is not None:
+        lost = int(at_finer.trial.status != "ok")
+        rows.append({"what": "not stable at a finer step of the plant", "value": lost, "limit": 0, "met": not lost})
     if rule is not None and rule.trial.feasible and robust is not None and robust.failures(rule.design.name).failures:
         stable = robust.failures(winner.design.name).failures == 0
         rows.append({"what": "keeps the constraints and is stable in all runs, which no rule is",

@@ -1,4 +1,7 @@
-"""Which rule to compare with, and which candidate is the best: by cost, among those that stand the Monte Carlo."""
+"""Which rule to compare with, and which candidate is the best: by cost, among those that stand.
+
+To stand is to be stable in all runs of the Monte Carlo, and at a finer step of the plant.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,8 +10,9 @@ import pandas as pd
 
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.grip import axles_of, grip_use
-from mirdrake.tuning.loops.base import Conditions
+from mirdrake.tuning.loops.base import NOMINAL, Conditions
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
+from mirdrake.tuning.loops.make import finer
 from mirdrake.tuning.outcome import Candidate
 from mirdrake.tuning.robustness import draw_conditions, read_ranges
 from mirdrake.tuning.scenarios import corners, hardest, words
@@ -27,7 +31,7 @@ class Selection:
 
     Attributes:
         hard: draws of the Monte Carlo in which candidates that keep the constraints have failed.
-        fallen_rules: rules that keep the constraints, cost less than the one compared with, and fail in some draw.
+        fallen_rules: rules that keep the constraints, cost less than the one compared with, and do not stand.
     """
 
     def __init__(self, stages: Stages, tried: Sequence[Candidate]) -> None:
@@ -40,6 +44,20 @@ class Selection:
         self.fallen_rules: list[Candidate] = []
         self._failures: dict[str, int] = {}
         self._made: dict[tuple[float, ...], Candidate] = {}
+        self._finer: dict[str, Candidate | None] = {}
+        self._lost_at_finer = False
+
+    def finer(self, one: Candidate) -> Candidate | None:
+        """A candidate at a finer step of the plant; None where nothing is known of the loop but its signals."""
+        name = one.design.name
+        if name not in self._finer:
+            self._finer[name] = self.stages.try_finer(one.design)
+        return self._finer[name]
+
+    def falls(self, one: Candidate) -> int:
+        """In how many runs of the Monte Carlo, and at a finer step of the plant, a candidate is not stable."""
+        fine = self.finer(one)
+        return self.failures(one) + (fine is not None and fine.trial.status != "ok")
 
     def failures(self, one: Candidate) -> int:
         """Runs of the Monte Carlo in which a candidate is not stable; those draws become hard ones."""
@@ -53,23 +71,23 @@ class Selection:
         return self._failures[name]
 
     def best_rule(self) -> Candidate | None:
-        """The cheapest rule that keeps the constraints and stands the Monte Carlo; if none does, that nearest to it."""
+        """The cheapest rule that keeps the constraints and stands; if none does, that nearest to it."""
         rules = sorted((one for one in self._tried if one.design.kind == "rule"), key=lambda one: one.rank)
         able = [one for one in rules if one.trial.feasible]
         for one in able[:POOL]:
-            if not self.failures(one):
+            if not self.falls(one):
                 return one
             self.fallen_rules.append(one)
         if self.fallen_rules:
-            nearest = min(self.fallen_rules, key=self.failures)
+            nearest = min(self.fallen_rules, key=self.falls)
             self.fallen_rules.remove(nearest)
             return nearest
         return rules[0] if rules else None
 
     def best(self, fine: Sequence[Trials]) -> Candidate | None:
-        """The cheapest candidate that keeps the constraints and is stable in all runs of the Monte Carlo.
+        """The cheapest candidate that keeps the constraints and stands.
 
-        If none is, the one that fails least among those that were shaken; None if none keeps the constraints.
+        If none does, the one that falls least among those that were shaken; None if none keeps the constraints.
         """
         known = [one for one in self._tried if one.trial.feasible and one.design.kind != "baseline"]
         found = [one for trials in fine for one in trials.trials if one.feasible]
@@ -79,7 +97,7 @@ class Selection:
             chosen = one if isinstance(one, Candidate) else self._searched(one)
             if chosen is None:
                 continue
-            lost = self.failures(chosen)
+            lost = self.falls(chosen)
             if not lost:
                 return chosen
             fallen.append((lost, at, chosen))
@@ -88,10 +106,16 @@ class Selection:
         return min(fallen)[2] if fallen else None
 
     def good(self, best: Candidate, rule: Candidate | None) -> bool:
-        """Whether a candidate stands the Monte Carlo, and costs less than the rule if that does."""
-        if self.failures(best):
+        """Whether a candidate stands, and costs less than the rule if that does."""
+        if self.falls(best):
             return False
-        return rule is None or bool(self.failures(rule)) or best.trial.cost < rule.trial.cost
+        return rule is None or bool(self.falls(rule)) or best.trial.cost < rule.trial.cost
+
+    def anchor(self, best: Candidate, rule: Candidate | None) -> Candidate | None:
+        """The rule, if it stands, costs less than the best that does, and a finer step took what would cost less."""
+        if rule is None or self.falls(rule) or self.good(best, rule) or not self._lost_at_finer:
+            return None
+        return rule
 
     def _searched(self, trial: Trial) -> Candidate | None:
         """A trial as a candidate, rounded; None if it does not stand what comes first, or the rounding."""
@@ -100,6 +124,9 @@ class Selection:
         if key in self._made:
             return self._made[key]
         if not self.stages.stands(gains, [*self.hard, *self._first]):
+            return None
+        if not self.stages.bare and not self.stages.stands(gains, [NOMINAL], finer(self.stages.loop)):
+            self._lost_at_finer = True
             return None
         how = f"{self.stages.spec.search.method} on the reduced model, refined on the plant"
         name = "searched" if not self._made else f"searched {len(self._made) + 1}"
@@ -113,12 +140,13 @@ class Selection:
 
     def notes(self, winner: Candidate) -> list[str]:
         """Rules that look better than they are."""
-        runs = self.stages.spec.robustness.runs
-        return [
-            f"{one.design.name} costs {one.trial.cost:.4g}, but is not stable in {self.failures(one)} of {runs} runs"
-            for one in self.fallen_rules
-            if one is not winner
-        ]
+        runs, told = self.stages.spec.robustness.runs, []
+        for one in self.fallen_rules:
+            lost, fine = self.failures(one), self.falls(one) > self.failures(one)
+            where = [f"in {lost} of {runs} runs"] * bool(lost) + ["at a finer step of the plant"] * fine
+            if one is not winner:
+                told.append(f"{one.design.name} costs {one.trial.cost:.4g}, but is not stable {' and '.join(where)}")
+        return told
 
     def corners(self, chosen: Sequence[Candidate]) -> dict[str, list[dict[str, str]]]:
         """Corners of the ranges, harder than nearly every draw: conditions, status and reason for each candidate."""

@@ -8,7 +8,8 @@
                  search on the reduced model ── refined on the plant, where rules have failed too ─► best ── Monte Carlo
 
 The baseline ``published`` is 100, 0.01, 10 in the units of the joint: see :data:`mirdrake.tuning.spec.PUBLISHED`.
-A study that was stopped goes on where it was when it is called again with the same folder.
+The winner is tried at a finer step of the plant, too. If that says otherwise, and the study asks for no step, all is
+done again at the finer one. A study that was stopped goes on where it was when it is called again with the same folder.
 """
 
 import math
@@ -17,7 +18,9 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import pandas as pd
 
 from mirdrake.errors import RunError
 from mirdrake.logs import write_file
@@ -26,7 +29,7 @@ from mirdrake.tuning.check import check_study
 from mirdrake.tuning.designs import Design, make_designs
 from mirdrake.tuning.identify import Identified, check_identified, identify_loop
 from mirdrake.tuning.loops.evaluate import bench_of
-from mirdrake.tuning.loops.make import baseline_gains, make_loop_spec
+from mirdrake.tuning.loops.make import baseline_gains, finer, make_loop_spec
 from mirdrake.tuning.outcome import (
     accept,
     baseline_words,
@@ -50,7 +53,26 @@ from mirdrake.tuning.trials import Trials
 STUDY = "study.json"
 
 ROUNDS = 2
-"""Searches on the plant at most; the second is around the best of the first, and knows where others have failed."""
+"""Searches on the plant at most; the second is around the best of the first, and knows where others have failed. If it
+was the finer step at which they failed, it is at that step, and around a rule that stands."""
+
+
+FINE = "fine"
+"""Folder of the journals of what is done again at a finer step."""
+
+
+class Outcome(NamedTuple):
+    """What came of a study.
+
+    Attributes:
+        result: as tuning.json has it, but for the time it took.
+        tables: by the names of their files.
+        doubts: what a finer step of the plant says against the best gains.
+    """
+
+    result: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    doubts: list[str]
 
 
 class StoppedError(Exception):
@@ -91,9 +113,25 @@ def tune(
         return finished
     tell = progress or (lambda *_: None)
     try:
-        return _run(Stages(spec, loop, folder, key, executor, workers, tell), data, began)
+        outcome = _run(Stages(spec, loop, folder, key, executor, workers, tell), data)
+        if outcome.doubts and "time_step" not in spec.plant.model_fields_set:
+            outcome = _again(outcome, Stages(spec, loop, folder / FINE, key, executor, workers, tell), data)
     except KeyboardInterrupt:
         raise StoppedError(f"{folder}: stopped; call again to go on") from None
+    wall = round(time.monotonic() - began, 1)
+    return write_result(folder, plain(outcome.result | {"wall_s": wall}), outcome.tables)
+
+
+def _again(outcome: Outcome, stages: Stages, data: dict[str, Any]) -> Outcome:
+    """The same at the finer step at which gains that were found at the usual one have failed, or are other gains."""
+    with told(stages.folder):
+        stages.folder.mkdir(exist_ok=True)
+    plant = stages.spec.plant.model_copy(update={"time_step": outcome.result["finer"]["steps"][1]})
+    stages.spec = stages.spec.model_copy(update={"plant": plant})
+    stages.loop = make_loop_spec(stages.spec)
+    fine = _run(stages, data)
+    fine.result["notes"] += [f"done again with a shorter step of the plant, since {one}" for one in outcome.doubts]
+    return fine
 
 
 def _open(folder: Path, key: str) -> TuningResult | None:
@@ -114,7 +152,7 @@ def _open(folder: Path, key: str) -> TuningResult | None:
     return load_result(folder) if (folder / "tuning.json").is_file() else None
 
 
-def _run(stages: Stages, data: dict[str, Any], began: float) -> TuningResult:
+def _run(stages: Stages, data: dict[str, Any]) -> Outcome:
     spec, bare = stages.spec, stages.bare
     stages.tell("identification", 0, 1, math.nan)
     found = Identified(stages.loop, ())
@@ -139,16 +177,20 @@ def _run(stages: Stages, data: dict[str, Any], began: float) -> TuningResult:
     leaders = leaders_of(coarse)
     near = space_around(space, leaders)
     fine: list[Trials] = []
-    best = None
+    best, fine_loop = None, None
     starts = known_starts(near, leaders, known)
     for count in range(ROUNDS):
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
-        fine.append(stages.search(near, "plant", starts, stage, scenarios=selection.hard))
+        fine.append(stages.search(near, "plant", starts, stage, loop=fine_loop, scenarios=selection.hard))
         best = selection.best(fine)
         if best is None or selection.good(best, rule):
             break
-        near = space_around(space, leaders_of(fine[-1]) or leaders)
-        starts = known_starts(near, leaders_of(fine[-1]))
+        around = leaders_of(fine[-1]) or leaders
+        anchor = selection.anchor(best, rule)
+        if anchor is not None:
+            around, fine_loop = [anchor.trial], finer(stages.loop)
+        near = space_around(space, around)
+        starts = known_starts(near, around)
     tried += [best] if best is not None and best not in tried else []
     winner = min(tried[1:] or tried, key=lambda one: one.rank) if best is None else best
 
@@ -163,11 +205,12 @@ def _run(stages: Stages, data: dict[str, Any], began: float) -> TuningResult:
     tables |= {} if bare else {"frequency": frequency_table(stages.loop, chosen)}
     tables |= {} if gain_map is None else {"map": gain_map}
     tables |= {} if robust is None else {"monte_carlo": selection.with_grip(robust.table)}
-    confirmed = stages.try_finer(winner.design)
+    confirmed = selection.finer(winner)
     fine_step = None if confirmed is None else finer_data(stages.loop, confirmed)
     notes += selection.notes(winner)
-    notes += [] if fine_step is None else finer_notes(fine_step, winner.trial.figures)
-    rows = accept(baseline, rule, winner, robust, stages.constraints, stages.loop.course)
+    doubts = [] if fine_step is None else finer_notes(fine_step, winner.trial.figures)
+    notes += doubts
+    rows = accept(baseline, rule, winner, robust, stages.constraints, stages.loop.course, at_finer=confirmed)
     result = {
         "name": spec.name,
         "vehicle": stages.loop.diagram["vehicles"][stages.loop.vehicle]["model"],
@@ -187,6 +230,5 @@ def _run(stages: Stages, data: dict[str, Any], began: float) -> TuningResult:
         "schedule_check": scheduled.check,
         "robustness": None if robust is None else robust.data() | {"corners": selection.corners(chosen)},
         "acceptance": [*rows, *scheduled.acceptance],
-        "wall_s": round(time.monotonic() - began, 1),
     }
-    return write_result(stages.folder, plain(result), tables)
+    return Outcome(result, tables, doubts)

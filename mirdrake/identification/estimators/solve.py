@@ -68,7 +68,7 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None) -
         RunError: the model cannot follow the drive from the first guess.
     """
     found = minimise(problem, options, z, passes=3)
-    return _finish(found.problem, options, found.z, found.cost, found.message)
+    return finish(found, options)
 
 
 def minimise(
@@ -169,7 +169,9 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray((vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(size, size))
 
 
-def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, message: str) -> Solution:
+def finish(found: Minimum, options: EstimatorOptions) -> Solution:
+    """How sure the unknowns of a minimum are."""
+    problem, z = found.problem, found.z
     p = len(problem.free)
     residuals, jacobian = problem.residuals(z), problem.jacobian(z)
     low, high = problem.bounds()
@@ -214,6 +216,6 @@ def _finish(problem: Problem, options: EstimatorOptions, z: Array, cost: float, 
     if options.bootstrap and len(blocks) > 4:
         draws = block_bootstrap(blocks, rights, prior, options.bootstrap, options.seed)[:, :p]
     return Solution(
-        z, problem, cost, spread, white, inflation, _inverse(white),
-        tuple(bound), draws, message,
+        z, problem, found.cost, spread, white, inflation, _inverse(white),
+        tuple(bound), draws, found.message,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.output_error import first_noise, known_value
 from mirdrake.identification.estimators.problem import Problem
-from mirdrake.identification.estimators.solve import Minimum, minimise
+from mirdrake.identification.estimators.solve import Minimum, finish, minimise
 from mirdrake.identification.models.base import ModelSpec
 from mirdrake.identification.models.registry import TURNING, make_model
 from mirdrake.identification.parameters import Choice, choose
@@ -33,6 +33,10 @@ SMOOTHING = 0.2
 
 WORTH, WORTH_OF_LOAD = 0.01, 0.03
 """Part of the cost that an addition must save; load transfer goes with the speed, as much else does."""
+
+KNOWN = 0.3
+"""Half of the 95 % interval of a friction over its value, so that tyres may saturate: one that is known worse lets the
+model spin where the vehicle did not."""
 
 MOST = 15
 """Evaluations of an addition: one that is needed shows by then."""
@@ -97,7 +101,8 @@ def choose_structure(
         except RunError:
             continue
         worth = WORTH_OF_LOAD if words.startswith("load") else WORTH
-        if _has_meaning(found, first) and found.cost < (1.0 - worth) * least.cost:
+        saves = found.cost < (1.0 - worth) * least.cost
+        if saves and _has_meaning(found, first) and _frictions_are_known(found, options):
             saved = 100.0 * (1.0 - found.cost / least.cost)
             notes.append(f"left open by the study, wanted by the training drives: {words} ({saved:.2g} % less misfit)")
             best, least = tried, found
@@ -113,6 +118,22 @@ def _has_meaning(found: Minimum, first: Minimum) -> bool:
         if not least < values[name] < most:
             return False
     return "steering_lag" not in now - plain or values["steering_delay"] > EARLY
+
+
+def _frictions_are_known(found: Minimum, options: EstimatorOptions) -> bool:
+    """Whether friction, where there is one, is known well enough to be driven with."""
+    names = [one.info.name for one in found.problem.free]
+    at = [i for i, name in enumerate(names) if name.startswith("friction")]
+    if not at:
+        return True
+    sigmas = np.sqrt(np.diag(finish(found, options).covariance))
+    for i in at:
+        shift = np.zeros_like(found.z)
+        shift[i] = 2.0 * sigmas[i]
+        low, high = (found.problem.values(found.z + sign * shift)[names[i]] for sign in (-1.0, 1.0))
+        if not high - low < 2.0 * KNOWN * found.problem.values(found.z)[names[i]]:
+            return False
+    return True
 
 
 def _most(data: DataSet) -> float:
