@@ -1,6 +1,7 @@
 """Which candidate is the best: hard conditions, wheels that spin, what tyres can give, rules that only look good."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -110,13 +111,13 @@ def test_the_hardest_draws_are_late_or_slippery_and_corners_are_the_ends() -> No
 
 
 class _Stages:
-    """Stages without a plant: gains above a bound fail in run 3."""
+    """Stages without a plant: gains above a bound fail in run 3, above another one at a finer step."""
 
     bare = False
     loop = SimpleNamespace(kind="steering")
 
-    def __init__(self, bound: float) -> None:
-        self.bound = bound
+    def __init__(self, bound: float, *, finer: float = math.inf) -> None:
+        self.bound, self.finer = bound, finer
         self.spec = make_tuning({"vehicle": "bolt", "loop": "speed", "robustness": {"runs": 5}})
         self.ranges = {"delay": (0.0, 0.1)}
         self.shaken: list[str] = []
@@ -131,6 +132,11 @@ class _Stages:
 
     def stands(self, gains: dict[str, float], scenarios: Any, loop: Any = None) -> bool:
         return True
+
+    def try_finer(self, design: Design) -> Candidate:
+        status = "unstable" if design.gains["kp"] > self.finer else "ok"
+        one = made(design.name, design.gains["kp"], kind=design.kind)
+        return replace(one, trial=replace(one.trial, status=status))
 
     def try_designs(self, designs: list[Design], stage: str) -> list[Candidate]:
         return [made(one.name, one.gains["kp"], kind=one.kind) for one in designs]
@@ -201,3 +207,19 @@ def test_where_every_candidate_fails_the_nearest_is_taken_and_is_not_good() -> N
     assert best is not None
     assert rule.design.name == "fast"
     assert not selection.good(best, rule)
+
+
+def test_gains_that_a_finer_step_makes_swing_do_not_stand() -> None:
+    stages: Any = _Stages(bound=10.0, finer=2.5)
+    tried = [made("baseline", 0.1, kind="baseline"), made("fast", 4.0), made("slow", 1.0), made("middle", 2.0)]
+    selection = Selection(stages, tried)
+    rule = selection.best_rule()
+    assert rule is not None
+    assert rule.design.name == "middle"
+    assert selection.notes(tried[0]) == ["fast costs 0.25, but is not stable at a finer step of the plant"]
+    best = selection.best([searched(3.0, 2.2)])
+    assert best is not None
+    assert best.design.gains == {"kp": 2.2}
+    assert selection.lost_at_finer
+    assert selection.good(best, rule)
+    assert selection.at_finer["searched"] is not None

@@ -63,6 +63,17 @@ def rows(winner: float, rule: float, *, feasible: bool = True) -> list[dict[str,
     return accept(*given, None, {"overshoot_percent": 5.0}, {"step_time": 0.5})
 
 
+def test_a_rule_that_a_finer_step_makes_swing_is_no_rule_to_beat() -> None:
+    given = candidate("base", 3.0), candidate("rule", 1.0), candidate("best", 1.1)
+    swings = replace(given[1], trial=replace(given[1].trial, status="unstable"))
+    fine = {"rule": swings, "best": given[2]}
+    told = accept(*given, None, {}, {"step_time": 0.5}, at_finer=fine)
+    assert [row["met"] for row in told] == [True, True, True]
+    assert told[-1]["what"] == "keeps the constraints and is stable in all runs, which no rule is"
+    lost = accept(*given, None, {}, {"step_time": 0.5}, at_finer={"rule": given[1], "best": swings})
+    assert [row["met"] for row in lost] == [True, False, False]
+
+
 def test_the_best_rule_is_beaten_only_by_a_smaller_cost() -> None:
     assert rows(1.0, 1.1)[-1]["met"]
     assert not rows(1.0, 1.0)[-1]["met"]

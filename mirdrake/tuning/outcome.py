@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def accept(
     constraints: Mapping[str, float],
     course: Mapping[str, Any],
     *,
-    at_finer: Candidate | None = None,
+    at_finer: Mapping[str, Candidate | None] = MappingProxyType({}),
 ) -> list[dict[str, Any]]:
     """What a tuned loop shall reach, and whether it does.
 
@@ -66,11 +67,17 @@ def accept(
     if robust is not None:
         failures = robust.failures(winner.design.name).failures
         rows.append({"what": "Monte-Carlo runs not stable", "value": failures, "limit": 0, "met": failures == 0})
-    if at_finer is not None:
-        lost = int(at_finer.trial.status != "ok")
+    lost_finer = {name: one.trial.status != "ok" for name, one in at_finer.items() if one is not None}
+    if winner.design.name in lost_finer:
+        lost = int(lost_finer[winner.design.name])
         rows.append({"what": "not stable at a finer step of the plant", "value": lost, "limit": 0, "met": not lost})
-    if rule is not None and rule.trial.feasible and robust is not None and robust.failures(rule.design.name).failures:
-        stable = robust.failures(winner.design.name).failures == 0
+    fallen = {
+        one.design.name: bool(robust and robust.failures(one.design.name).failures) or lost_finer.get(one.design.name)
+        for one in (winner, rule)
+        if one is not None
+    }
+    if rule is not None and rule.trial.feasible and fallen[rule.design.name]:
+        stable = not fallen[winner.design.name]
         rows.append({"what": "keeps the constraints and is stable in all runs, which no rule is",
                      "value": float(winner.trial.feasible and stable), "limit": 1,
                      "met": winner.trial.feasible and stable})  # fmt: skip

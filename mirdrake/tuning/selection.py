@@ -10,9 +10,8 @@ import pandas as pd
 
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.grip import axles_of, grip_use
-from mirdrake.tuning.loops.base import NOMINAL, Conditions
+from mirdrake.tuning.loops.base import Conditions
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.loops.make import finer
 from mirdrake.tuning.outcome import Candidate
 from mirdrake.tuning.robustness import draw_conditions, read_ranges
 from mirdrake.tuning.scenarios import corners, hardest, words
@@ -32,6 +31,8 @@ class Selection:
     Attributes:
         hard: draws of the Monte Carlo in which candidates that keep the constraints have failed.
         fallen_rules: rules that keep the constraints, cost less than the one compared with, and do not stand.
+        at_finer: candidates at a finer step of the plant, by name; None where that cannot be tried.
+        lost_at_finer: whether a finer step has taken candidates of the search.
     """
 
     def __init__(self, stages: Stages, tried: Sequence[Candidate]) -> None:
@@ -44,20 +45,19 @@ class Selection:
         self.fallen_rules: list[Candidate] = []
         self._failures: dict[str, int] = {}
         self._made: dict[tuple[float, ...], Candidate] = {}
-        self._finer: dict[str, Candidate | None] = {}
-        self._lost_at_finer = False
+        self.at_finer: dict[str, Candidate | None] = {}
+        self.lost_at_finer = False
 
     def finer(self, one: Candidate) -> Candidate | None:
         """A candidate at a finer step of the plant; None where nothing is known of the loop but its signals."""
         name = one.design.name
-        if name not in self._finer:
-            self._finer[name] = self.stages.try_finer(one.design)
-        return self._finer[name]
+        if name not in self.at_finer:
+            self.at_finer[name] = self.stages.try_finer(one.design)
+        return self.at_finer[name]
 
     def falls(self, one: Candidate) -> int:
         """In how many runs of the Monte Carlo, and at a finer step of the plant, a candidate is not stable."""
-        fine = self.finer(one)
-        return self.failures(one) + (fine is not None and fine.trial.status != "ok")
+        return self.failures(one) + _swings(self.finer(one))
 
     def failures(self, one: Candidate) -> int:
         """Runs of the Monte Carlo in which a candidate is not stable; those draws become hard ones."""
@@ -111,12 +111,6 @@ class Selection:
             return False
         return rule is None or bool(self.falls(rule)) or best.trial.cost < rule.trial.cost
 
-    def anchor(self, best: Candidate, rule: Candidate | None) -> Candidate | None:
-        """The rule, if it stands, costs less than the best that does, and a finer step took what would cost less."""
-        if rule is None or self.falls(rule) or self.good(best, rule) or not self._lost_at_finer:
-            return None
-        return rule
-
     def _searched(self, trial: Trial) -> Candidate | None:
         """A trial as a candidate, rounded; None if it does not stand what comes first, or the rounding."""
         gains = rounded(trial.gains)
@@ -125,14 +119,17 @@ class Selection:
             return self._made[key]
         if not self.stages.stands(gains, [*self.hard, *self._first]):
             return None
-        if not self.stages.bare and not self.stages.stands(gains, [NOMINAL], finer(self.stages.loop)):
-            self._lost_at_finer = True
-            return None
         how = f"{self.stages.spec.search.method} on the reduced model, refined on the plant"
         name = "searched" if not self._made else f"searched {len(self._made) + 1}"
-        (chosen,) = self.stages.try_designs([Design(name, "searched", how, gains)], "best")
+        design = Design(name, "searched", how, gains)
+        fine = self.stages.try_finer(design)
+        if _swings(fine):
+            self.lost_at_finer = True
+            return None
+        (chosen,) = self.stages.try_designs([design], "best")
         if not chosen.trial.feasible:
             return None
+        self.at_finer[name] = fine
         self._made[key] = chosen
         return chosen
 
@@ -174,6 +171,10 @@ class Selection:
         table = table.copy()
         table.insert(at, "grip_use", [use[run] for run in table["run"]])
         return table
+
+
+def _swings(one: Candidate | None) -> bool:
+    return one is not None and one.trial.status != "ok"
 
 
 def _cost(one: Candidate | Trial) -> float:

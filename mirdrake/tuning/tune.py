@@ -54,7 +54,7 @@ STUDY = "study.json"
 
 ROUNDS = 2
 """Searches on the plant at most; the second is around the best of the first, and knows where others have failed. If it
-was the finer step at which they failed, it is at that step, and around a rule that stands."""
+was the finer step at which they failed, it is at that step, and around what stands there."""
 
 
 FINE = "fine"
@@ -183,12 +183,11 @@ def _run(stages: Stages, data: dict[str, Any]) -> Outcome:
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
         fine.append(stages.search(near, "plant", starts, stage, loop=fine_loop, scenarios=selection.hard))
         best = selection.best(fine)
-        if best is None or selection.good(best, rule):
+        if best is None or (selection.good(best, rule) and not selection.lost_at_finer):
             break
         around = leaders_of(fine[-1]) or leaders
-        anchor = selection.anchor(best, rule)
-        if anchor is not None:
-            around, fine_loop = [anchor.trial], finer(stages.loop)
+        if selection.lost_at_finer:
+            around, fine_loop = [one.trial for one in (best, rule) if one is not None], finer(stages.loop)
         near = space_around(space, around)
         starts = known_starts(near, around)
     tried += [best] if best is not None and best not in tried else []
@@ -210,7 +209,7 @@ def _run(stages: Stages, data: dict[str, Any]) -> Outcome:
     notes += selection.notes(winner)
     doubts = [] if fine_step is None else finer_notes(fine_step, winner.trial.figures)
     notes += doubts
-    rows = accept(baseline, rule, winner, robust, stages.constraints, stages.loop.course, at_finer=confirmed)
+    rows = accept(baseline, rule, winner, robust, stages.constraints, stages.loop.course, at_finer=selection.at_finer)
     result = {
         "name": spec.name,
         "vehicle": stages.loop.diagram["vehicles"][stages.loop.vehicle]["model"],
