@@ -94,7 +94,7 @@ def test_equal_runs_give_equal_files(tmp_path: Path) -> None:
     differ = [
         str(file) for file in files if (tmp_path / "a" / file).read_bytes() != (tmp_path / "b" / file).read_bytes()
     ]
-    assert differ == ["summary.json"]  # the wall time
+    assert set(differ) <= {"summary.json"}  # the wall time
 
 
 @pytest.mark.usefixtures("stubbed")
