@@ -104,7 +104,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
                 ready = ValueProducer(allocate=Value[object], calc=self._prepare)
                 self._ready = self.DeclareCacheEntry("constants", ready, {self.all_parameters_ticket()})
                 held = ValueProducer(allocate=Value[object], calc=self._read)
-                self._held = self.DeclareCacheEntry("inputs", held, {self.steering.ticket(), self.forces.ticket()})
+                needs = {self.all_parameters_ticket(), self.steering.ticket(), self.forces.ticket()}
+                self._held = self.DeclareCacheEntry("constants and inputs", held, needs)
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
             if variant.tyres == "kinematic" and not variant.actuators:
                 needs.add(self.steering.ticket())
@@ -125,7 +126,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:  # noqa: N802
             if plain:
                 x = context.get_continuous_state_vector().CopyToVector().tolist()
-                rates = self._fast.rates(self._ready.Eval(context), x, self._held.Eval(context))
+                constants, inputs = self._held.Eval(context)
+                rates = self._fast.rates(constants, x, inputs)
             else:
                 rates = self._evaluate(context).state
             derivatives.get_mutable_vector().SetFromVector(rates)
@@ -134,8 +136,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             parameters = context.get_numeric_parameter(self._parameters).get_value().tolist()
             constants.set_value(self._fast.prepare(parameters))
 
-        def _read(self, context: Context, inputs: Any) -> None:
-            inputs.set_value(self._inputs(context))
+        def _read(self, context: Context, held: Any) -> None:
+            held.set_value((self._ready.Eval(context), self._inputs(context)))
 
         def _inputs(self, context: Context) -> list[Any]:
             steering, forces = self.steering.Eval(context).tolist(), self.forces.Eval(context).tolist()
@@ -166,7 +168,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def _calc_motion(self, context: Context, output: Any) -> None:
             if plain:
                 x = context.get_continuous_state_vector().CopyToVector().tolist()
-                output.SetFromVector(self._fast.motion(self._ready.Eval(context), x, self._held.Eval(context)))
+                constants, inputs = self._held.Eval(context)
+                output.SetFromVector(self._fast.motion(constants, x, inputs))
             else:
                 zero = T(0.0)  # makes floats into T
                 output.SetFromVector([zero + value for value in self._evaluate(context).motion])
