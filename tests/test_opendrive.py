@@ -393,9 +393,9 @@ def test_a_long_road_is_read_quickly(tmp_path: Path):
     pieces = [Piece(10.0, 0.0, 0.0), Piece(10.0, 0.02, 0.02), Piece(10.0, -0.02, -0.02)] * 140
     records = "".join(width(3.0, 0.0, 1e-3, -1e-4, at=10.0 * i) for i in range(420))
     lanes = widths((1, "driving", records), (-1, "driving", width(3.0)))
-    begin = time.perf_counter()
+    begin = time.process_time()
     found = read(tmp_path, road(plan(pieces), lanes=lanes))
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
     assert found.length == pytest.approx(4200.0)
 
 

@@ -358,10 +358,10 @@ def test_a_killed_run_opens_with_at_most_the_last_second_missing(tmp_path: Path)
     code = RUN.format(root=str(ROOT), folder=str(folder))
     process = subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"OPENBLAS_NUM_THREADS": "1"})
     try:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 300.0
         while len(list(folder.glob("ego.left_camera/*.jpg"))) < 60:
             assert process.poll() is None, "the run ended by itself"
-            assert time.monotonic() < deadline, "no pictures after a minute"
+            assert time.monotonic() < deadline, "no pictures after five minutes"
             time.sleep(0.02)
     finally:
         process.send_signal(signal.SIGKILL)

@@ -110,7 +110,7 @@ def _begin(*arguments: object) -> subprocess.Popen[str]:
 
 def _wait_for_results(folder: Path, number: int, process: subprocess.Popen[str]) -> None:
     file = folder / "results.jsonl"
-    for _ in range(1200):
+    for _ in range(6000):  # five minutes: the machine may be busy
         if file.is_file() and len(file.read_text().splitlines()) >= number:
             return
         assert process.poll() is None, process.communicate()
@@ -282,7 +282,7 @@ def test_ctrl_c_leaves_a_readable_folder_and_no_traceback(lot: Path, tmp_path: P
     with _begin(lot, "-j", 2, "--out", out) as process:
         _wait_for_results(out, 1, process)
         os.killpg(process.pid, signal.SIGINT)
-        said, told = process.communicate(timeout=60)
+        said, told = process.communicate(timeout=300)
     assert process.returncode == 130
     assert "Traceback" not in told
     assert re.search(r"interrupted: \d of 8 cases were not run; --out .*out --resume goes on", told)

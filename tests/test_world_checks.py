@@ -255,15 +255,15 @@ def test_five_hundred_props_are_laid_out_and_checked_within_a_second() -> None:
     )
     load_world(name)
     began = time.perf_counter()
-    faults = check_world(name)
+    faults = check_world(name)  # a worker asks Drake
     took = time.perf_counter() - began
     assert len(faults) == 9
     assert took < 3.0  # 0.6 s when the machine does nothing else
     write(Path(name).read_text().replace("mirdrake: world/1\n", "").replace("27]", "60]"))
     world = load_world(name)
-    began = time.perf_counter()
+    began = time.process_time()
     assert check_world(world) == []
-    assert time.perf_counter() - began < 0.5  # 0.02 s: nobody asks Drake
+    assert time.process_time() - began < 0.5  # 0.02 s: nobody asks Drake
 
 
 # --- on the ground ------------------------------------------------------------------------------------------------
