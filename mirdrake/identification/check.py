@@ -3,12 +3,10 @@
 from collections.abc import Collection
 from dataclasses import replace
 
-import numpy as np
-
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.identification.alignment import check_delays, check_response
-from mirdrake.identification.channels import channel
+from mirdrake.identification.alignment import check_response
 from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.delays import check_delays
 from mirdrake.identification.excitation import check_excitation
 from mirdrake.identification.findings import DataReport, Finding
 from mirdrake.identification.plausibility import (
@@ -20,7 +18,7 @@ from mirdrake.identification.plausibility import (
     check_steering,
     check_step,
 )
-from mirdrake.identification.samples import check_glitches, check_turns, check_values, find_glitches
+from mirdrake.identification.samples import check_glitches, check_turns, check_values
 from mirdrake.identification.spec import REPAIRS
 from mirdrake.identification.timing import check_first_rows, check_held, check_stamps, held_together, split_at_gaps
 
@@ -41,15 +39,23 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     for name in allowed:
         if name not in REPAIRS:
             raise ConfigError(f"repairs: unknown repair '{name}'; {did_you_mean(name, REPAIRS)}")
-    findings, offers, logs = [], [], []
+    findings: list[Finding] = []
+    logs: list[Log] = []
+    sources: list[set[str]] = []
     for log in data.logs:
         parts, found = _first_checks(log, allowed)
         findings += found
         for part in parts:
-            mended, found = _check_log(part, allowed, data.wheelbase)
+            mended, own, found = _check_log(part, allowed)
             findings += found
-            offers += check_excitation(mended)
+            sources += [source for source in own if source not in sources]
             logs.append(mended)
+    logs, found = check_delays(logs, sources, wheelbase=data.wheelbase, repair="delays" in allowed)
+    findings += found
+    for log in logs:
+        findings += check_relations(log) + check_steering(log, data.wheelbase) + check_course(log) + check_place(log)
+        findings += check_gravity(log) + check_rest(log) + check_response(log)
+    offers = [offer for log in logs for offer in check_excitation(log)]
     return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
 
 
@@ -68,25 +74,15 @@ def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[F
     return parts, found
 
 
-def _check_log(log: Log, allowed: Collection[str], wheelbase: float | None) -> tuple[Log, list[Finding]]:
+def _check_log(log: Log, allowed: Collection[str]) -> tuple[Log, list[set[str]], list[Finding]]:
+    """What is done to each log by itself, and which channels of it come from one source."""
     log, found = check_turns(log)
-    found += check_values(_without_glitches(log) if "glitches" in allowed else log)
-    # The clock first: everything else counts samples. Then single values, then what is compared between channels.
+    # Glitches first: joined by lines between fresh samples, one of a held channel would be as wide as its neighbours.
+    log, seen = check_glitches(log, repair="glitches" in allowed)
+    found += seen + check_values(log)
     sources = held_together(log)
-    for name, check in (("held", check_held), ("glitches", check_glitches), ("step", check_step)):
+    # Then the clock, since what is compared between channels counts samples.
+    for name, check in (("held", check_held), ("step", check_step)):
         log, seen = check(log, repair=name in allowed)
         found += seen
-    log, seen = check_delays(log, sources, repair="delays" in allowed)
-    found += seen
-    found += check_relations(log) + check_steering(log, wheelbase) + check_course(log) + check_place(log)
-    found += check_gravity(log) + check_rest(log) + check_response(log)
-    return log, found
-
-
-def _without_glitches(log: Log) -> Log:
-    """A log in which glitches are missing values: what will be mended is no fault of the range."""
-    channels = dict(log.channels)
-    for name, values in log.channels.items():
-        if channel(name).moves and (bad := find_glitches(values, channel(name).limit)).any():
-            channels[name] = np.where(bad, np.nan, values)
-    return replace(log, channels=channels)
+    return log, sources, found

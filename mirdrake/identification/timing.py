@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Array, Log
@@ -20,6 +21,12 @@ SHORTEST_STEP, LONGEST_STEP = 1e-5, 1.0
 
 LONGEST_HOLD = 60
 """Rows over which a value may be held and still be a rate."""
+
+NOT_HELD = 0.95
+"""A channel that changes in more of the rows than this is not held."""
+
+LEAST_CHANGES, ON_GRID = 60, 0.95
+"""Changes of a channel of which so many come on every so many rows are no chance."""
 
 
 def usual_step(time: Array) -> float:
@@ -236,6 +243,8 @@ def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if repair:
             values = log.channels[name].copy()
             rows = np.flatnonzero(fresh[name])
+            if exact:  # coarse values repeat by chance, too: each row of their own rate is a fresh one
+                rows = np.arange(_phase(rows[1:], int(factor)), len(values), int(factor))
             inner = np.isfinite(values)
             between = np.interp(np.arange(len(values)), rows, values[rows])
             # Where it really stands still the line would start too early: only holds as long as the rate are joined.
@@ -277,8 +286,7 @@ def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[floa
         return None
     whole = {factor for factor, _ in seen.values()}
     if len(whole) == 1 and (factor := whole.pop()) == int(factor):
-        phase = int(np.bincount(np.flatnonzero(lead)[1:] % int(factor)).argmax())
-        return np.arange(phase, len(lead), int(factor))
+        return np.arange(_phase(np.flatnonzero(lead)[1:], int(factor)), len(lead), int(factor))
     # Held over changing numbers of rows. Where nothing changes, the vehicle stands: rows there at the usual distance.
     rows = np.flatnonzero(np.logical_or.reduce(list(fresh.values())))
     if len(rows) > 0.75 * len(lead):
@@ -319,14 +327,25 @@ def hold_of(values: Array) -> tuple[float, float] | None:
     changes = np.flatnonzero(fresh)[1:]
     if len(changes) < 20:
         return None
+    if len(changes) > NOT_HELD * len(values):
+        return 1.0, 0.0
+    # However coarse the values are: changes that all come on every so many rows are those of a slower source.
+    if len(changes) >= LEAST_CHANGES:
+        for factor in range(min(LONGEST_HOLD, int(1.1 * len(values) / len(changes))), 1, -1):
+            if np.mean(changes % factor == _phase(changes, factor)) > ON_GRID:
+                return float(factor), 1.0 - 1.0 / factor
     # Quantised values repeat by themselves when they are slow: look only where a change is one of several quanta.
     quantum = resolution(values) or 0.0
     window = 2 * LONGEST_HOLD
     steps = np.abs(np.diff(np.nan_to_num(values)))
-    level = np.convolve(steps, np.ones(window) / window, "same")[: len(steps)]
-    often = np.convolve(fresh[1:], np.ones(window) / window, "same")[: len(steps)]
+    level = uniform_filter1d(steps, window, mode="constant")
+    often = uniform_filter1d(fresh[1:].astype(float), window, mode="constant")
     large = level > 4.0 * quantum * np.maximum(often, 1.0 / window)
-    moving = np.append(False, large & (level > 1e-3 * float(np.percentile(level, 99.0))))
+    moving = large & (level > 1e-3 * float(np.percentile(level, 99.0)))
+    if moving.any():  # what is held is so where it moves fast, too; what is coarse is not
+        fast = moving & (level >= np.median(level[moving]))
+        moving = fast if fast.sum() >= 10 * window else moving
+    moving = np.append(False, moving)
     here = changes[moving[changes]]
     if len(here) < 20 or moving.sum() < 60:
         return None
@@ -348,6 +367,11 @@ def hold_of(values: Array) -> tuple[float, float] | None:
     if near > 1 and abs(mean - near) < 0.03 * near:
         mean = float(near)
     return mean if mean != int(mean) else mean + 1e-9, 1.0 - 1.0 / mean
+
+
+def _phase(rows: NDArray[np.intp], factor: int) -> int:
+    """On which of every so many rows most of these rows are."""
+    return int(np.bincount(rows % factor, minlength=factor).argmax())
 
 
 def _chance(changes: Array) -> float:

@@ -1,0 +1,211 @@
+"""Delays of one recorder in all of its drives, sensors on a body that leans, and channels of a slower source."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from mirdrake.identification import DataSet, Log, check_data
+from mirdrake.identification.curves import Curve
+from mirdrake.identification.relations import make_grid
+from mirdrake.identification.sideways import sideways_delays
+from mirdrake.identification.timing import hold_of
+from tests.test_identification_data import STEP, changed, checked, held, recorded
+from tests.test_identification_data_sideways import drive
+
+
+def part_of(log, name, seconds):
+    """The first seconds of a log."""
+    rows = int(seconds / STEP)
+    channels = {key: values[:rows] for key, values in log.channels.items()}
+    return replace(log, name=name, time=log.time[:rows], channels=channels)
+
+
+def calm(log, name):
+    """A log that hardly turns: nothing of it tells how late vy is."""
+    quiet = {key: values - log.channels[key].mean() for key, values in log.channels.items() if key != "vx"}
+    random = np.random.default_rng(0)
+    noise = {"vy": 0.02, "yaw_rate": 0.004, "lateral_acceleration": 0.1}
+    channels = {key: 0.02 * values + random.normal(0.0, noise[key], len(values)) for key, values in quiet.items()}
+    return replace(log, name=name, channels={**channels, "vx": log.channels["vx"]}, use="validation")
+
+
+def shifts(report, name):
+    """What was done to vy in a log."""
+    return [one.repair for one in report.findings if one.log == name and one.channel == "vy, lateral_acceleration"]
+
+
+def test_a_drive_that_tells_nothing_is_shifted_like_the_others_of_its_recorder():
+    """One drive that turns, and one that does not: shifted alone, the second would have another steering delay."""
+    late = drive(10, late={"vy": 0.06})
+    logs = (late, calm(late, "calm"), part_of(late, "short", 5.0))
+    report = check_data(DataSet(logs, wheelbase=2.7))
+    assert not shifts(checked(logs[1]), "calm")
+    (done,) = shifts(report, "drive")
+    assert done.startswith("shifted vy by -")
+    assert shifts(report, "calm") == shifts(report, "short") == [done]
+    assert report.of("delay", "vy, lateral_acceleration")[0].value == pytest.approx(0.06, abs=0.01)
+    for before, after in zip(logs, report.data.logs, strict=True):
+        assert np.array_equal(before.channels["yaw_rate"], after.channels["yaw_rate"])
+        assert not np.array_equal(before.channels["vy"], after.channels["vy"])
+
+
+def test_two_drives_tell_more_than_one():
+    grids = [make_grid(drive(seed, late={"vy": 0.06})) for seed in (11, 12)]
+    one, both = (sideways_delays(some, 0.5 * STEP) for some in (grids[:1], grids))
+    assert one is not None
+    assert both is not None
+    assert both.sigmas[1] < one.sigmas[1]
+    assert both.velocity == pytest.approx(0.06, abs=0.005)
+
+
+def test_drives_of_two_recorders_have_delays_of_their_own():
+    first, second = drive(13, late={"vy": 0.1}), replace(drive(14), name="other")
+    report = check_data(DataSet((first, second), wheelbase=2.7))
+    assert report.of("delay", "vy, lateral_acceleration")[0].value == pytest.approx(0.1, abs=0.01)
+    assert [one.log for one in report.of("delay", "vy, lateral_acceleration")] == ["drive"]
+    assert np.array_equal(report.data.logs[1].channels["vy"], second.channels["vy"])
+
+
+def leaning(seed, *, late, height):
+    """A drive at 15 m/s ± 7 with vy from an antenna on the roof of a body that rolls: 0.5 deg by m/s², 1.5 Hz, 0.3.
+
+    Args:
+        seed: of the noise.
+        late: vx and vy [s].
+        height: of the antenna over the accelerometer [m].
+    """
+    log = drive(seed, late={"vx": late, "vy": late})
+    fine = np.arange(0.0, 80.0, STEP)
+    roll, rate, natural = 0.0, 0.0, 2.0 * np.pi * 1.5
+    rates = np.empty(len(fine))
+    for row, side in enumerate(exact_side(fine)):
+        rate += STEP * natural * (natural * (np.radians(0.5) * side - roll) - 2.0 * 0.3 * rate)
+        roll += STEP * rate
+        rates[row] = rate
+    return changed(log, vy=log.channels["vy"] - height * np.interp(fine - late, fine, rates))
+
+
+def exact_side(t):
+    """The lateral acceleration of :func:`drive`, nearly: that of the yaw rate and the speed."""
+    return (15.0 + 7.0 * np.sin(0.23 * t)) * (0.12 * np.sin(0.9 * t) + 0.08 * np.sin(2.9 * t + 1.0))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.06])
+def test_an_antenna_on_a_roof_that_sways_is_not_taken_for_a_delay_of_the_accelerometer(late):
+    found = sideways_delays([make_grid(leaning(15, late=late, height=1.0))], 0.5 * STEP)
+    assert found is not None
+    assert found.acceleration == 0.0
+    assert found.velocity == pytest.approx(late, abs=0.015)
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_a_coarse_channel_of_a_slower_source_is_held_however_often_its_values_repeat(count):
+    """Steps of 0.1 m/s², as on a bus: most rows repeat by chance, but no change comes between those of the source."""
+    log = recorded(57)
+    coarse = held(np.round(log.channels["lateral_acceleration"] / 0.1) * 0.1, count)
+    assert hold_of(coarse) == (count, 1.0 - 1.0 / count)
+    report = checked(changed(log, lateral_acceleration=coarse))
+    (found,) = report.of("held")
+    assert (found.channel, found.value) == ("lateral_acceleration", count)
+    # Joined from each row of the source, none is late; joined from change to change, rests would be.
+    mended = report.data.logs[0].channels["lateral_acceleration"][::count]
+    assert np.array_equal(mended[10:-10], coarse[::count][10:-10])
+    assert not [one for one in report.of("delay") if one.repair]
+
+
+def test_a_glitch_of_a_held_channel_is_found_before_it_is_joined_to_its_neighbours():
+    log = recorded(58)
+    values = held(log.channels["yaw_rate"], 10)
+    values[1000:1010] = 5.0
+    report = checked(changed(log, yaw_rate=values))
+    (found,) = report.of("glitches")
+    assert (found.channel, found.value) == ("yaw_rate", 10.0)
+    assert not [one for one in report.of("delay") if one.repair]
+    assert np.max(np.abs(report.data.logs[0].channels["yaw_rate"])) < 1.0
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.3, -2.7, 40.6, -55.2])
+def test_a_curve_is_that_of_a_cubic_spline(moved):
+    values = np.random.default_rng(0).normal(size=80)
+    spline, curve = CubicSpline(np.arange(80.0), values), Curve(values)
+    for derivative in range(3):
+        expected = spline(np.arange(20, 60) + moved, derivative)
+        assert curve.at(slice(20, 60), moved, derivative) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_a_log_without_the_channels_does_not_count():
+    whole = drive(16, late={"vy": 0.06})
+    without = Log("bare", "train", whole.time, {name: whole.channels[name] for name in ("vx", "yaw_rate")})
+    report = check_data(DataSet((whole, without), wheelbase=2.7))
+    assert [one.log for one in report.of("delay", "vy, lateral_acceleration")] == ["drive"]
+    assert np.array_equal(report.data.logs[1].channels["yaw_rate"], without.channels["yaw_rate"])
+
+
+def test_an_accelerometer_ahead_in_a_car_that_gets_faster_is_no_second_clock():
+    """From 8 to 24 m/s within 80 s, 1.5 m are 190 ms at first and 60 ms at last."""
+    t = np.arange(0.0, 80.0, STEP)
+    speed = 8.0 + 0.2 * t
+    r, turn = 0.1 * np.sin(2.0 * t), 0.2 * np.cos(2.0 * t)
+    random = np.random.default_rng(0)
+    exact = {"vx": speed, "yaw_rate": r, "vy": 0.3 * r, "lateral_acceleration": speed * r + (0.3 + 1.5) * turn}
+    noise = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.002, "lateral_acceleration": 0.05}
+    values = {name: one + random.normal(0.0, noise[name], len(t)) for name, one in exact.items()}
+    report = checked(Log("faster", "train", t, values))
+    assert not report.of("drift")
+    assert report.of("place", "lateral_acceleration")[0].value == pytest.approx(1.5, abs=0.1)
+
+
+def small_car(seed, *, late):
+    """A 1:10 car without an accelerometer, as a single track, at 3.5 m/s ± 1: L / v is 93 ms.
+
+    Args:
+        seed: of the noise.
+        late: vy [s].
+    """
+    a = b = 0.165
+    stiffness, inertia, step = 40.0, 0.014, 1e-3  # of an axle over the mass [m/(s^2 rad)]; over the mass [m^2]
+    t = np.arange(0.0, 60.0, step)
+    speed = 3.5 + np.sin(0.7 * t)
+    angle = 0.12 * np.sin(1.7 * t) + 0.08 * np.tanh(4.0 * np.sin(0.9 * t))
+    states, side, turn = np.empty((len(t), 2)), 0.0, 0.0
+    for row, (v, delta) in enumerate(zip(speed, angle, strict=True)):
+        states[row] = side, turn
+        front = stiffness * (delta - (side + a * turn) / v)
+        rear = -stiffness * (side - b * turn) / v
+        side += step * (front + rear - v * turn)
+        turn += step * (a * front - b * rear) / inertia
+    time = np.arange(0.5, 59.0, 0.02)
+    random = np.random.default_rng(seed)
+    exact = {
+        "vx": np.interp(time, t, speed),
+        "vy": np.interp(time - late, t, states[:, 0]),
+        "yaw_rate": np.interp(time, t, states[:, 1]),
+    }
+    noise = {"vx": 0.02, "vy": 0.015, "yaw_rate": 0.02}
+    return Log(
+        "small", "train", time, {name: one + random.normal(0.0, noise[name], len(time)) for name, one in exact.items()}
+    )
+
+
+@pytest.mark.parametrize("late", [0.0, 0.06, 0.15, -0.15])
+def test_without_an_accelerometer_only_a_delay_that_no_tyre_makes_up_is_taken_out(late):
+    log = small_car(0, late=late)
+    report = check_data(DataSet((log,), wheelbase=0.33))
+    found = report.of("delay", "vy, yaw_rate")
+    if late:
+        assert found[0].value == pytest.approx(late, abs=0.03)
+        assert (found[0].severity, bool(found[0].repair)) == (("info", False) if late == 0.06 else ("warning", True))
+    moved = "vy" if late > 0.0 else "yaw_rate"
+    mended = {
+        name for name in log.channels if not np.array_equal(log.channels[name], report.data.logs[0].channels[name])
+    }
+    assert mended == ({moved} if abs(late) > 0.1 else set())
+    if mended:
+        assert not [one for one in checked_with(report.data.logs[0], 0.33).of("delay") if one.repair]
+    assert not check_data(DataSet((log,))).of("delay", "vy, yaw_rate")
+
+
+def checked_with(log, wheelbase):
+    return check_data(DataSet((log,), wheelbase=wheelbase))
