@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from benchmarks.timing import ROOT
+from mirdrake.worker_server import LOOP, start_server
 
 COUNT, DURATION = 200, 10.0
 """Number of candidates, and simulated time of each [s]."""
@@ -74,6 +75,7 @@ def _evaluator(duration: float, **plant: Any) -> Any:
 
 def search(count: int, duration: float) -> dict[str, Any]:
     """All of them on all cores; processor time of the candidates, and of this process, which imports and hands out."""
+    start_server(LOOP)  # as `mirdrake tune` does; then the rest is imported
     from mirdrake.tuning.search import search as find
 
     space = {name: {"low": low, "high": high} for name, (low, high) in GAINS.items()}

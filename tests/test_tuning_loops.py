@@ -201,6 +201,12 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
         (BOTH + "search:\n  ranges:\n    kq: {low: 1, high: 2}", "t.yaml:5: search.ranges.kq: no gain 'kq'"),
         (BOTH + "search:\n  ranges:\n    kp: {low: 2, high: 2}", "t.yaml:5: search.ranges.kp: the range"),
         ("vehicle: bolt\nloop: speed\nbaseline: {kpp: 3}", "t.yaml:3: baseline.kpp: no gain"),
+        (BOTH + "baseline: {kp: .inf}", "t.yaml:3: baseline.kp: inf is not a finite number"),
+        (BOTH + "baseline: publishd", "t.yaml:3: baseline: 'publishd' is not allowed; allowed: 'published'"),
+        (
+            "vehicle: bolt\nloop: {diagram: bolt_skidpad, reference: 0, output: a, effort: b}",
+            "t.yaml:2: loop.knobs: is missing",
+        ),
         ("vehicle: bolt\nloop: speed\ncost:\n  iaee: 1", "t.yaml:4: cost.iaee: no figure 'iaee'; did you mean 'iae'"),
         ("vehicle: blot\nloop: speed", "t.yaml:1: vehicle"),
         ("vehicle: bolt@handling\nloop: wheel_speed", "t.yaml:2: loop: bolt@handling is driven by pedals"),
@@ -240,6 +246,7 @@ def test_faults_are_told_with_file_and_line(text: str, says: str) -> None:
     with pytest.raises(ConfigError) as error:
         check()
     assert says in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize(

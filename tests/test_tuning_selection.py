@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mirdrake.tuning.designs import Design
+from mirdrake.tuning.designs import SOFTEST, Design, softer_designs
 from mirdrake.tuning.grip import Axles, axles_of, grip_use
+from mirdrake.tuning.identify import Identified
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.make import finer, make_loop_spec
+from mirdrake.tuning.models import Integrator
 from mirdrake.tuning.outcome import Candidate, finer_notes, trials_table
 from mirdrake.tuning.robustness import Robustness
 from mirdrake.tuning.scenarios import InScenarios, corners, hardest
@@ -196,6 +198,36 @@ def test_trials_that_break_a_margin_are_those_of_the_reduced_model() -> None:
     table = trials_table(coarse, fine, limits={"ms": 1.6, "overshoot_percent": 5.0})
     assert table["fidelity"].tolist() == ["reduced", "plant", "reduced", "plant"]
     assert table["number"].tolist() == [0, 1, 2, 3]
+
+
+def test_where_no_rule_stands_the_fastest_softer_one_that_does_is_the_one_to_beat() -> None:
+    stages: Any = _Stages(bound=0.9, finer=0.7)
+    tried = [made("baseline", 0.1, kind="baseline"), made("fast", 4.0), made("slow", 1.0)]
+    softer = [Design(f"soft {kp}", "rule", "", {"kp": kp}) for kp in (0.95, 0.8, 0.6, 0.4)]
+    selection = Selection(stages, tried, softer)
+    rule = selection.best_rule()
+    assert rule is not None
+    assert rule.design.name == "soft 0.6"  # 0.95 fails in a run, 0.8 at a finer step
+    assert tried[-1] is rule
+    assert [one.design.name for one in selection.fallen_rules] == ["fast", "slow"]
+    best = selection.best([searched(0.65)])
+    assert best is not None
+    assert selection.good(best, rule)
+
+
+def test_softer_rules_leave_the_loop_more_and_more_time(bolt: LoopSpec) -> None:
+    """Skogestad (2003), integrator: kp = 1 / (k (τc + L)), ki = kp / (4 (τc + L)), half a period more in L."""
+    found = Identified(bolt, (), first=Integrator(0.1, 0.05))
+    late = 0.05 + 0.5 * bolt.options["period"]
+    for times, design in zip(SOFTEST, softer_designs(found), strict=True):
+        kp = 1.0 / (0.1 * (times + 1.0) * late)
+        wanted = {"kp": kp, "ki": kp / (4.0 * (times + 1.0) * late), "kd": 0.0}
+        assert design.gains == pytest.approx(wanted, rel=1e-3)
+        assert design.name == f"SIMC {times:g}"
+    steered = [one.gains for one in softer_designs(replace(found, lag=0.02))]
+    assert all(one["ki"] == 0.0 and one["kd"] == pytest.approx(0.02 * one["kp"], rel=1e-3) for one in steered)
+    undamped = [one.gains for one in softer_designs(replace(found, inertial=(2.0, 0.05)))]  # s² + 2 kd s + 2 kp
+    assert all((2.0 * one["kd"]) ** 2 == pytest.approx(4.0 * 2.0 * one["kp"], rel=2e-3) for one in undamped)
 
 
 def test_where_every_candidate_fails_the_nearest_is_taken_and_is_not_good() -> None:

@@ -19,18 +19,20 @@ from mirdrake.errors import ConfigError
 from mirdrake.report.tuning import write_tuning_report
 from mirdrake.simulation import Simulation
 from mirdrake.tuning.apply import plan_apply
-from mirdrake.tuning.designs import Design
+from mirdrake.tuning.designs import Design, make_designs
 from mirdrake.tuning.identify import identify_loop
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.loops.make import make_loop_spec
+from mirdrake.tuning.loops.make import finer, make_loop_spec
 from mirdrake.tuning.loops.reduced import find_loop_margins
+from mirdrake.tuning.models import Integrator
 from mirdrake.tuning.outcome import Candidate, accept
 from mirdrake.tuning.spec import load_tuning, make_tuning
 from mirdrake.tuning.trials import Trial
 from mirdrake.tuning.tune import tune
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.importing import import_vehicle
+from mirdrake.vehicles.scaffold import new_vehicle
 from mirdrake.vehicles.spec import Pid
 from tests import trap_packages
 from tests.tuning_rigs import short_study
@@ -210,6 +212,28 @@ def test_a_study_that_was_killed_ends_as_if_it_were_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("mass", "radius"), [(1450.0, 0.31), (20.0, 0.1)])
+def test_the_steering_of_a_new_vehicle_can_be_tuned_by_torque(tmp_path: Path, mass: float, radius: float) -> None:
+    """Its motors make the joint an integrator with a lag: a rule keeps Ms, and gives the same at any step."""
+    size = radius / 0.31
+    new_vehicle(
+        "fresh", wheelbase=2.6 * size, track=1.5 * size, mass=mass, wheel_radius=radius, wheel_width=0.2 * size,
+        folder=tmp_path,
+    )  # fmt: skip
+    loop = make_loop_spec(
+        make_tuning({"vehicle": str(tmp_path / "fresh"), "loop": "steering", "test": {"duration": 3}})
+    )
+    found = identify_loop(bench_of(loop))
+    assert isinstance(found.first, Integrator)
+    assert found.lag == pytest.approx(0.024, rel=0.2)
+    rule = next(one for one in make_designs(found, max_sensitivity=1.4)[0] if one.name == "SIMC lag PD 2")
+    usual, fine = (LoopEvaluator(one)(rule.gains).figures for one in (found.spec, finer(finer(found.spec))))
+    assert usual["ms"] < 1.6
+    assert usual["overshoot_percent"] < 5.0
+    assert fine["iae"] == pytest.approx(usual["iae"], rel=0.01)
+
+
+@pytest.mark.slow
 def test_an_imported_vehicle_reaches_what_a_tuned_loop_shall(tmp_path: Path) -> None:
     import_vehicle(trap_packages.golf_cart(tmp_path / "source"), name="golf_cart", folder=tmp_path / "models")
     given = {
@@ -220,5 +244,8 @@ def test_an_imported_vehicle_reaches_what_a_tuned_loop_shall(tmp_path: Path) -> 
         "robustness": {"runs": 40},
     }
     result = tune(make_tuning(given), out=tmp_path / "out")
-    assert [row for row in result.data["acceptance"] if not row["met"]] == []
-    assert len(result.data["acceptance"]) >= 6
+    rows = result.data["acceptance"]
+    assert [row for row in rows if not row["met"]] == []
+    assert len(rows) >= 6
+    assert "cost against the best rule that keeps the constraints and is stable in all runs" in rows[-1]["what"]
+    assert 0.0 < rows[-1]["value"] < rows[-1]["limit"]

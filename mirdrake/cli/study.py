@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mirdrake.cli.verb import add_set
 from mirdrake.errors import ConfigError, MissingDependencyError
 from mirdrake.paths import find
+from mirdrake.worker_server import STUDY, start_server
 from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
@@ -57,9 +58,12 @@ def run(options: argparse.Namespace) -> int:
     """Run the study; 0: all runs done, 1: all done and some failed, 130: interrupted."""
     if options.scheduler and options.workers is not None:
         raise ConfigError("--workers and --scheduler exclude each other; Dask's workers are started by Dask")
+    path = find("studies", options.study)
+    if options.scheduler is None and options.workers != 0:
+        start_server(STUDY)
     from mirdrake.studies import load_study, run_study
 
-    spec = load_study(find("studies", options.study), overrides=options.set)
+    spec = load_study(path, overrides=options.set)
     folder = options.out or Path("runs") / spec.name
     with _executor(options.scheduler) as executor:
         result = run_study(

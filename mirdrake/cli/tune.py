@@ -9,6 +9,7 @@ from typing import Any
 from mirdrake.cli import tune_apply
 from mirdrake.errors import MissingDependencyError
 from mirdrake.paths import find
+from mirdrake.worker_server import LOOP, start_server
 
 HELP = "tune the gains of a loop: identify, rules, search, robustness; apply writes them into control.yaml"
 MORE = """\
@@ -62,9 +63,12 @@ def _given(options: argparse.Namespace) -> list[str]:
 
 
 def _tune(options: argparse.Namespace) -> int:
+    path = find("studies", options.study)
+    if options.scheduler is None and options.workers != 0:
+        start_server(LOOP)
     from mirdrake.tuning.spec import load_tuning
 
-    spec = load_tuning(find("studies", options.study), overrides=options.set)
+    spec = load_tuning(path, overrides=options.set)
     from mirdrake.tuning.tune import StoppedError, tune
 
     folder = options.out or Path("runs") / f"tune-{spec.name}"

@@ -18,6 +18,7 @@ from mirdrake.studies.job import Outcome, run_job
 from mirdrake.studies.plan import Plan, make_plan
 from mirdrake.studies.spec import StudySpec, make_study
 from mirdrake.studies.store import Row, Store, make_schema, read_manifest, read_rows
+from mirdrake.worker_server import STUDY, start_server
 
 GRACE = 30.0
 """Wall time above a run's limit after which its process is ended [s]; building the diagram is in it."""
@@ -88,6 +89,8 @@ def run_study(
         ConfigError, ModelError, WorldError: the study, its diagram, a model or the world has faults.
         RunError: the folder cannot be written, or worker processes cannot start.
     """
+    if executor is None and workers != 0:
+        start_server(STUDY)
     spec = make_study(study)
     folder = Path(out) if out is not None else None
     plan = make_plan(spec)

@@ -14,18 +14,11 @@ from typing import Any
 
 from mirdrake.errors import RunError
 from mirdrake.studies.job import builds
-from mirdrake.studies.processes import STARTING, WorkerProcess, settle_in, worker_start
-
-METHOD = "forkserver" if sys.platform != "win32" else "spawn"
-"""How a process starts: from a server that has imported everything, which takes half the time of a fresh one."""
-
-PRELOADED = ("mirdrake.studies.job", "mirdrake.tuning.loops.evaluate")
-"""What that server imports, if this program has."""
+from mirdrake.studies.processes import STARTING, WorkerProcess, settle_in
+from mirdrake.worker_server import LOOP, METHOD, STUDY, start_server, worker_start
 
 MOST_BUILDS = 64
 """Diagrams that a process builds before another takes its place: Drake leaves some 0.4 MB of each behind."""
-
-_starting = threading.Lock()  # what is set while a process starts is the whole program's
 
 
 class WorkerLostError(Exception):
@@ -147,11 +140,10 @@ class Workers(Executor):
         return fault, result
 
     def _start(self) -> WorkerProcess:
+        start_server(LOOP if LOOP in sys.modules else STUDY)
         context: Any = get_context(METHOD)
         mine, theirs = context.Pipe()
-        with _starting, worker_start():
-            if METHOD == "forkserver":
-                context.set_forkserver_preload([name for name in PRELOADED if name in sys.modules])
+        with worker_start():
             self._started += 1
             log = Path(self._logs.name) / f"{self._started}.log"
             name = f"mirdrake worker {self._started}"

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Self
 
 from mirdrake.errors import RunError
-from mirdrake.studies.processes import WorkerProcess, worker_start
+from mirdrake.studies.processes import WorkerProcess
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.worker import run_folder, serve
+from mirdrake.worker_server import worker_start
 
 
 def time_limit(case: Case) -> float:

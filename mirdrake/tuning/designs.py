@@ -1,8 +1,8 @@
 """Candidates from models: the tuning rules, and loop shaping, each with a sentence on how it was found."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 from mirdrake.controllers.pid import PidGains
@@ -27,6 +27,10 @@ DIGITS = 4
 
 SOFTER = (1.5, 2.0)
 """Closed-loop times of SIMC besides its own [dead times]: softer, for constraints that its own does not keep."""
+
+
+SOFTEST = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+"""The same where no rule stands: as soft as it takes. A rule has no say on light wheels that lose their grip."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +60,26 @@ def make_designs(found: Identified, *, max_sensitivity: float) -> tuple[list[Des
         found: what the experiments gave.
         max_sensitivity: bound on Ms for the shaping [1].
     """
-    names = tuple(found.spec.gains)
+    return _made(_ways(found, max_sensitivity), tuple(found.spec.gains))
+
+
+def softer_designs(found: Identified) -> list[Design]:
+    """The rule of Skogestad with longer and longer closed-loop times: to compare with where no rule stands.
+
+    Args:
+        found: what the experiments gave.
+    """
+    return _made(_skogestad(found, SOFTEST), tuple(found.spec.gains))[0]
+
+
+_Way = tuple[str, str, str, Callable[[], PidGains]]
+
+
+def _made(ways: Iterable[_Way], names: Sequence[str]) -> tuple[list[Design], list[str]]:
+    """Designs with gains of these names, none twice; and why others are left out."""
     notes: list[str] = []
     designs: list[Design] = []
-    for name, kind, how, make in _ways(found, max_sensitivity):
+    for name, kind, how, make in ways:
         try:
             pid = make()
         except MirdrakeError as error:
@@ -74,9 +94,6 @@ def make_designs(found: Identified, *, max_sensitivity: float) -> tuple[list[Des
     return designs, notes
 
 
-_Way = tuple[str, str, str, Callable[[], PidGains]]
-
-
 def _ways(found: Identified, bound: float) -> Iterator[_Way]:
     spec = found.spec
     half = 0.5 * float(spec.options["period"])
@@ -87,11 +104,7 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
     )
     forms: tuple[Form, ...] = ("PI", "PID")
     if found.first is not None:
-        first: FirstOrder | Integrator
-        if isinstance(found.first, Integrator):
-            first = Integrator(found.first.gain, found.first.delay + half)
-        else:
-            first = FirstOrder(found.first.gain, found.first.time_constant, found.first.delay + half)
+        first = _later(found.first, half)
         wide = 3.0 * first.delay
         for form in forms:
             yield (
@@ -174,6 +187,28 @@ def _ways(found: Identified, bound: float) -> Iterator[_Way]:
             f"60° of phase margin at {crossover:.3g} rad/s",
             partial(design_for_phase_margin, main, crossover, derivative=derivative),
         )
+
+
+def _skogestad(found: Identified, times: Sequence[float]) -> Iterator[_Way]:
+    """Skogestad's rule for the model that fits best, without an integral part where the plant has one."""
+    half = 0.5 * float(found.spec.options["period"])
+    for many in times:
+        how = f"Skogestad's rule, softened to a closed-loop time of {many:g} dead times, as no faster rule stands"
+        if found.inertial is not None:
+            gain, delay = found.inertial[0], found.inertial[1] + half
+            yield f"SIMC inertia PD {many:g}", "rule", how, partial(_without_integral, gain, delay, many * delay)
+        elif found.lag and isinstance(found.first, Integrator):
+            velocity, delay = found.first.gain, found.first.delay - 0.5 * found.lag + half
+            make = partial(_integrator_with_lag, velocity, delay, found.lag, many * delay, integral=False)
+            yield f"SIMC lag PD {many:g}", "rule", how, make
+        elif found.first is not None:
+            first = _later(found.first, half)
+            yield f"SIMC {many:g}", "rule", how, partial(simc, first, closed_loop_time=many * first.delay)
+
+
+def _later(model: FirstOrder | Integrator, by: float) -> FirstOrder | Integrator:
+    """The model with more dead time [s]."""
+    return replace(model, delay=model.delay + by)
 
 
 def _without_integral(gain: float, delay: float, closed_loop_time: float) -> PidGains:

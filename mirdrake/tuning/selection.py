@@ -28,6 +28,11 @@ HARD = 6
 class Selection:
     """Chooses among candidates.
 
+    Args:
+        stages: of the study.
+        tried: candidates; a softer rule is added if it comes to that.
+        softer: rules to compare with if none of `tried` stands, the fastest first.
+
     Attributes:
         hard: draws of the Monte Carlo in which candidates that keep the constraints have failed.
         fallen_rules: rules that keep the constraints, cost less than the one compared with, and do not stand.
@@ -35,8 +40,8 @@ class Selection:
         lost_at_finer: whether a finer step has taken candidates of the search.
     """
 
-    def __init__(self, stages: Stages, tried: Sequence[Candidate]) -> None:
-        self.stages, self._tried = stages, tried
+    def __init__(self, stages: Stages, tried: list[Candidate], softer: Sequence[Design] = ()) -> None:
+        self.stages, self._tried, self._softer = stages, tried, softer
         spreads = read_ranges(stages.ranges) if stages.ranges else {}
         runs = stages.spec.robustness.runs
         self._draws = draw_conditions(spreads, runs=runs, seed=stages.spec.seed) if spreads and runs else []
@@ -71,13 +76,21 @@ class Selection:
         return self._failures[name]
 
     def best_rule(self) -> Candidate | None:
-        """The cheapest rule that keeps the constraints and stands; if none does, that nearest to it."""
+        """The cheapest rule that keeps the constraints and stands; if none does, the fastest of the softer ones.
+
+        If none of these does either, that nearest to it.
+        """
         rules = sorted((one for one in self._tried if one.design.kind == "rule"), key=lambda one: one.rank)
         able = [one for one in rules if one.trial.feasible]
         for one in able[:POOL]:
             if not self.falls(one):
                 return one
             self.fallen_rules.append(one)
+        for design in self._softer:
+            (one,) = self.stages.try_designs([design], "softer rules")
+            if one.trial.feasible and not _swings(self.finer(one)) and not self.failures(one):
+                self._tried.append(one)
+                return one
         if self.fallen_rules:
             nearest = min(self.fallen_rules, key=self.falls)
             self.fallen_rules.remove(nearest)

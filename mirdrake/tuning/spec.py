@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from mirdrake.errors import ConfigError
 from mirdrake.plant import PlantSpec
@@ -148,6 +148,22 @@ class ScheduleSpec(Schema):
         return self
 
 
+def _word_or_mapping(value: Any) -> str:
+    """What a value is meant as, so that a fault in it is told once."""
+    return "word" if isinstance(value, str) else "mapping"
+
+
+LoopChoice = Annotated[
+    Annotated[Literal["wheel_speed", "steering", "speed", "path"], Tag("word")]
+    | Annotated[DiagramLoop, Tag("mapping")],
+    Discriminator(_word_or_mapping),
+]
+Baseline = Annotated[
+    Annotated[Literal["published"], Tag("word")] | Annotated[dict[str, float], Tag("mapping")],
+    Discriminator(_word_or_mapping),
+]
+
+
 class TuningSpec(Schema):
     """A tuning file."""
 
@@ -155,12 +171,10 @@ class TuningSpec(Schema):
     name: str = Field("tuning", min_length=1, description="the file's own if left out [-]")
     vehicle: str | None = Field(None, description="name of a vehicle, or a path; of a loop of its own [-]")
     world: str = Field("empty", description="flat, with the same friction everywhere [-]")
-    loop: Literal["wheel_speed", "steering", "speed", "path"] | DiagramLoop = Field(description="what is tuned [-]")
+    loop: LoopChoice = Field(description="what is tuned [-]")
     plant: PlantSpec = Field(default_factory=lambda: PlantSpec(contact="point"), description="step and contact [-]")
     test: CourseSpec = Field(default_factory=CourseSpec, description="the trial that judges [-]")
-    baseline: Literal["published"] | dict[str, float] = Field(
-        "published", description="gains to compare with; published: 100, 0.01, 10 [-]"
-    )
+    baseline: Baseline = Field("published", description="gains to compare with; published: 100, 0.01, 10 [-]")
     search: SearchSpec = Field(default_factory=SearchSpec, description="[-]")
     cost: dict[str, float] = Field(default_factory=lambda: {"iae": 1.0}, min_length=1, description="weights [-]")
     constraints: dict[str, float] = Field(

@@ -26,7 +26,7 @@ from mirdrake.errors import RunError
 from mirdrake.logs import write_file
 from mirdrake.recording.files import told
 from mirdrake.tuning.check import check_study
-from mirdrake.tuning.designs import Design, make_designs
+from mirdrake.tuning.designs import Design, make_designs, softer_designs
 from mirdrake.tuning.identify import Identified, check_identified, identify_loop
 from mirdrake.tuning.loops.evaluate import bench_of
 from mirdrake.tuning.loops.make import baseline_gains, finer, make_loop_spec
@@ -49,6 +49,7 @@ from mirdrake.tuning.space import known_starts, leaders_of, near_the_limits, sea
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 from mirdrake.tuning.stages import Progress, Stages
 from mirdrake.tuning.trials import Trials
+from mirdrake.worker_server import LOOP, start_server
 
 STUDY = "study.json"
 
@@ -101,6 +102,8 @@ def tune(
         RunError: the folder belongs to something else, or the plant cannot be measured.
         StoppedError: Ctrl-C; call again to go on.
     """
+    if executor is None and workers != 0:
+        start_server(LOOP)
     spec = make_tuning(study)
     began = time.monotonic()
     loop = make_loop_spec(spec)
@@ -156,17 +159,18 @@ def _run(stages: Stages, data: dict[str, Any]) -> Outcome:
     spec, bare = stages.spec, stages.bare
     stages.tell("identification", 0, 1, math.nan)
     found = Identified(stages.loop, ())
-    designs: list[Design] = []
+    designs, softer = list[Design](), list[Design]()
     notes = ["a loop known by its signals only: no model, no rules, no margins"]
     if not bare:
         found = identify_loop(bench_of(stages.loop))
         check_identified(found)
         stages.loop = found.spec
         designs, notes = make_designs(found, max_sensitivity=min(max(spec.constraints.get("ms", 1.4), 1.1), 2.5))
+        softer = softer_designs(found)
     base = Design("baseline", "baseline", baseline_words(spec, loop_of_signals=bare), baseline_gains(spec, stages.loop))
     tried = stages.try_designs([base, *designs], "rules")
     baseline = tried[0]
-    selection = Selection(stages, tried)
+    selection = Selection(stages, tried, softer)
     rule = selection.best_rule()
 
     # Search on the reduced model, then on the plant around the best.

@@ -61,6 +61,10 @@ HOW: dict[str, str] = {
     "brake_front_share": "estimated: the front axle's part of the load when braking at 0.5 g",
     "steering_effort": "estimated: 0.8 x wheel load x wheel radius (Bolt 1000 N m)",
     "steering_rate": "estimated: 0.16 m/s over the wheel radius (Bolt 0.5 rad/s, F1TENTH 3.2 rad/s)",
+    "steering_motor_damping": "estimated: its torque over a speed without load of four times its rate, as the Unior's "
+    "motors (data sheet: 4.1)",
+    "steering_motor_inertia": "estimated: 16 ms x that resistance, as the Unior's motors; with the wheel a joint lags "
+    "by 20 to 25 ms",
     "steering_ratio": "estimated: hand wheel of 8.2 rad to each side (MKZ) over the steering limit; 1 below 100 kg, "
     "where there is no hand wheel",
     "steering_stiffness": "estimated: 39000 per rad x wheel load x wheel radius (Bolt 5e7 N m/rad), as good as rigid: "
@@ -117,6 +121,8 @@ class Estimates:
         brake_front_share: part of it on the front axle [-].
         steering_effort: of one steering joint [N m].
         steering_rate: at the road wheel [rad/s].
+        steering_motor_damping: resistance of one steering motor, at the road wheel [N m s/rad].
+        steering_motor_inertia: of its rotor, at the road wheel [kg m²].
         steering_ratio: hand wheel to road wheel [-].
         steering_stiffness: of one steering servo [N m/rad].
         steering_damping: of one steering servo [N m s/rad].
@@ -164,6 +170,8 @@ class Estimates:
     brake_front_share: float
     steering_effort: float
     steering_rate: float
+    steering_motor_damping: float
+    steering_motor_inertia: float
     steering_ratio: float
     steering_stiffness: float
     steering_damping: float
@@ -243,6 +251,8 @@ def estimate(
     # The tread comes down with v a / R at the front end of the patch; a = sqrt(2 R d) is its half length.
     downward = wheel_speed_limit * radius * sqrt(2.0 * compression)
     stiffness = 39e3 * load * radius
+    effort, rate = 0.8 * load * radius, 0.16 / radius
+    resistance = effort / (4.0 * rate)
     return Estimates(
         length=length,
         width=width,
@@ -268,8 +278,10 @@ def estimate(
         max_power=max_torque * 0.45 * wheel_speed_limit,
         brake_torque=1.5 * mass * GRAVITY * radius,
         brake_front_share=min(max(share + 0.5 * com_height / wheelbase, 0.4), 0.85),
-        steering_effort=0.8 * load * radius,
-        steering_rate=0.16 / radius,
+        steering_effort=effort,
+        steering_rate=rate,
+        steering_motor_damping=resistance,
+        steering_motor_inertia=0.016 * resistance,
         steering_ratio=8.2 / steering_limit if mass >= 100.0 else 1.0,
         steering_stiffness=stiffness,
         steering_damping=0.02 * stiffness,

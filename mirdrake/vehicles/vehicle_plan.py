@@ -72,6 +72,8 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
             ("steering_limit", "limit of the inner wheel", "rad"),
             ("steering_rate", "rate at the road wheel", "rad/s"),
             ("steering_effort", "torque of a steering joint", "N m"),
+            ("steering_motor_damping", "resistance of a steering motor", "N m s/rad"),
+            ("steering_motor_inertia", "its rotor, at the wheel", "kg m²"),
             ("steering_ratio", "hand wheel to road wheel", "-"),
             ("max_torque", "drive torque at the wheels, together", "N m"),
             ("max_power", "power", "W"),
