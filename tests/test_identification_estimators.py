@@ -136,7 +136,7 @@ def test_a_prior_holds_what_the_log_does_not_say():
         "cornering_stiffness_front"
     ]
     assert 80e3 < found.value < free.value
-    assert found.sigma < min(100.0, free.sigma)
+    assert found.of_noise < min(100.0, free.of_noise)
 
 
 def test_a_bound_that_the_estimate_stands_at_is_said():

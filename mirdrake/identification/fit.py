@@ -28,7 +28,7 @@ class FittedParameter:
         name: as in the model.
         unit: of value, sigma, low, high and given.
         value: the estimate, or what it was fixed to.
-        sigma: standard deviation; None: fixed, or not to be had.
+        sigma: standard deviation, of noise and model together; None: fixed, or not to be had.
         low: lower end of the 95 % interval; None: fixed, or open.
         high: upper end; None as for low.
         kind: how the study took it.
@@ -37,6 +37,8 @@ class FittedParameter:
         source: where a fixed value, a prior or the given value is from.
         verdict: what is to be thought of the value.
         words: the reason in a sentence.
+        of_noise: standard deviation by the noise of this log [unit]; None as for sigma.
+        of_model: by what the model leaves out and what was assumed [unit]; None: fixed, or not asked.
     """
 
     name: str
@@ -51,6 +53,8 @@ class FittedParameter:
     source: str = ""
     verdict: Verdict = "identified"
     words: str = ""
+    of_noise: float | None = None
+    of_model: float | None = None
 
 
 @dataclass(frozen=True)
@@ -142,10 +146,13 @@ class Fit:
 
     def table(self) -> str:
         """Parameters, fits, combinations, advice and notes as plain text."""
-        rows: list[tuple[str, ...]] = [("parameter", "value", "95 % interval", "unit", "given", "verdict")]
+        rows: list[tuple[str, ...]] = [(
+            "parameter", "value", "95 % interval", "± of noise", "± of model", "unit", "given", "verdict"
+        )]  # fmt: skip
         for one in self.parameters:
             span = "" if one.kind == "fixed" else f"{_number(one.low)} … {_number(one.high)}"
-            rows.append((one.name, _number(one.value), span, one.unit, _number(one.given, ""), one.verdict))
+            parts = [half_width(sigma) for sigma in (one.of_noise, one.of_model)]
+            rows.append((one.name, _number(one.value), span, *parts, one.unit, _number(one.given, ""), one.verdict))
         lines = [f"{self.name}: {self.model}, {self.estimator}", "", *_columns(rows), ""]
         lines += [f"{one.name}: {one.words}" for one in self.parameters if one.words and one.kind != "fixed"]
         if self.channels:
@@ -241,6 +248,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def half_width(sigma: float | None) -> str:
+    """Of a 95 % interval, by a standard deviation; empty if there is none."""
+    return _number(None if sigma is None else 1.96 * sigma, "", 2)
 
 
 def _number(value: float | None, none: str = "open", digits: int = 4) -> str:

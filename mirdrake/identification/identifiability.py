@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.identification.fit import FittedParameter, Verdict
-from mirdrake.identification.models.base import Model
+from mirdrake.identification.models.base import Doubt, Effect, Model
 from mirdrake.identification.parameters import Unknown
 
 Array = NDArray[np.float64]
@@ -17,6 +17,10 @@ IDENTIFIED = 0.06
 
 WEAK = 0.15
 """The same up to which it is weakly identified."""
+
+DOUBTFUL = 0.02
+"""Standard deviation up to which a parameter is identified that is less sure by what the model takes for granted than
+by the noise; such a bias does not shrink in longer logs."""
 
 TOGETHER = 0.95
 """Correlation from which on two parameters are not told apart."""
@@ -33,6 +37,7 @@ def judge(
     correlation: Array,
     bounds: Sequence[str | None],
     *,
+    effects: Sequence[Effect] = (),
     model_error: bool = False,
 ) -> tuple[FittedParameter, ...]:
     """Parameters with their intervals and verdicts.
@@ -41,9 +46,10 @@ def judge(
         model: what was fitted.
         unknowns: all parameters.
         values: estimates.
-        sigmas: of the scaled free parameters (p).
+        sigmas: of the scaled free parameters, by noise (p).
         correlation: of these (p, p).
         bounds: where they stand (p).
+        effects: what may be off besides.
         model_error: the residuals are far from white, so that a doubtful value is no value.
     """
     free = [one for one in unknowns if one.kind != "fixed"]
@@ -58,7 +64,10 @@ def judge(
             )  # fmt: skip
             continue
         i = names.index(info.name)
-        found.append(_judge(model, one, values, float(sigmas[i]), correlation[i], names, bounds[i], model_error))
+        shifts = [(abs(float(effect.shift[i])), effect.doubt) for effect in effects]
+        found.append(
+            _judge(model, one, values, float(sigmas[i]), shifts, correlation[i], names, bounds[i], model_error)
+        )
     return tuple(found)
 
 
@@ -66,7 +75,8 @@ def _judge(
     model: Model,
     one: Unknown,
     values: Mapping[str, float],
-    sigma: float,
+    noise: float,
+    shifts: Sequence[tuple[float, Doubt]],
     correlation: Array,
     names: Sequence[str],
     bound: str | None,
@@ -74,6 +84,8 @@ def _judge(
 ) -> FittedParameter:
     info, value = one.info, values[one.info.name]
     scaled = one.to_scaled(value)
+    doubtful = math.hypot(*(shift for shift, _ in shifts))
+    sigma = math.hypot(noise, doubtful)
     wide = not math.isfinite(sigma) or (one.logarithmic and sigma > 3.0)
     span = sigma if one.logarithmic else sigma / max(1.0, abs(value) / info.scale)
     low = None if wide else one.to_value(scaled - 1.96 * sigma)
@@ -94,16 +106,20 @@ def _judge(
         verdict = "not identifiable"
         words = f"{value:.4g} {info.unit} has no physical meaning (usual: {least:.4g} to {most:.4g}); "
         words += "the model is bent to the log"
-    elif span > IDENTIFIED:
+    elif span > IDENTIFIED or (doubtful > noise and span > DOUBTFUL):
         verdict, words = "weakly identified", f"known to {_percent(one, sigma)}"
     else:
         verdict, words = "identified", f"known to {_percent(one, sigma)}"
         if odd:
             words += f"; unusual (usual: {least:.4g} to {most:.4g})"
     if verdict in {"weakly identified", "not identifiable"}:
+        if doubtful > noise:
+            worst = max(shifts, key=lambda shift: shift[0])[1]
+            words += f"; depends on {worst.words}: {worst.remedy}"
         if near:
             words += f"; {info.name} and {' and '.join(near)} are not separable in this log"
-        words += f": {model.remedy(frozenset({info.name, *near}))}"
+        if near or doubtful <= noise or noise * span > IDENTIFIED * sigma:
+            words += f": {model.remedy(frozenset({info.name, *near}))}"
     elif one.given is not None:
         apart = abs(one.to_scaled(one.given) - scaled) if one.given > 0.0 or not one.logarithmic else math.inf
         if apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0)):
@@ -112,11 +128,13 @@ def _judge(
                 f"; the given {one.given:.4g} {info.unit} lies outside of the interval; neither is proven wrong by this"
             )
     if one.kind == "prior" and one.prior is not None:
-        shrunk = sigma * one.slope(value) / one.prior[1]
+        shrunk = noise * one.slope(value) / one.prior[1]
         words += f"; its prior holds it, the log adds {'little' if shrunk > 0.9 else 'to it'}" if shrunk > 0.5 else ""
     return FittedParameter(
         info.name, info.unit, value, abs(one.slope(value)) * sigma if math.isfinite(sigma) else None, low, high,
         one.kind, bound, one.given, one.source, verdict, words,  # type: ignore[arg-type]
+        of_noise=abs(one.slope(value)) * noise if math.isfinite(noise) else None,
+        of_model=abs(one.slope(value)) * doubtful,
     )  # fmt: skip
 
 
@@ -156,7 +174,7 @@ def combinations(
     if len(index) > 1:
         values_, vectors = np.linalg.eigh(covariance[np.ix_(index, index)])
         for variance, vector in zip(values_, vectors.T, strict=True):
-            big = np.abs(vector) > 0.3
+            big = np.abs(vector) > 0.2
             if variance**0.5 < IDENTIFIED and big.sum() > 1:
                 together = [(free[index[k]], float(vector[k])) for k in np.flatnonzero(big)]
                 texts.append(_together(together, float(variance) ** 0.5))

@@ -153,7 +153,7 @@ def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float
         place = where(spec, "parameters", info.name, *path)
         return None if value is None else to_number(value, info.unit, place)
 
-    values = {key: number(getattr(entry, key), key) for key in ("fixed", "guess", "low", "high", "given")}
+    values = {key: number(getattr(entry, key), key) for key in ("fixed", "sigma", "guess", "low", "high", "given")}
     prior = None
     if entry.prior is not None:
         mean, sigma = number(entry.prior.mean, "prior", "mean"), number(entry.prior.sigma, "prior", "sigma")

@@ -56,6 +56,7 @@ class Choice:
         free: True: estimate it although the model would not; False: keep the guess.
         given: value of the vehicle file or data sheet, to be compared with.
         source: where these are from.
+        sigma: standard deviation of a value that is not estimated.
     """
 
     fixed: float | None = None
@@ -66,6 +67,7 @@ class Choice:
     free: bool | None = None
     given: float | None = None
     source: str = ""
+    sigma: float | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class Unknown:
         prior: mean and standard deviation.
         given: to be compared with.
         source: of the fixed value, the prior or the given value.
+        sigma: standard deviation of the fixed value.
     """
 
     info: Parameter
@@ -85,6 +88,12 @@ class Unknown:
     prior: tuple[float, float] | None = None
     given: float | None = None
     source: str = ""
+    sigma: float | None = None
+
+    @property
+    def is_assumed(self) -> bool:
+        """Whether it is fixed to a value that nobody gave."""
+        return self.kind == "fixed" and self.source.startswith(("assumed", "half of"))
 
     @property
     def logarithmic(self) -> bool:
@@ -134,19 +143,23 @@ def choose(known: Sequence[Parameter], choices: Mapping[str, Choice]) -> tuple[U
 def _choose(info: Parameter, choice: Choice) -> Unknown:
     place = f"parameters.{info.name}"
     values = {"fixed": choice.fixed, "guess": choice.guess, "low": choice.low, "high": choice.high}
-    values |= {"given": choice.given}
+    values |= {"given": choice.given, "sigma": choice.sigma}
     values |= {} if choice.prior is None else {"prior mean": choice.prior[0], "prior sigma": choice.prior[1]}
     for name, value in values.items():
         if value is not None and not math.isfinite(value):
             raise ConfigError(f"{place}: {name} must be a finite number, got {value}")
     positive = info.scale == 0.0
+    if choice.sigma is not None and choice.sigma <= 0.0:
+        raise ConfigError(f"{place}: sigma must be positive, got {choice.sigma:g} {info.unit}")
     if choice.fixed is not None:
         if choice.guess is not None or choice.prior is not None or choice.free:
             raise ConfigError(f"{place}: is fixed, so it cannot have a guess, a prior or be free; leave out one")
         if positive and choice.fixed <= 0.0:
             raise ConfigError(f"{place}: must be positive, got {choice.fixed:g} {info.unit}")
         info = replace(info, guess=choice.fixed)
-        return Unknown(info, "fixed", given=choice.given, source=choice.source or "fixed in the study")
+        return Unknown(
+            info, "fixed", given=choice.given, source=choice.source or "fixed in the study", sigma=choice.sigma
+        )
     low = info.low if choice.low is None else choice.low
     high = info.high if choice.high is None else choice.high
     if low >= high:
@@ -171,9 +184,11 @@ def _choose(info: Parameter, choice: Choice) -> Unknown:
     asked = choice.low is not None or choice.high is not None or choice.guess is not None
     free = choice.free if choice.free is not None else info.free or asked or prior is not None
     info = replace(info, guess=guess, low=low, high=high)
+    if free and choice.sigma is not None:
+        raise ConfigError(f"{place}: sigma is that of a fixed value, and this one is estimated; give a prior")
     if not free:
         source = choice.source or info.source or ("given" if choice.given is not None else "assumed")
-        return Unknown(info, "fixed", given=choice.given, source=source)
+        return Unknown(info, "fixed", given=choice.given, source=source, sigma=choice.sigma)
     kind: Literal["free", "prior"] = "free" if prior is None else "prior"
     return Unknown(info, kind, prior, choice.given, choice.source or info.source)
 

@@ -41,6 +41,7 @@ class ParameterSpec(Schema):
     """What a study says of a parameter."""
 
     fixed: Value | None = Field(default=None, description="value that is not estimated [of the parameter]")
+    sigma: Value | None = Field(default=None, description="standard deviation of the fixed value [of the parameter]")
     guess: Value | None = Field(default=None, description="where the fit starts [of the parameter]")
     low: Value | None = Field(default=None, description="lower bound [of the parameter]")
     high: Value | None = Field(default=None, description="upper bound [of the parameter]")

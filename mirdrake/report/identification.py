@@ -15,7 +15,7 @@ from mirdrake.identification.channels import channel as known_channel
 from mirdrake.identification.channels import quantity
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.findings import DataReport
-from mirdrake.identification.fit import ChannelFit, Fit, FittedParameter
+from mirdrake.identification.fit import ChannelFit, Fit, FittedParameter, half_width
 from mirdrake.identification.identify import Identification
 from mirdrake.logs import write_file
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
@@ -205,7 +205,8 @@ def _span(log: Log) -> str:
 def _parameter(one: FittedParameter) -> dict[str, Any]:
     span = "" if one.kind == "fixed" else f"{_number(one.low, 'open')} … {_number(one.high, 'open')}"
     bound = "" if one.at_bound is None else f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
-    return {"one": one, "span": span, "bound": bound, "given": _number(one.given, "")}
+    parts = {"noise": half_width(one.of_noise), "model": half_width(one.of_model)}
+    return {"one": one, "span": span, "bound": bound, "given": _number(one.given, ""), **parts}
 
 
 def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[dict[str, Any]]:

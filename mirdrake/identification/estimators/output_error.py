@@ -11,6 +11,7 @@ import pandas as pd
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.estimators.doubts import covariance_of, effects_of
 from mirdrake.identification.estimators.drives import LEAST, make_drives
 from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.estimators.options import EstimatorOptions
@@ -19,7 +20,7 @@ from mirdrake.identification.estimators.profile import profiles_of
 from mirdrake.identification.estimators.solve import Solution, minimise, solve
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import combinations, judge
-from mirdrake.identification.models.base import Array, Drive, Model, ModelSpec
+from mirdrake.identification.models.base import Array, Drive, Effect, Model, ModelSpec
 from mirdrake.identification.models.registry import make_model
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.parameters import Choice, Unknown, choose
@@ -66,7 +67,10 @@ def fit(
     if z is not None and np.isfinite(problem.residuals(z)).all():  # near the end already: with the noise there
         problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
     solution = solve(problem, options, z)
-    result = describe(data, solution, unknowns, name=name, options=options, notes=notes)
+    effects = effects_of(
+        solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
+    )
+    result = describe(data, solution, unknowns, name=name, options=options, notes=notes, effects=effects)
     return replace(result, seconds=time.perf_counter() - begun)
 
 
@@ -111,6 +115,7 @@ def describe(
     name: str,
     options: EstimatorOptions,
     notes: Sequence[str] = (),
+    effects: Sequence[Effect] = (),
 ) -> Fit:
     """From a solution to a fit: intervals, verdicts, traces, held-out fits."""
     problem, model = solution.problem, solution.problem.model
@@ -130,7 +135,8 @@ def describe(
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     channels, traces = try_model(data, solution)
     error = any(one.part == "train" and one.whiteness_p is not None and one.whiteness_p < 1e-3 for one in channels)
-    judged = judge(model, unknowns, values, sigmas, correlation, solution.bound, model_error=error)
+    wide += covariance_of(effects, len(sigmas))
+    judged = judge(model, unknowns, values, sigmas, correlation, solution.bound, effects=effects, model_error=error)
     told = [*notes]
     if error:
         most = float(np.max(solution.inflation))
@@ -138,9 +144,7 @@ def describe(
             "the residuals are not white: intervals are those of correlated residuals, "
             f"up to {max(most, 1.0) ** 0.5:.2g} times those of white ones"
         )
-    assumed = [
-        one.info.name for one in unknowns if one.kind == "fixed" and one.source.startswith(("assumed", "half of"))
-    ]
+    assumed = [one.info.name for one in unknowns if one.is_assumed]
     if {"front_length", "rear_length", "mass"} & set(assumed):
         told.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
     told += [one.info.source for one in unknowns if one.info.source.startswith("not given")]
@@ -148,6 +152,7 @@ def describe(
         model.remedy(frozenset({one.name}))
         for one in judged
         if one.verdict in {"not identifiable", "weakly identified"}
+        and not (one.of_model or 0.0) > (one.of_noise or 0.0)
     )
     if advice:
         advice = dict.fromkeys([*advice, *best_manoeuvre(solution)])

@@ -247,3 +247,14 @@ def follows(one: Drive, other: Drive) -> bool:
     """Whether a drive goes on where another ends."""
     gap = other.start - one.start - one.step * one.size
     return one.log == other.log and abs(gap) < 0.5 * one.step
+
+
+def carried(z: Array, before: Problem, now: Problem) -> Array:
+    """Offsets and first states of a problem for another one of the same drives; states that are new are as guessed."""
+    offsets, starts = np.split(z[len(before.free) :], [len(before.sensors)])
+    had, have = before.model.states, now.model.states
+    found = np.zeros((len(now.drives), len(have)))
+    for i, name in enumerate(have):
+        if name in had:
+            found[:, i] = starts.reshape(-1, len(had))[:, had.index(name)]
+    return np.concatenate((offsets, found.ravel()))

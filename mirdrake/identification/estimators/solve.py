@@ -152,7 +152,7 @@ def _inside(z: Array, low: Array, high: Array) -> Array:
     return np.minimum(np.maximum(z, low + room), high - room)
 
 
-def _weights(residuals: Array, loss: str) -> Array:
+def weights_of(residuals: Array, loss: str) -> Array:
     """Of each residual in the robust loss, first derivative."""
     if loss == "linear":
         return np.ones(len(residuals))
@@ -162,7 +162,7 @@ def _weights(residuals: Array, loss: str) -> Array:
     return np.asarray((1.0 + ratio**2) ** -0.5)
 
 
-def _inverse(matrix: Array) -> Array:
+def inverse(matrix: Array) -> Array:
     """Inverse of a positive matrix; directions that it does not have get a very large value."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
@@ -180,12 +180,12 @@ def finish(found: Minimum, options: EstimatorOptions) -> Solution:
         near = 1e-3 * max(min(one.to_scaled(one.info.high) - one.to_scaled(one.info.low), 2.0), 1e-6)
         bound.append("low" if z[i] - low[i] < near else "high" if high[i] - z[i] < near else None)
     data = problem.measured
-    weights = _weights(residuals, options.loss)
+    weights = weights_of(residuals, options.loss)
     weights[data:] = 1.0
     inner = jacobian * np.sqrt(weights)[:, None]
     information = inner.T @ inner
     prior = inner[data:].T @ inner[data:]
-    inverse = _inverse(information)
+    whole = inverse(information)
     stretches, blocks, rights, at = [], [], [], 0
     for drive, mask in zip(problem.drives, problem.masks, strict=True):
         part, shape = slice(at, at + mask.size), (drive.size, len(mask))
@@ -206,9 +206,9 @@ def finish(found: Minimum, options: EstimatorOptions) -> Solution:
     noise, forgetful = (one / np.outer(size, size) for one in score_covariance(stretches))
     noise *= problem.samples / max(problem.samples - problem.size, 1)
     effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
-    spread = _inverse(effective + prior)[:p, :p]
-    white = inverse[:p, :p]
-    moved = inverse[:p] * size
+    spread = inverse(effective + prior)[:p, :p]
+    white = whole[:p, :p]
+    moved = whole[:p] * size
     inflation = np.einsum("ij,jk,ik->i", moved, noise, moved) / np.maximum(
         np.einsum("ij,jk,ik->i", moved, forgetful, moved), 1e-300
     )
@@ -216,6 +216,6 @@ def finish(found: Minimum, options: EstimatorOptions) -> Solution:
     if options.bootstrap and len(blocks) > 4:
         draws = block_bootstrap(blocks, rights, prior, options.bootstrap, options.seed)[:, :p]
     return Solution(
-        z, problem, found.cost, spread, white, inflation, _inverse(white),
+        z, problem, found.cost, spread, white, inflation, inverse(white),
         tuple(bound), draws, found.message,
     )  # fmt: skip

@@ -1,24 +1,29 @@
-"""Which options a model needs, where a study leaves them open: load transfer, lag of the steering, tyres that saturate.
+"""Which options a model needs, where a study leaves them open.
+
+Load transfer, a lag of the steering, tyres that relax (one length for both axles), roll of the body (where sideways
+speed or acceleration are compared; its arm is assumed), tyres that saturate.
 
 The plain model is fitted first, then each addition in turn, from where the best fit ended and with the noise of the
 first. What makes the residuals clearly smaller, and has values with a meaning, is kept.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.errors import RunError
 from mirdrake.identification.data import DataSet
+from mirdrake.identification.estimators.doubts import Questions, doubts_of
 from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.output_error import first_noise, known_value
-from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.problem import Problem, carried
 from mirdrake.identification.estimators.solve import Minimum, finish, minimise
-from mirdrake.identification.models.base import ModelSpec
+from mirdrake.identification.models.base import Model, ModelSpec
 from mirdrake.identification.models.registry import TURNING, make_model
 from mirdrake.identification.parameters import Choice, choose
 
@@ -31,9 +36,6 @@ ALONG = 2.0
 SMOOTHING = 0.2
 """Of a speed that is differentiated for that [s]."""
 
-WORTH, WORTH_OF_LOAD = 0.01, 0.03
-"""Part of the cost that an addition must save; load transfer goes with the speed, as much else does."""
-
 KNOWN = 0.3
 """Half of the 95 % interval of a friction over its value, so that tyres may saturate: one that is known worse lets the
 model spin where the vehicle did not."""
@@ -41,11 +43,31 @@ model spin where the vehicle did not."""
 MOST = 15
 """Evaluations of an addition: one that is needed shows by then."""
 
+PROMISE = 0.1
+"""Part of what an addition must save that the slope of the cost has to promise, before it is tried."""
+
 LAGS = (2e-3, 0.9)
 """Between which values a lag is one [s]."""
 
 EARLY = -0.01
 """Dead time beside a lag: what is earlier is no steering, but a lag that makes up for something else [s]."""
+
+
+class Addition(NamedTuple):
+    """What a model may need.
+
+    Attributes:
+        words: what it is.
+        free: parameters that are estimated then.
+        options: of the model.
+        worth: part of the cost that it must save; load transfer, which goes with the speed as much else does, more than
+            others, and roll, four numbers, most.
+    """
+
+    words: str
+    free: tuple[str, ...] = ()
+    options: Mapping[str, Any] = MappingProxyType({})
+    worth: float = 0.01
 
 
 class Structure(NamedTuple):
@@ -67,46 +89,94 @@ class Structure(NamedTuple):
 def choose_structure(
     data: DataSet, model: ModelSpec, choices: Mapping[str, Choice], options: EstimatorOptions
 ) -> Structure:
-    """Try what the study leaves open: ``tyres`` and load transfer of a single track, the lag of the steering.
+    """Try what the study leaves open, see :func:`additions`.
 
     Raises:
         ConfigError: as :func:`~mirdrake.identification.estimators.fit`.
         RunError: the plain model runs away from its guess.
     """
     best = Structure(model, dict(choices))
-    if model.kind not in TURNING:
+    left_open = list(additions(data, model, choices))
+    if not left_open:
         return best
-    # A measured angle of the wheels has the lag of the steering in it.
-    measured = all("road_wheel_angle" in log.channels for log in data.logs)
-    lag = "steering_lag" not in choices and not measured
-    slips = model.kind.startswith("single_track")
-    tyres = slips and "tyres" not in model.options and _most(data) > LIMIT
-    load = slips and "load_transfer" not in choices and _most_along(data) > ALONG
-    if not (lag or tyres or load):
-        return best
-    # Load transfer first: what it does to the bends before which a vehicle brakes looks like a delay.
-    tries = {"load transfer in braking": load, "a lag of the steering": lag, "tyres: fiala": tyres}
     options = replace(options, bootstrap=0, profile=False)
     few = replace(options, iterations=min(options.iterations, MOST))
     least = first = _solve(data, best, options, None)
-    notes = []
-    for words in [words for words, is_open in tries.items() if is_open]:
-        if words.startswith("tyres"):
-            tried = best._replace(model=replace(model, options={**model.options, "tyres": "fiala"}))
-        else:
-            added = "steering_lag" if "lag" in words else "load_transfer"
-            tried = best._replace(choices={**best.choices, added: Choice(free=True)})
+    notes: list[str] = []
+    asked: dict[str, Structure] = {}
+    for added in left_open:
+        if asked.get(added.words) is best or (added.free and set(added.free) <= set(best.choices)):
+            continue
+        asked[added.words] = best
+        if not _promises(data, best, least, added, options):
+            continue
+        tried = best._replace(
+            model=replace(model, options={**best.model.options, **added.options}),
+            choices={**best.choices, **{name: Choice(free=True) for name in added.free}},
+        )
         try:
             found = _solve(data, tried, few, least)
         except RunError:
             continue
-        worth = WORTH_OF_LOAD if words.startswith("load") else WORTH
-        saves = found.cost < (1.0 - worth) * least.cost
+        saves = found.cost < (1.0 - added.worth) * least.cost
         if saves and _has_meaning(found, first) and _frictions_are_known(found, options):
             saved = 100.0 * (1.0 - found.cost / least.cost)
-            notes.append(f"left open by the study, wanted by the training drives: {words} ({saved:.2g} % less misfit)")
+            notes.append(
+                f"left open by the study, wanted by the training drives: {added.words} ({saved:.2g} % less misfit)"
+            )
             best, least = tried, found
     return best._replace(start=least.problem.values(least.z), notes=tuple(notes))
+
+
+def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, options: EstimatorOptions) -> bool:
+    """Whether the residuals have something of an addition, so that it is worth a fit: the score test of Rao."""
+    known = {name: value for name, choice in best.choices.items() if (value := known_value(choice)) is not None}
+
+    def remake(more: Mapping[str, Any]) -> Model:
+        return make_model(replace(best.model, options={**best.model.options, **more}), data, known)
+
+    for doubt in doubts_of(least.problem, least.z):
+        if doubt.left_out and doubt.options == added.options and (added.options or {*doubt.changes} == {*added.free}):
+            answer = Questions(least.problem, least.z, options, remake).answer(doubt)
+            return answer is None or 0.5 * answer.estimate**2 * answer.known > PROMISE * added.worth * least.cost
+    return True
+
+
+def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) -> Iterator[Addition]:
+    """What a study leaves open, in the order in which it is tried.
+
+    Load transfer first: what it does to the bends before which a vehicle brakes looks like a delay. The steering before
+    the tyres: relaxation makes the rear axle late, too. Once more behind roll, which may hide it.
+    """
+    if model.kind not in TURNING:
+        return
+    slips = model.kind.startswith("single_track")
+    if slips and "load_transfer" not in choices and _most_along(data) > ALONG:
+        yield Addition("load transfer in braking", ("load_transfer",), worth=0.03)
+    # A measured angle of the wheels has the lag of the steering in it.
+    late = "steering_lag" not in choices and not all("road_wheel_angle" in log.channels for log in data.logs)
+    lag = Addition("a lag of the steering", ("steering_lag",))
+    if late:
+        yield lag
+    if not slips:
+        return
+    if "relaxation" not in model.options and not any(name.startswith("relaxation") for name in choices):
+        yield Addition("tyres that relax", options={"relaxation": "shared"})
+    # A vehicle has values of roll, for a study that asks for it.
+    told = "yaw_inertia" in choices and choices["yaw_inertia"].given is not None
+    asked = model.options.get("outputs") or ("lateral_acceleration", "vy")
+    seen = [
+        name
+        for name in asked
+        if name in {"lateral_acceleration", "vy"} and all(name in log.channels for log in data.logs)
+    ]
+    if model.kind == "single_track" and "roll" not in model.options and seen and not told:
+        tilt = ("accelerometer_tilt",) if "lateral_acceleration" in seen else ()
+        yield Addition("roll of the body", tilt, {"roll": True}, worth=0.1)
+    if late:
+        yield lag
+    if "tyres" not in model.options and _most(data) > LIMIT:
+        yield Addition("tyres: fiala", options={"tyres": "fiala"})
 
 
 def _has_meaning(found: Minimum, first: Minimum) -> bool:
@@ -134,6 +204,12 @@ def _frictions_are_known(found: Minimum, options: EstimatorOptions) -> bool:
         if not high - low < 2.0 * KNOWN * found.problem.values(found.z)[names[i]]:
             return False
     return True
+
+
+def _feels_roll(data: DataSet, model: ModelSpec) -> bool:
+    """Whether the accelerometer or the sideways speed, which roll shows in, is compared."""
+    outputs = model.options.get("outputs") or ("lateral_acceleration", "vy")
+    return any(all(name in log.channels for log in data.logs) for name in {"lateral_acceleration", "vy"} & set(outputs))
 
 
 def _most(data: DataSet) -> float:
@@ -185,5 +261,5 @@ def _solve(data: DataSet, tried: Structure, options: EstimatorOptions, first: Mi
         part = 0.3 * max(values["steering_delay"], 0.02)  # what was taken for a dead time is a lag in part
         values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}
     z = problem.scaled(values)
-    z[len(problem.free) :] = first.z[len(first.problem.free) :]
+    z[len(problem.free) :] = carried(first.z, first.problem, problem)
     return minimise(problem, options, z, close=1e-4)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,43 @@ class Drive:
         return np.concatenate((times[0] + step * np.arange(-many, 0), times)), many
 
 
+SMALL = 0.01
+"""Part of a standard deviation that is small enough for a derivative [1]."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What a fit takes for granted, and how far off it may be.
+
+    Attributes:
+        words: what it is, behind "depends on".
+        remedy: what would settle it.
+        changes: parameters by name where they are a part of a standard deviation off [their units].
+        part: which part: small, since estimates move by its first order, but such that the model can show it [1].
+        options: of the model, where what is in doubt is left out of it.
+        left_out: it may as well be nothing, and the log is asked; else it is an assumption that is surely off.
+    """
+
+    words: str
+    remedy: str
+    changes: Mapping[str, float] = field(default_factory=dict)
+    part: float = 1.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    left_out: bool = False
+
+
+class Effect(NamedTuple):
+    """What a doubt does.
+
+    Attributes:
+        doubt: which.
+        shift: standard deviation that it adds to each of the scaled free parameters, with its sign (p).
+    """
+
+    doubt: Doubt
+    shift: Array
+
+
 class Model(ABC):
     """Equations ẋ = f(x, u, p), y = h(x, u, p).
 
@@ -164,6 +201,16 @@ class Model(ABC):
         """Between which values a parameter makes sense."""
         del name, p
         return -np.inf, np.inf
+
+    def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
+        """What it takes for granted.
+
+        Args:
+            p: parameters.
+            assumed: those that are fixed to what nobody gave.
+        """
+        del p, assumed
+        return ()
 
     def remedy(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""

@@ -37,7 +37,7 @@ Without a mass, stiffnesses and inertia are per kilogram: that is all that motio
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,8 +45,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, pick_outputs
-from mirdrake.identification.models.single_track_parameters import single_track_parameters
+from mirdrake.identification.models.base import SMALL, Array, Doubt, Drive, Model, Values, channel_of, pick_outputs
+from mirdrake.identification.models.single_track_parameters import RELAXATION, single_track_parameters
 from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle
 from mirdrake.worlds.world import GRAVITY
 
@@ -56,6 +56,14 @@ _FROUDE, _BLEND = 0.2, 0.05
 _FINE = 0.03  # step of the integration over sqrt(L / g) [1]
 _SMOOTHING = 0.1  # of the speed, before it is differentiated [s]
 _LIGHTEST = 0.1  # an axle keeps so much of its load [1]
+_CENTRE = 0.05  # standard deviation of the centre of mass that is not known, over the wheelbase [1]
+_SIZE = 0.1  # of the wheelbase that is not known, over itself [1]
+_TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
+_FRICTION = 0.9  # of a dry road [1]
+_HEIGHT = 0.2  # of the centre of mass over the wheelbase [1]
+_LAG = 0.05  # of a steering [s]
+_GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
+_PART = 0.3  # of an effect that is left out, see Doubt [1]
 _SLIPPING = 0.4
 """Least time in which slip builds up, over the step of the integration [1]."""
 
@@ -69,7 +77,7 @@ class SingleTrackModel(Model):
         wheelbase: of the data set [m].
         tyres: one of :data:`TYRES`.
         roll: whether the body rolls.
-        relaxation: whether slip builds up over a length; None: if lengths are given.
+        relaxation: whether slip builds up over a length; "shared": over one for both axles; None: if lengths are given.
         outputs: channels to compare; None: all that there are.
 
     Raises:
@@ -82,19 +90,26 @@ class SingleTrackModel(Model):
         given: Mapping[str, float],
         wheelbase: float | None,
         *,
-        tyres: str = "linear",
-        roll: bool = False,
-        relaxation: bool | None = None,
+        tyres: str | None = None,
+        roll: bool | None = None,
+        relaxation: bool | str | None = None,
         outputs: list[str] | None = None,
     ) -> None:
+        left = {"tyres": tyres, "roll": roll, "relaxation": relaxation}
+        self._open = {name for name, value in left.items() if value is None}
+        tyres = tyres or "linear"
         if tyres not in TYRES:
             raise ConfigError(f"model.tyres: unknown tyres '{tyres}'; {did_you_mean(tyres, TYRES)}")
         self.kind = "single_track_roll" if roll else "single_track"
         if relaxation is None:
             relaxation = bool(given.get("relaxation_front") or given.get("relaxation_rear"))
+            self._open -= {"relaxation"} if relaxation else set()
+        if not isinstance(relaxation, bool) and relaxation != "shared":
+            raise ConfigError(f"model.relaxation: got '{relaxation}'; allowed: true, false, shared")
+        self._lengths = ("relaxation",) * 2 if relaxation == "shared" else ("relaxation_front", "relaxation_rear")
         more = [word for word, there in (("relaxation", relaxation), ("roll", roll)) if there]
         self.title = f"single track with {tyres.replace('_', ' ')} tyres" + "".join(f" and {word}" for word in more)
-        self._tyres, self._roll, self._relaxation = tyres, roll, bool(relaxation)
+        self._tyres, self._roll, self._relaxation = tyres, bool(roll), bool(relaxation)
         self._steer = channel_of(offered, STEERING, "the steering", self.kind)
         self._speed = channel_of(offered, SPEED, "the speed", self.kind)
         self.inputs = (self._steer, self._speed)
@@ -111,8 +126,10 @@ class SingleTrackModel(Model):
         self.outputs = pick_outputs(offered, possible, outputs, self.kind)
         self.through = NAMES
         self.parameters = single_track_parameters(
-            given, wheelbase, self._steer, outputs=self.outputs, tyres=tyres, roll=roll, relaxation=self._relaxation
-        )
+            given, wheelbase, self._steer, outputs=self.outputs, tyres=tyres, roll=self._roll,
+            relaxation=self._lengths if relaxation else (),
+        )  # fmt: skip
+        self._no_wheelbase = wheelbase is None and not (given.get("front_length") and given.get("rear_length"))
         p = {info.name: info.guess for info in self.parameters}
         length = p["front_length"] + p["rear_length"]
         self._v1 = _FROUDE * (GRAVITY * length) ** 0.5
@@ -198,8 +215,8 @@ class SingleTrackModel(Model):
             found += [x[3], sway]
         if self._relaxation:
             v = np.maximum(u[1], self._v1)
-            for i, (axle, slip) in enumerate(zip(("front", "rear"), slips, strict=True)):
-                time = np.maximum(p[f"relaxation_{axle}"] / v, _SLIPPING * self.fine)
+            for i, (length, slip) in enumerate(zip(self._lengths, slips, strict=True)):
+                time = np.maximum(p[length] / v, _SLIPPING * self.fine)
                 found.append((slip - x[self._slips + i]) / time)
         return np.stack(found)
 
@@ -274,8 +291,58 @@ class SingleTrackModel(Model):
             "friction_front": (0.1, 2.0),
             "friction_rear": (0.1, 2.0),
             "load_transfer": (0.0, 0.4 * (a + b)),
+            "roll_gain": (0.001, 0.03),
+            "roll_frequency": (4.0, 40.0),
+            "roll_damping": (0.03, 2.0),
+            "accelerometer_tilt": (-0.5, 1.5),
+            **dict.fromkeys(self._lengths, (0.02 * (a + b), 0.5 * (a + b))),
         }
         return ranges.get(name, (-np.inf, np.inf))
+
+    def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
+        """What is not in it, and what nobody gave.
+
+        The front axle carries 40 to 60 % of nearly all cars. A relaxation length or an arm of roll that was assumed may
+        be off by half of it; the pneumatic trail is a third of half a contact of 0.2 m (H. B. Pacejka, Tyre and Vehicle
+        Dynamics, 3rd ed., section 3.2). An accelerometer or the sideways speed show roll.
+        """
+        length, found = p["front_length"] + p["rear_length"], []
+
+        def doubt(names: Collection[str], off: Mapping[str, float], words: str, remedy: str) -> None:
+            if set(names) <= assumed and any(off.values()):
+                moved = {name: p[name] + SMALL * size for name, size in off.items()}
+                found.append(Doubt(words, remedy, moved, SMALL))
+
+        def lack(words: str, remedy: str, off: Mapping[str, float], options: Mapping[str, Any]) -> None:
+            if not set(options) - self._open:
+                found.append(Doubt(words, remedy, off, _PART, options, left_out=True))
+
+        lengths = ("front_length", "rear_length")
+        moved = {"front_length": _CENTRE * length, "rear_length": -_CENTRE * length}
+        doubt(lengths, moved, "where the centre of mass is", "give front_length and rear_length")
+        if self._no_wheelbase:
+            moved = {name: _SIZE * p[name] for name in lengths if name in assumed}
+            doubt((), moved, "the wheelbase", "give it")
+        if self._relaxation:
+            moved = {name: 0.5 * p[name] for name in self._lengths}
+            doubt(self._lengths, moved, "the relaxation length of the tyres", "give the vehicle, or that length")
+            trails = ("trail_front", "trail_rear")
+            moved = dict.fromkeys(trails, _TRAIL * length)
+            doubt(trails, moved, "the pneumatic trail of the tyres", "give the vehicle, or trail_front and trail_rear")
+        if self._roll:
+            moved = {"roll_arm": 0.5 * p["roll_arm"]}
+            doubt(("roll_arm",), moved, "how far the centre of mass is above the roll axis", "give roll_arm")
+        moved = {"relaxation": _PART * RELAXATION * length}
+        lack("whether the tyres relax", "give the vehicle, or its relaxation length", moved, {"relaxation": "shared"})
+        if {"lateral_acceleration", "vy"} & set(self.outputs):
+            lack("whether the body rolls", "fit a single_track_roll", {"roll_gain": _PART * _GAIN}, {"roll": True})
+        moved = dict.fromkeys(("friction_front", "friction_rear"), _FRICTION / _PART)
+        lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "fiala"})
+        if "load_transfer" in assumed:
+            lack("load transfer in braking", "give load_transfer", {"load_transfer": _PART * _HEIGHT * length}, {})
+        if "steering_lag" in assumed and self._steer != "road_wheel_angle":
+            lack("a lag of the steering", "record road_wheel_angle", {"steering_lag": _PART * _LAG}, {})
+        return tuple(found)
 
     def remedy(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""

@@ -1,6 +1,6 @@
 """The parameters of the single track: guesses and bounds by its loads and lengths, or as a vehicle has them."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 from mirdrake.identification.models.steer import steering_parameters
 from mirdrake.identification.parameters import Parameter
@@ -9,8 +9,13 @@ from mirdrake.worlds.world import GRAVITY
 _CORNERING = 12.0
 """Cornering stiffness over load, a common tyre [1/rad]."""
 
-_RELAXATION = 0.15
+RELAXATION = 0.15
 """Relaxation length over wheelbase [1]: 0.4 m for a car (Pacejka, Tyre and Vehicle Dynamics, 3rd ed., chapter 7)."""
+
+_ROLL_ARM = 0.15
+"""Centre of mass over the roll axis, over the wheelbase [1]: 0.4 m for a car."""
+
+_AXLES = {"relaxation": "both axles", "relaxation_front": "front", "relaxation_rear": "rear"}
 
 
 def single_track_parameters(
@@ -21,7 +26,7 @@ def single_track_parameters(
     outputs: Collection[str],
     tyres: str,
     roll: bool,
-    relaxation: bool,
+    relaxation: Sequence[str],
 ) -> tuple[Parameter, ...]:
     """Parameters of a single track.
 
@@ -32,11 +37,13 @@ def single_track_parameters(
         outputs: channels to compare.
         tyres: "linear", "fiala" or "magic_formula".
         roll: whether the body rolls.
-        relaxation: whether the tyres' slip builds up over a length.
+        relaxation: names of the lengths over which slip builds up, front and rear; none: at once.
     """
     lengths = [given.get("front_length"), given.get("rear_length")]
     total = wheelbase or given.get("assumed_wheelbase", 2.7)
     said = "half of the given wheelbase" if wheelbase else "assumed, no wheelbase is given"
+    if any(lengths):
+        said = "the rest of the wheelbase" if wheelbase else "assumed, no wheelbase is given"
     front = lengths[0] or (max(total - lengths[1], 0.1 * total) if lengths[1] else 0.5 * total)
     rear = lengths[1] or (max(total - front, 0.1 * total) if lengths[0] else 0.5 * total)
     mass = given.get("mass", 1.0)
@@ -55,8 +62,12 @@ def single_track_parameters(
             1e6,
             source="not given: stiffness and inertia are per kilogram" if bare else "",
         ),
-        Parameter("front_length", "m", "centre of mass to front axle", front, 0.01, 20.0, source=said),
-        Parameter("rear_length", "m", "centre of mass to rear axle", rear, 0.01, 20.0, source=said),
+        Parameter(
+            "front_length", "m", "centre of mass to front axle", front, 0.01, 20.0, source="" if lengths[0] else said
+        ),
+        Parameter(
+            "rear_length", "m", "centre of mass to rear axle", rear, 0.01, 20.0, source="" if lengths[1] else said
+        ),
         Parameter(
             "cornering_stiffness_front",
             stiff,
@@ -139,17 +150,18 @@ def single_track_parameters(
     if relaxation:
         found += [
             Parameter(
-                f"relaxation_{axle}",
+                key,
                 "m",
-                f"relaxation length of the tyres, {axle}",
-                _RELAXATION * (front + rear),
+                f"relaxation length of the tyres, {_AXLES[key]}",
+                RELAXATION * (front + rear),
                 0.0,
                 2.0 * (front + rear),
+                key == "relaxation",
                 scale=0.1 * (front + rear),
                 usual=2.0,
-                source="" if f"relaxation_{axle}" in given else "assumed: 0.15 of the wheelbase",
+                source="" if key in given else "assumed: 0.15 of the wheelbase",
             )
-            for axle in ("front", "rear")
+            for key in dict.fromkeys(relaxation)
         ]
         found += [
             Parameter(
@@ -164,10 +176,12 @@ def single_track_parameters(
             )
             for axle in ("front", "rear")
         ]
-    return (*found, *(_roll_parameters(given, outputs, mass) if roll else ()))
+    return (*found, *(_roll_parameters(given, outputs, mass, front + rear) if roll else ()))
 
 
-def _roll_parameters(given: Mapping[str, float], outputs: Collection[str], mass: float) -> tuple[Parameter, ...]:
+def _roll_parameters(
+    given: Mapping[str, float], outputs: Collection[str], mass: float, length: float
+) -> tuple[Parameter, ...]:
     # Where no sensor sees the roll, what a vehicle's files say of it is better than what a log does.
     seen = bool({"roll", "roll_rate"} & set(outputs))
     gain, frequency, damping = ("roll_gain", "roll_frequency", "roll_damping")
@@ -180,7 +194,10 @@ def _roll_parameters(given: Mapping[str, float], outputs: Collection[str], mass:
             frequency, "rad/s", "natural frequency of roll", 9.0, 1.0, 60.0, seen or frequency not in given, usual=0.7
         ),
         Parameter(damping, "1", "damping ratio of roll", 0.3, 0.02, 3.0, seen or damping not in given, usual=1.0),
-        Parameter("roll_arm", "m", "centre of mass over the roll axis", 0.0, 0.0, 3.0, scale=0.2, usual=2.0),
+        Parameter(
+            "roll_arm", "m", "centre of mass over the roll axis", _ROLL_ARM * length, 0.0, 3.0, scale=0.2, usual=2.0,
+            source="" if "roll_arm" in given else "assumed: 0.15 of the wheelbase",
+        ),
         Parameter(
             "wheel_momentum",
             "kg m" if "mass" in given else "m",

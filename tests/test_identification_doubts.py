@@ -1,0 +1,147 @@
+"""What a fit takes for granted, in its intervals: numbers worked by hand on a line."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from mirdrake.errors import ConfigError
+from mirdrake.identification.estimators import EstimatorOptions, fit
+from mirdrake.identification.estimators.doubts import covariance_of, effects_of, expected_square
+from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.solve import solve
+from mirdrake.identification.models import ModelSpec
+from mirdrake.identification.models.base import Doubt, Drive
+from mirdrake.identification.models.simulated import SimulatedModel
+from mirdrake.identification.parameters import Choice, Parameter, choose
+from tests.identification_rigs import FRONT, MASS, REAR, lateral_data
+
+LINEAR = EstimatorOptions(loss="linear", offsets=False)
+COUNT, NOISE = 4000, 0.1
+
+
+class Line(SimulatedModel):
+    """y = slope x + bend x², at rest; `curved`: with the bend as a parameter."""
+
+    kind = title = "line"
+    states, state_scales, inputs, outputs = ("none",), (1.0,), ("x",), ("y",)
+
+    def __init__(self, doubt=None, *, curved=True):
+        self.parameters = (Parameter("slope", "1", "of the line", 1.0, -10.0, 10.0, True, 1.0),)
+        if curved:
+            self.parameters += (Parameter("bend", "1/m", "of the line", 0.0, -10.0, 10.0, scale=1.0),)
+        self._doubt = doubt
+
+    def run(self, p, drive, first):
+        x = drive.inputs["x"]
+        return (p["slope"] * x + p.get("bend", 0.0) * x**2)[None], first
+
+    def start(self, p, drive, rows):
+        return np.zeros((1, len(rows)))
+
+    def doubts(self, p, assumed):
+        return () if self._doubt is None else (self._doubt,)
+
+    def offset_scale(self, channel):
+        return 0.0
+
+
+def drive(bend, seed=0):
+    """x is 1 and 2 by turns, so that the best slope for a bend c is off by c Σx³/Σx² = c 9/5."""
+    x = np.tile([1.0, 2.0], COUNT // 2)
+    y = 3.0 * x + bend * x**2 + np.random.default_rng(seed).normal(0.0, NOISE, COUNT)
+    return Drive("line", "train", 0.0, 0.01, {"x": x}, {"y": y})
+
+
+def effects(model, bend, choices, seed=0):
+    problem = Problem(model, [drive(bend, seed)], choose(model.parameters, choices), {"y": NOISE}, False)
+    solution = solve(problem, LINEAR)
+    found = effects_of(solution, LINEAR, lambda options: Line())
+    return solution, found
+
+
+def test_a_fixed_value_with_a_standard_deviation_moves_the_slope_by_9_over_5_of_it():
+    _, found = effects(Line(), 0.0, {"bend": Choice(fixed=0.0, sigma=0.05)})
+    assert found[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
+    # Whatever the log says: with a bend that is really there it is no other.
+    _, bent = effects(Line(), 0.3, {"bend": Choice(fixed=0.0, sigma=0.05)})
+    assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
+    assert covariance_of([*found, *bent], 1)[0, 0] == pytest.approx(2.0 * 0.09**2, rel=2e-3)
+
+
+def test_what_is_left_out_counts_as_far_as_the_log_has_it():
+    """Information on the bend, the slope taken out: Σx⁴ - (Σx³)²/Σx² = n (17 - 81/5)/2 = 0.4 n over the noise."""
+    lack = Doubt("a bend", "draw it straight", {"bend": 0.5}, 1.0, {"curved": True}, left_out=True)
+    variance = NOISE**2 / (0.4 * COUNT) / 0.5**2
+    for bend in (0.0, 0.02, 0.2):
+        solution, found = effects(Line(lack, curved=False), bend, {})
+        x, y = solution.problem.drives[0].inputs["x"], solution.problem.drives[0].outputs["y"]
+        best = np.linalg.lstsq(np.column_stack((x, x**2)), y, rcond=None)[0][1] / 0.5
+        spread = float(np.std(y - np.polyval(np.array([best * 0.5, (x @ (y - best * 0.5 * x**2)) / (x @ x), 0.0]), x)))
+        assert spread == pytest.approx(NOISE, rel=0.05)
+        size = expected_square(best, variance * (solution.problem.sigmas["y"] / NOISE) ** 2)
+        assert abs(found[0].shift[0]) == pytest.approx(1.8 * 0.5 * size**0.5, rel=0.15)
+    # The bend of 0.2 is in the interval with its own size, and one that is not there is not.
+    assert abs(found[0].shift[0]) == pytest.approx(1.8 * 0.2, rel=0.1)
+    none = [abs(effects(Line(lack, curved=False), 0.0, {}, seed)[1][0].shift[0]) for seed in range(20)]
+    assert np.median(none) < 0.2 * 0.5 * 1.8 * math.sqrt(variance)
+
+
+@pytest.mark.parametrize(("estimate", "variance"), [(0.0, 0.01), (0.3, 0.01), (0.5, 0.3), (1.0, 100.0), (2.0, 1e-4)])
+def test_mean_square_is_that_of_a_spike_and_a_slab(estimate, variance):
+    sigma = variance**0.5
+
+    def slab(q):
+        return norm.pdf(q) * norm.pdf(estimate, q, sigma)
+
+    near = estimate / (1.0 + variance), (variance / (1.0 + variance)) ** 0.5
+    ends = near[0] - 10.0 * near[1], near[0] + 10.0 * near[1]
+    evidence = quad(slab, *ends)[0]
+    wanted = quad(lambda q: q * q * slab(q), *ends)[0] / (evidence + norm.pdf(estimate, 0.0, sigma))
+    assert expected_square(estimate, variance) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_a_mass_that_is_not_sure_is_in_the_stiffness_and_not_in_the_delay():
+    """Motion tells force over mass: a mass of ± 2 % leaves stiffness and inertia as unsure."""
+    known = {"front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
+    spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
+    rest = {
+        "steering_lag": Choice(free=True),
+        "load_transfer": Choice(fixed=0.0),
+        "accelerometer_ahead": Choice(free=False),
+    }
+    found: Any = fit(lateral_data(), spec, parameters={**known, **rest, "mass": Choice(fixed=MASS, sigma=0.02 * MASS)})
+    for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
+        one = found[name]
+        assert one.of_model == pytest.approx(0.02 * one.value, rel=0.02)
+        assert one.sigma == pytest.approx(math.hypot(one.of_noise, one.of_model))
+        assert one.verdict == "weakly identified" or one.of_model < 0.02 * one.value
+        assert 0.5 * (one.high - one.low) == pytest.approx(1.96 * one.sigma, rel=0.01)
+    assert found["steering_delay"].of_model < 0.05 * found["steering_delay"].of_noise
+
+
+def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
+    spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
+    found: Any = fit(lateral_data(), spec, parameters={"mass": Choice(fixed=MASS), "steering_lag": Choice(free=True)})
+    for name, truth in (("cornering_stiffness_front", 90e3), ("cornering_stiffness_rear", 110e3)):
+        one = found[name]
+        assert one.verdict == "weakly identified"
+        assert "where the centre of mass is: give front_length and rear_length" in one.words
+        assert one.low < truth < one.high
+        assert abs(one.value - truth) > 3.0 * one.of_noise
+    text = found.table()
+    assert "± of noise" in text
+    assert "± of model" in text
+
+
+def test_a_standard_deviation_is_that_of_a_fixed_value():
+    parameters = Line().parameters
+    with pytest.raises(ConfigError, match="sigma must be positive"):
+        choose(parameters, {"bend": Choice(fixed=0.0, sigma=0.0)})
+    with pytest.raises(ConfigError, match="give a prior"):
+        choose(parameters, {"slope": Choice(sigma=0.1)})
+    assert replace(choose(parameters, {"bend": Choice(fixed=1.0, sigma=0.1)})[1], sigma=None).sigma is None

@@ -1,0 +1,86 @@
+"""What is added to a model where a study leaves it open: relaxation of the tyres, by drives with and without it."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from mirdrake.identification import DataSet, Log
+from mirdrake.identification.estimators import EstimatorOptions, fit
+from mirdrake.identification.estimators.structure import additions, choose_structure
+from mirdrake.identification.models import ModelSpec
+from mirdrake.identification.parameters import Choice
+from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, speed, steering
+
+CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
+SPEC = ModelSpec("single_track", {"roll": False, "tyres": "linear"})
+
+
+@cache
+def relaxing(length, seed=0, duration=20.0):
+    """Drive of a single track whose slips follow within a length [m], the equations written out once more."""
+    p = TRUTH
+
+    def rates(t, x):
+        vy, r, front, rear = x
+        v, angle = speed(t), steering(t)
+        slips = np.arctan((vy + FRONT * r) / v) - angle, np.arctan((vy - REAR * r) / v)
+        if length == 0.0:
+            front, rear = slips
+        side = -p["cornering_stiffness_front"] * front * np.cos(angle), -p["cornering_stiffness_rear"] * rear
+        late = [v * (slip - now) / length if length else 0.0 for slip, now in zip(slips, (front, rear), strict=True)]
+        return [sum(side) / MASS - v * r, (FRONT * side[0] - REAR * side[1]) / p["yaw_inertia"], *late]
+
+    time = np.arange(0.0, duration, 0.02)
+    x = solve_ivp(rates, (0.0, duration), np.zeros(4), t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    random = np.random.default_rng(seed)
+    seen = {
+        "vx": speed(time), "vy": x[0] + random.normal(0.0, NOISE["vy"], len(time)),
+        "yaw_rate": x[1] + random.normal(0.0, NOISE["yaw_rate"], len(time)), "road_wheel_angle": steering(time),
+    }  # fmt: skip
+    return DataSet((Log("drive", "train", time, seen),), wheelbase=FRONT + REAR)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.4])
+def test_tyres_relax_where_the_drives_ask_for_it(length):
+    data = relaxing(length)
+    found = choose_structure(data, SPEC, CAR, EstimatorOptions())
+    assert ("relaxation" in found.model.options) == (length > 0.0)
+    assert bool(found.notes) == (length > 0.0)
+    if length:
+        assert "relax" in found.notes[0]
+        result: Any = fit(data, found.model, parameters=found.choices, start=found.start)
+        for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
+            one = result[name]
+            assert one.sigma < 0.03 * one.value
+            assert abs(one.value - TRUTH[name]) < 1.5 * 1.96 * one.sigma
+        one = result["relaxation"]
+        assert one.sigma < 0.1 * length
+        assert abs(one.value - length) < 1.5 * 1.96 * one.sigma
+
+
+def test_a_fit_without_relaxation_says_that_its_inertia_depends_on_it():
+    """The plain model has the inertia low by far more than its noise; what is left out has it in the interval."""
+    data = relaxing(0.4)
+    one: Any = fit(data, SPEC, parameters=CAR)["yaw_inertia"]
+    assert one.value < 0.95 * TRUTH["yaw_inertia"]
+    assert one.value + 1.96 * one.of_noise < TRUTH["yaw_inertia"] < one.high
+    assert one.verdict in {"weakly identified", "not identifiable"}
+    assert "whether the tyres relax: give the vehicle, or its relaxation length" in one.words
+
+
+def test_what_a_study_or_a_vehicle_says_is_not_tried():
+    data = relaxing(0.4)
+
+    def tried(options, choices):
+        return [one.words for one in additions(data, ModelSpec("single_track", options), choices)]
+
+    assert "tyres that relax" in tried({}, {})
+    assert "tyres that relax" not in tried({"relaxation": False}, {})
+    assert "tyres that relax" not in tried({}, {"relaxation_front": Choice(given=0.4)})
+    assert "roll of the body" in tried({}, {})
+    assert "roll of the body" not in tried({"roll": False}, {})
+    assert "roll of the body" not in tried({"outputs": ["yaw_rate"]}, {})
+    assert "roll of the body" not in tried({}, {"yaw_inertia": Choice(given=2400.0)})
