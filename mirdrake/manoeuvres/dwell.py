@@ -51,9 +51,13 @@ class SineWithDwellSpec(ManoeuvreSpec):
         math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak [rad]", "R", "FMVSS 126"
     )
     settle: Duration = setting(0.5, "straight ahead before [s]", "own", ge=0.0)
+    time_step: Duration = setting(
+        0.0025, "of the plant, unless plant.time_step is given; a slide needs it [s]", "own", scales=False, gt=0.0
+    )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """A slowly increasing steer if A is not given, then all amplitudes to both sides."""
+        rig = rig.with_step(self.time_step)
         facts = rig.facts
         check_speed(facts, self.speed)
         angle = self.angle or self._find_angle(rig, outcome)
@@ -97,7 +101,8 @@ class SineWithDwellSpec(ManoeuvreSpec):
             for number, wait in enumerate(self.waits):
                 ratio = max(found.ratios[number] for _, found in results)
                 text = f"Largest yaw-rate ratio {wait:.3g} s after completion, {side}"
-                outcome.add(f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{100 * self.shares[number]:g} %")
+                most = 100.0 * self.shares[number]
+                outcome.add(f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{most:g} %", scale=most)
             ways = [found.displacement for amplitude, found in results if amplitude >= self.way_from * angle - 1e-9]
             text = f"Smallest displacement {self.way_time:.3g} s after the beginning, {side}"
             outcome.add(f"displacement_{side}", text, min(ways, default=math.nan), "m", f"at least {self.way:.3g} m")

@@ -21,6 +21,7 @@ from mirdrake.manoeuvres.metrics.straight import (
     time_to_distance,
     time_to_speed,
 )
+from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.yaml_io import Duration, Length, Speed
@@ -28,6 +29,9 @@ from mirdrake.yaml_io import Duration, Length, Speed
 _LINE = {"kind": "straight", "length": 1.0}
 _STEADY_HANDS = {"course": 0.0, "preview": 0.2}
 """How the driver of a brake test keeps to his line: he catches a car that turns before it has left it."""
+
+_BEFORE = 0.3  # time before the brake is pressed [s]
+_ROUND = math.radians(60.0)  # heading from which on a car does not come back, but turns round
 
 
 def _line(length: float) -> dict[str, Any]:
@@ -96,9 +100,17 @@ class AccelerationSpec(ManoeuvreSpec):
         FOOT, "way whose time is subtracted [m]", "E", "Edmunds, Car and Driver", scales=False, gt=0.0
     )
     longest: Duration = setting(60.0, "longest run [s]", "own", gt=0.0)
+    time_step: Duration = setting(
+        0.0025,
+        "of the plant, unless plant.time_step is given; wheels that swing after a shift need it [s]",
+        "own",
+        scales=False,
+        gt=0.0,
+    )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run."""
+        rig = rig.with_step(self.time_step)
         facts = rig.facts
         fast, quarter = 100.0 * KMH, 0.25 * MILE
         wanted = min(fast, 0.97 * facts.top_speed)
@@ -201,8 +213,8 @@ class SplitFrictionSpec(ManoeuvreSpec):
     yaw: float = setting(math.radians(15.0), "largest heading error that passes [rad]", "own", gt=0.0)
     lowest: float = setting(0.5, "deceleration below which it counts as not possible [m/s^2]", "own", gt=0.0)
     time_step: Duration = setting(
-        0.0025,
-        "of the plant, unless plant.time_step is given; the first steering needs it [s]",
+        0.00125,
+        "of the plant, unless plant.time_step is given; the first steering and a spin need it [s]",
         "own",
         scales=False,
         gt=0.0,
@@ -225,37 +237,43 @@ class SplitFrictionSpec(ManoeuvreSpec):
             ground={"patches": [strip]},
             wide=4.0 * self.sideways,
         )
-        braking = stop_from(record.time, record.vx, record.distance, 0.95 * self.speed)
-        offset = float(np.max(np.abs(record.y)))
-        heading = float(np.max(np.abs(record.yaw)))
-        way, mean, note = braking.distance, braking.mean, ""
-        if heading > math.radians(60.0):
-            way, mean, note = math.nan, math.nan, "it turned round"
-        outcome.add("distance", f"From {0.95 * self.speed / KMH:.1f} km/h to standstill", way, "m", note)
-        outcome.add("mean", "Mean deceleration", mean, "m/s²", note)
+        heading = np.abs(record.yaw)
+        turned = crossing(record.time, heading, _ROUND)  # from then on it spins, and the figures are those of a spin
+        seen = ~(record.time > turned)
+        offset, most = float(np.max(np.abs(record.y[seen]))), float(np.max(heading[seen]))
+        angle, rate = np.abs(np.degrees(record.hand_wheel)), np.abs(np.degrees(record.yaw_rate))
+        if math.isnan(turned):
+            braking = stop_from(record.time, record.vx, record.distance, 0.95 * self.speed)
+            driven = (record.vx > 0.2 * self.speed) & (record.vx < 0.8 * self.speed)
+            steered = float(np.mean(np.degrees(record.hand_wheel[driven]))) if driven.any() else math.nan
+            outcome.add("distance", f"From {0.95 * self.speed / KMH:.1f} km/h to standstill", braking.distance, "m")
+            outcome.add("mean", "Mean deceleration", braking.mean, "m/s²")
+            outcome.add("hand_wheel_mean", "Mean hand-wheel angle, 80 to 20 % of the speed", steered, "deg", "+ left")
+        else:
+            text = f"Time until it had turned by {math.degrees(_ROUND):.0f} deg, after which nothing is told"
+            outcome.add("turned", text, turned - _BEFORE, "s")
+            offset, most = max(offset, abs(float(np.interp(turned, record.time, record.y)))), _ROUND
         outcome.add("sideways", "Largest offset to the side", offset, "m", f"at most {self.sideways:.3g} m")
         outcome.add(
-            "yaw", "Largest heading error", math.degrees(heading), "deg", f"at most {math.degrees(self.yaw):.0f} deg"
+            "yaw", "Largest heading error", math.degrees(most), "deg", f"at most {math.degrees(self.yaw):.0f} deg"
         )
-        outcome.add("yaw_rate", "Largest yaw rate", float(np.max(np.abs(np.degrees(record.yaw_rate)))), "deg/s")
-        later = float(np.interp(0.3 + 1.0, record.time, np.degrees(record.yaw)))
-        outcome.add("yaw_1s", "Heading after 1 s of braking", later, "deg")
-        angle = np.abs(np.degrees(record.hand_wheel))
+        outcome.add("yaw_rate", "Largest yaw rate", float(np.max(rate[seen])), "deg/s")
+        if not turned < _BEFORE + 1.0:
+            later = float(np.interp(_BEFORE + 1.0, record.time, np.degrees(record.yaw)))
+            outcome.add("yaw_1s", "Heading after 1 s of braking", later, "deg")
         outcome.add(
-            "hand_wheel", "Largest hand-wheel angle", float(np.max(angle)), "deg", "UN R13-H: 240 deg, recalled"
+            "hand_wheel", "Largest hand-wheel angle", float(np.max(angle[seen])), "deg", "UN R13-H: 240 deg, recalled"
         )
-        early = float(np.max(angle[record.time < 0.3 + 2.0 + 1e-6]))
+        early = float(np.max(angle[seen & (record.time < _BEFORE + 2.0 + 1e-6)]))
         outcome.add("hand_wheel_2s", "The same in the first 2 s", early, "deg", "UN R13-H: 120 deg, recalled")
-        driven = (record.vx > 0.2 * self.speed) & (record.vx < 0.8 * self.speed)
-        mean = float(np.mean(np.degrees(record.hand_wheel[driven]))) if driven.any() else math.nan
-        outcome.add("hand_wheel_mean", "Mean hand-wheel angle, 80 to 20 % of the speed", mean, "deg", "+ left")
         locked = _locked(record)
         if locked:
             outcome.notes.append(f"wheels locked: {', '.join(locked)}")
-        stays = offset <= self.sideways and heading <= self.yaw
+        stays = offset <= self.sideways and most <= self.yaw
         outcome.verdict = "pass" if stays else "fail"
         if not stays:
-            outcome.reason = f"it went {offset:.2f} m to the side and turned by {math.degrees(heading):.0f} deg"
+            outcome.reason = f"it went {offset:.2f} m to the side and turned by {math.degrees(most):.0f} deg"
+            outcome.reason += "" if math.isnan(turned) else " and on"
         _speed_charts(outcome, record, record.time >= 0.0)
         outcome.charts.append(Chart("x", "m", "y", "m", (Line("middle of the rear axle", record.x, record.y),)))
         wheel = Line("Hand-wheel angle", record.time, np.degrees(record.hand_wheel))
@@ -274,7 +292,7 @@ def brake_run(
     ground: dict[str, Any] | None = None,
     wide: float = math.inf,
 ) -> Record:
-    """Brake from a speed to standstill, from 0.3 s on.
+    """Brake from a speed to standstill, from :data:`_BEFORE` on.
 
     Args:
         rig: where.
@@ -288,13 +306,13 @@ def brake_run(
         wide: offset to the side at which the run ends [m].
     """
     check_speed(rig.facts, speed)
-    longest = 0.3 + speed / lowest
+    longest = _BEFORE + speed / lowest
     driver: dict[str, Any]
     if rig.pedals:
-        rows = [[0.0, 0.0, 0.0, 0.0], [0.3, 0.0, 0.0, 0.0], [0.3, 0.0, brake, 0.0]]
+        rows = [[0.0, 0.0, 0.0, 0.0], [_BEFORE, 0.0, 0.0, 0.0], [_BEFORE, 0.0, brake, 0.0]]
         driver = rig.line_driver(_line(speed * longest), pedals=rows, hands=hands, **_STEADY_HANDS)
     else:
-        rows = [[0.0, speed], [0.3, speed], [0.3, 0.0]]
+        rows = [[0.0, speed], [_BEFORE, speed], [_BEFORE, 0.0]]
         driver = rig.line_driver(_line(speed * longest), speeds=rows, hands=hands, **_STEADY_HANDS)
         outcome.notes.append("it has no pedals: the speed command steps to zero; its speed control limits the slope")
 
@@ -308,7 +326,9 @@ def brake_run(
         return "standstill" if stood and time > stood[0] + 0.1 else None
 
     record = rig.run(label, driver, duration=longest, speed=speed, ground=ground, stop=stop)
-    check_entry(float(np.interp(0.3, record.time, record.vx)), speed, 0.02 * speed, where="when the brake is pressed")
+    check_entry(
+        float(np.interp(_BEFORE, record.time, record.vx)), speed, 0.02 * speed, where="when the brake is pressed"
+    )
     if record.stop == "duration" and record.vx[-1] > 0.05:
         raise NotPossible(f"it still drove at {record.vx[-1] / KMH:.0f} km/h after {longest:.0f} s of braking")
     return record

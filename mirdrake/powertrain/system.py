@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from mirdrake.powertrain.law import Measured, PowertrainLaw
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
@@ -85,18 +85,19 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.wheel_torque = declare_state_output(self, "wheel_torque", WHEEL_TORQUE, self._torque)
         self.powertrain_status = declare_state_output(self, "powertrain_status", STATUS, self._status)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / rate, 0.0, self._update)
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
         """Start in the gear that belongs to the speed, with the pedals released."""
         state.set_value(self._memory, self.law.rest(self._measure(context).speed))
 
-    def _update(self, context: Context, state: DiscreteValues) -> None:
+    def _update(self, context: Context, state: State) -> None:
         memory = context.get_discrete_state(self._memory).value().tolist()
         memory, torques = self.law.step(memory, self.pedals.Eval(context).tolist(), self._measure(context))
-        state.set_value(self._torque, [*torques.drive, *torques.brake])
-        state.set_value(self._status, torques.status)
-        state.set_value(self._memory, memory)
+        values = state.get_mutable_discrete_state()
+        values.set_value(self._torque, [*torques.drive, *torques.brake])
+        values.set_value(self._status, torques.status)
+        values.set_value(self._memory, memory)
 
     def _measure(self, context: Context) -> Measured:
         x = self.plant_state.Eval(context).tolist()

@@ -204,6 +204,7 @@ def add_road_force(
     fx: float,
     fy: float,
     mz: float,
+    fz: float = 0.0,
     *,
     turn: float = 0.0,
 ) -> None:
@@ -216,6 +217,7 @@ def add_road_force(
         fx: force at the contact centre, ahead [N].
         fy: the same to the left [N].
         mz: moment about the vertical [N m].
+        fz: force upwards, beyond that of the plant's contact [N].
         turn: small angle by which the force is turned to the left [rad], as of a car that turns during a step.
     """
     along, minus_across = motion.ahead
@@ -223,15 +225,16 @@ def add_road_force(
     x, y = x - turn * y, y + turn * x
     rx, ry, rz = motion.arm_base
     base = wheel.base[1]
-    force[base] -= rz * y
-    force[base + 1] += rz * x
+    force[base] += ry * fz - rz * y
+    force[base + 1] += rz * x - rx * fz
     force[base + 2] += rx * y - ry * x + mz
     force[base + 3] += x
     force[base + 4] += y
+    force[base + 5] += fz
     force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx
     kx, ky, kz = motion.up
     if wheel.steering is not None:
         ex, ey, ez = motion.arm_pivot
-        force[wheel.steering[1]] += (ky * x - kx * y) * ez + kz * (ex * y - ey * x + mz)
+        force[wheel.steering[1]] += (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x + mz)
     if wheel.suspension is not None:
-        force[wheel.suspension[1]] += kx * x + ky * y
+        force[wheel.suspension[1]] += kx * x + ky * y + kz * fz
