@@ -115,6 +115,16 @@ def test_relaxation_and_roll_are_those_of_the_reduced_model():
         assert found == pytest.approx(theirs, rel=0.01, abs=0.02)
 
 
+def test_a_sideways_speed_measured_on_the_roof_sways_with_the_body():
+    """The velocity of a point of a rigid body: v + ω x p, with p 1.2 m ahead and 0.9 m above the roll axis."""
+    model = make_model(ModelSpec("single_track_roll", {"outputs": ["vy"]}), lateral_data(channels=["vy"]), KNOWN)
+    p = {info.name: info.guess for info in model.parameters} | {"velocity_ahead": 1.2, "velocity_height": 0.9}
+    vy, spin, roll, roll_rate = 0.3, 0.2, 0.01, -0.15
+    found = model.observe(np.array([vy, spin, roll, roll_rate]), np.array([0.02, 20.0, 0.0]), p)
+    theirs = np.array([20.0, vy, 0.0]) + np.cross([roll_rate, 0.0, spin], [1.2, 0.0, 0.9])
+    assert found == pytest.approx(theirs[1:2])
+
+
 def test_fiala_force_is_that_of_the_reduced_model():
     model = single_track(tyres="fiala")
     p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8}

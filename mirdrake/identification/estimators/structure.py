@@ -171,8 +171,8 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
         if name in {"lateral_acceleration", "vy"} and all(name in log.channels for log in data.logs)
     ]
     if model.kind == "single_track" and "roll" not in model.options and seen and not told:
-        tilt = ("accelerometer_tilt",) if "lateral_acceleration" in seen else ()
-        yield Addition("roll of the body", tilt, {"roll": True}, worth=0.1)
+        places = {"lateral_acceleration": "accelerometer_tilt", "vy": "velocity_height"}
+        yield Addition("roll of the body", tuple(places[name] for name in seen), {"roll": True}, worth=0.1)
     if late:
         yield lag
     if "tyres" not in model.options and _most(data) > LIMIT:
@@ -204,12 +204,6 @@ def _frictions_are_known(found: Minimum, options: EstimatorOptions) -> bool:
         if not high - low < 2.0 * KNOWN * found.problem.values(found.z)[names[i]]:
             return False
     return True
-
-
-def _feels_roll(data: DataSet, model: ModelSpec) -> bool:
-    """Whether the accelerometer or the sideways speed, which roll shows in, is compared."""
-    outputs = model.options.get("outputs") or ("lateral_acceleration", "vy")
-    return any(all(name in log.channels for log in data.logs) for name in {"lateral_acceleration", "vy"} & set(outputs))
 
 
 def _most(data: DataSet) -> float:

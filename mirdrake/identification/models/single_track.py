@@ -231,7 +231,9 @@ class SingleTrackModel(Model):
             if name == "yaw_rate":
                 found.append(x[1])
             elif name == "vy":
-                found.append(x[0] + p["velocity_ahead"] * x[1])
+                # The state is that of the roll axis; what is above it goes to the left as the body rolls to the left.
+                above = p["velocity_height"] * x[3] if self._roll else 0.0
+                found.append(x[0] + p["velocity_ahead"] * x[1] - above)
             elif name in {"roll", "roll_rate"}:
                 found.append(x[2 if name == "roll" else 3])
             else:
@@ -295,6 +297,7 @@ class SingleTrackModel(Model):
             "roll_frequency": (4.0, 40.0),
             "roll_damping": (0.03, 2.0),
             "accelerometer_tilt": (-0.5, 1.5),
+            "velocity_height": (-0.5 * (a + b), a + b),
             **dict.fromkeys(self._lengths, (0.02 * (a + b), 0.5 * (a + b))),
         }
         return ranges.get(name, (-np.inf, np.inf))

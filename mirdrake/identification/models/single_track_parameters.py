@@ -214,6 +214,9 @@ def _roll_parameters(
             "accelerometer_height", "m", "accelerometer over the roll axis", 0.0, -5.0, 5.0, scale=0.3, usual=2.0
         ),
         Parameter(
+            "velocity_height", "m", "place of the measured vy over the roll axis", 0.0, -5.0, 5.0, scale=0.3, usual=2.0
+        ),
+        Parameter(
             "accelerometer_tilt", "1", "1: it leans with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3,
             usual=2.0,
         ),
