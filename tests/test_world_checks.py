@@ -254,11 +254,13 @@ def test_five_hundred_props_are_laid_out_and_checked_within_a_second() -> None:
         """
     )
     load_world(name)
-    began = time.perf_counter()
-    faults = check_world(name)  # a worker asks Drake
-    took = time.perf_counter() - began
-    assert len(faults) == 9
-    assert took < 3.0  # 0.6 s when the machine does nothing else
+    seconds = []
+    for _ in range(3):  # the least counts: other load on the machine can only add
+        began = time.perf_counter()
+        faults = check_world(name)  # a worker asks Drake
+        seconds.append(time.perf_counter() - began)
+        assert len(faults) == 9
+    assert min(seconds) < 3.0  # 0.6 s when the machine does nothing else
     write(Path(name).read_text().replace("mirdrake: world/1\n", "").replace("27]", "60]"))
     world = load_world(name)
     began = time.process_time()
