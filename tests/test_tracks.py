@@ -1,6 +1,5 @@
 import itertools
 import math
-import time
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from scipy.special import fresnel
 from mirdrake.errors import WorldError
 from mirdrake.worlds import Piece, Track, load_world
 from mirdrake.worlds.pieces import advance
+from tests.timing import reference_seconds
 
 
 @pytest.fixture(scope="module")
@@ -244,13 +244,11 @@ def test_projecting_near_the_last_place_is_quick(main_track: Track):
     s = np.linspace(0.0, 960.0, 500)
     points = list(zip(*(values.tolist() for values in (*main_track.point(s, 0.3), s + 0.2)), strict=True))
 
-    def seconds() -> float:
-        begin = time.perf_counter()
+    def project() -> None:
         for x, y, near in points:
             main_track.project(x, y, near=near)
-        return (time.perf_counter() - begin) / len(points)
 
-    assert min(seconds() for _ in range(5)) < 100e-6  # about 10 us on an idle machine
+    assert reference_seconds(project) / len(points) < 50e-6  # about 10 us
 
 
 # --- random tracks ------------------------------------------------------------------------------------------------
