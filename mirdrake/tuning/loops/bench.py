@@ -67,6 +67,8 @@ class PlantBench:
             self._noisy = self.assembly.diagram.GetSubsystemByName("noisy")
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         self._driven = [WHEELS.index(wheel) for wheel in part.vehicle.spec.driven_wheels()]
+        front, rear = part.rolling_radii(plant)
+        self.radius = front if self._driven[0] < 2 else rear  # rolling, of the first driven wheel [m]
         actuators = part.steering_actuators
         if spec.kind != "steering":
             actuators = tuple(part.wheel_actuators[i] for i in self._driven)
@@ -246,12 +248,6 @@ class PlantBench:
             if end < course["duration"]:
                 self._push(context, self._late.load, course["load"])
         return False
-
-    @property
-    def radius(self) -> float:
-        """Rolling radius of the first driven wheel [m]."""
-        front, rear = self.part.rolling_radii(self.assembly.parts.plant)
-        return front if self._driven[0] < 2 else rear
 
     def signals(self, context: Context) -> tuple[Floats, Floats, Floats, Floats]:
         """Time [s], reference [y], output [y] and effort [u] of a run, a row a period."""
