@@ -11,14 +11,14 @@ from scipy.stats import norm
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.doubts import covariance_of, effects_of, expected_square
+from mirdrake.identification.estimators.doubts import effects_of, expected_square
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.solve import solve
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.models.base import Doubt, Drive
 from mirdrake.identification.models.simulated import SimulatedModel
 from mirdrake.identification.parameters import Choice, Parameter, choose
-from tests.identification_rigs import FRONT, MASS, REAR, lateral_data
+from tests.identification_rigs import COAST, FRONT, MASS, REAR, coast_data, lateral_data
 
 LINEAR = EstimatorOptions(loss="linear", offsets=False)
 COUNT, NOISE = 4000, 0.1
@@ -70,7 +70,6 @@ def test_a_fixed_value_with_a_standard_deviation_moves_the_slope_by_9_over_5_of_
     # Whatever the log says: with a bend that is really there it is no other.
     _, bent = effects(Line(), 0.3, {"bend": Choice(fixed=0.0, sigma=0.05)})
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
-    assert covariance_of([*found, *bent], 1)[0, 0] == pytest.approx(2.0 * 0.09**2, rel=2e-3)
 
 
 def test_what_is_left_out_counts_as_far_as_the_log_has_it():
@@ -136,6 +135,33 @@ def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
     text = found.table()
     assert "± of noise" in text
     assert "± of model" in text
+
+
+def test_a_coast_down_tells_resistance_per_moving_mass_on_a_road_that_may_slope():
+    """The speed shows (c + γ) m g and D over m + mr: 3 % of m in mr are 3 % of both, 0.001 of γ is 0.001 of c."""
+    spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
+    choices = {"mass": Choice(fixed=MASS), "viscous_resistance": Choice(fixed=0.0)}
+    found: Any = fit(coast_data(), spec, parameters=choices)
+    rolling, drag = COAST["rolling_resistance"], COAST["drag"]
+    assert found["rolling_resistance"].of_model == pytest.approx(math.hypot(0.001, 0.03 * rolling), rel=0.02)
+    assert found["drag"].of_model == pytest.approx(0.03 * drag, rel=0.02)
+    assert "depends on the slope of the road: drive both ways" in found["rolling_resistance"].words
+    assert "depends on what the turning masses are worth: give rotating_mass" in found["drag"].words
+    # The deceleration goes with neither: it has the noise alone.
+    (text,) = (one for one in found.combinations if one.startswith("deceleration without pedals at 20 m/s"))
+    value, _, error, _ = text.split(": ")[1].split(" ")
+    assert float(value) == pytest.approx(rolling * 9.80665 + 400.0 * drag / MASS, rel=1e-3)
+    assert float(error) < 1e-3
+
+
+def test_resistance_over_speed_that_is_left_out_widens_what_it_would_bend():
+    spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
+    known = dict.fromkeys(("rotating_mass", "slope"), Choice(fixed=0.0)) | {"mass": Choice(fixed=MASS)}
+    asked: Any = fit(coast_data(), spec, parameters=known)
+    sure: Any = fit(coast_data(), spec, parameters={**known, "viscous_resistance": Choice(fixed=0.0)})
+    for name in COAST:
+        assert sure[name].of_model == 0.0
+        assert sure[name].of_noise < asked[name].of_model < 0.01 * asked[name].value
 
 
 def test_a_standard_deviation_is_that_of_a_fixed_value():

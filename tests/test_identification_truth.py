@@ -106,12 +106,18 @@ def test_standard_manoeuvres_give_all_within_2_percent_and_no_estimator_could_do
         assert 0.9 * seeds <= held <= 0.99 * seeds, name
 
 
+COASTING = {"mass": Choice(fixed=MASS)} | dict.fromkeys(
+    ("rotating_mass", "slope", "viscous_resistance"), Choice(fixed=0.0)
+)
+"""All that is known of the closed form; what is assumed instead would widen the intervals."""
+
+
 @pytest.mark.slow
 def test_intervals_of_a_coast_down_hold_the_truth_in_90_to_99_of_100_seeds():
     counts: dict[str, int] = {}
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
     for seed in range(100):
-        found: Any = fit(coast_data(seed), spec, parameters={"mass": Choice(fixed=MASS)})
+        found: Any = fit(coast_data(seed), spec, parameters=COASTING)
         _inside(found, COAST, counts)
         for name, value in COAST.items():
             assert found[name].value == pytest.approx(value, rel=0.02)
@@ -238,13 +244,13 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
     spec = load_vehicle("bolt@handling").spec
     so = truth()
     wanted = {"rolling_resistance": spec.tyres.rolling_resistance, "drag": 0.5 * 1.2 * spec.aerodynamics.drag_area}
-    fixed = {"mass": Choice(fixed=so.mass), "rotating_mass": Choice(fixed=so.rotating_mass)}
+    fixed = {"mass": Choice(fixed=so.mass), "rotating_mass": Choice(fixed=so.rotating_mass), "slope": Choice(fixed=0.0)}
     for seed in range(4):
         data = DataSet((noisy(bolt[1], ("vx",), seed, name="coast"),))
         found: Any = fit(data, ModelSpec("longitudinal"), parameters=fixed)
         for name, value in wanted.items():
             assert found[name].value == pytest.approx(value, rel=0.02), (name, seed)
-            assert abs(found[name].value / value - 1.0) < 4.0 * half(found[name])
+            assert found[name].low < value < found[name].high
 
 
 @pytest.mark.slow

@@ -150,8 +150,18 @@ def combinations(
     values: Mapping[str, float],
     covariance: Array,
     judged: Sequence[FittedParameter],
+    effects: Sequence[Effect] = (),
 ) -> tuple[str, ...]:
-    """What is identified where single parameters are not: named combinations of the model, then eigenvectors."""
+    """What is identified where single parameters are not: named combinations of the model, then eigenvectors.
+
+    Args:
+        model: what was fitted.
+        unknowns: all parameters.
+        values: estimates.
+        covariance: of the scaled free parameters, by noise (p, p).
+        judged: parameters with their verdicts.
+        effects: what may be off besides; a combination may not feel it, since it goes with what is assumed, too.
+    """
     poor = {one.name for one in judged if one.verdict in {"not identifiable", "weakly identified"}}
     if not poor:
         return ()
@@ -164,15 +174,21 @@ def combinations(
         up, down = (model.derived({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4))
         for name in base:
             slopes[name][i] = (up[name][0] - down[name][0]) / 2e-4
+    others = [(effect, model.derived({**values, **effect.doubt.changes})) for effect in effects]
     for name, (value, unit) in base.items():
-        sigma = float(np.sqrt(max(float(slopes[name] @ covariance @ slopes[name]), 0.0)))
+        variance = float(slopes[name] @ covariance @ slopes[name])
+        for effect, other in others:
+            itself = effect.size * (other[name][0] - value) / effect.doubt.part
+            variance += (float(slopes[name] @ effect.shift) + itself) ** 2
+        sigma = max(variance, 0.0) ** 0.5
         touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[name]) > 1e-12)}
         if touched & poor and sigma < 0.15 * abs(value):
             texts.append(f"{name}: {value:.4g} ± {1.96 * sigma:.2g} {unit}")
     # Directions of the scaled parameters: those of a small variance that are made of poor ones.
     index = [i for i, one in enumerate(free) if one.info.name in poor]
     if len(index) > 1:
-        values_, vectors = np.linalg.eigh(covariance[np.ix_(index, index)])
+        wide = covariance + sum(np.outer(one.shift, one.shift) for one in effects)
+        values_, vectors = np.linalg.eigh(wide[np.ix_(index, index)])
         for variance, vector in zip(values_, vectors.T, strict=True):
             big = np.abs(vector) > 0.2
             if variance**0.5 < IDENTIFIED and big.sum() > 1:

@@ -17,7 +17,7 @@ E[q²] = P (m² + v / (1 + v)), m = q̂ / (1 + v) (J. A. Hoeting et al., Bayesia
 which was expected.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -108,8 +108,8 @@ def effects_of(solution: Solution, options: EstimatorOptions, remake: Remake) ->
     for doubt in doubts:
         answer = ask.answer(doubt)
         if answer is not None:
-            size = expected_square(answer.estimate, ask.variance(answer)) if doubt.left_out else 1.0
-            found.append(Effect(doubt, size**0.5 * answer.shift[: len(solution.problem.free)]))
+            size = expected_square(answer.estimate, ask.variance(answer)) ** 0.5 if doubt.left_out else 1.0
+            found.append(Effect(doubt, size * answer.shift[: len(solution.problem.free)], size))
     return tuple(found)
 
 
@@ -155,11 +155,3 @@ def _moved(problem: Problem, z: Array, doubt: Doubt, remake: Remake) -> Array | 
     other = Problem(model, problem.drives, unknowns, problem.sigmas, problem.offsets, problem.joined)
     found = other.residuals(np.concatenate((z[: len(problem.free)], carried(z, problem, other))))
     return found[: problem.measured] if np.isfinite(found).all() else None
-
-
-def covariance_of(effects: Sequence[Effect], size: int) -> Array:
-    """What doubts add to the covariance of the scaled free parameters (p, p)."""
-    found = np.zeros((size, size))
-    for one in effects:
-        found += np.outer(one.shift, one.shift)
-    return found

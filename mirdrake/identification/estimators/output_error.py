@@ -11,7 +11,7 @@ import pandas as pd
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.estimators.doubts import covariance_of, effects_of
+from mirdrake.identification.estimators.doubts import effects_of
 from mirdrake.identification.estimators.drives import LEAST, make_drives
 from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.estimators.options import EstimatorOptions
@@ -135,7 +135,6 @@ def describe(
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     channels, traces = try_model(data, solution)
     error = any(one.part == "train" and one.whiteness_p is not None and one.whiteness_p < 1e-3 for one in channels)
-    wide += covariance_of(effects, len(sigmas))
     judged = judge(model, unknowns, values, sigmas, correlation, solution.bound, effects=effects, model_error=error)
     told = [*notes]
     if error:
@@ -162,7 +161,7 @@ def describe(
         how += f", pieces of {options.shooting:g} s" + (" joined" if options.continuity is not None else "")
     return Fit(
         name, model.title, how, judged, correlation, condition, channels, traces, profiles,
-        combinations(model, unknowns, values, wide, judged), tuple(advice), tuple(told), data.digest,
+        combinations(model, unknowns, values, wide, judged, effects), tuple(advice), tuple(told), data.digest,
         versions={package: version(package) for package in ("numpy", "scipy")},
     )  # fmt: skip
 

@@ -129,10 +129,12 @@ class Effect(NamedTuple):
     Attributes:
         doubt: which.
         shift: standard deviation that it adds to each of the scaled free parameters, with its sign (p).
+        size: how many of its own standard deviations that takes [1].
     """
 
     doubt: Doubt
     shift: Array
+    size: float = 1.0
 
 
 class Model(ABC):

@@ -15,7 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, first_order, pick_outputs
+from mirdrake.identification.models.base import (
+    SMALL,
+    Array,
+    Doubt,
+    Drive,
+    Model,
+    Values,
+    channel_of,
+    first_order,
+    pick_outputs,
+)
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.parameters import Parameter
 from mirdrake.worlds.world import GRAVITY
@@ -23,6 +33,10 @@ from mirdrake.worlds.world import GRAVITY
 _DRIVE = {"throttle": "throttle", "torque": "drive_torque"}
 _BRAKE = {"pedal": "brake", "torque": "brake_torque"}
 _STAND = 0.1
+_TURNING = 0.03  # what turns, over the mass [1]
+_SLOPE = 0.001  # of a road that is said to be flat [1]
+_VISCOUS = 0.01  # resistance over speed, over the force of the rolling resistance [s/m]
+_PART = 0.3  # of an effect that is left out, see Doubt [1]
 
 
 class LongitudinalModel(Model):
@@ -243,17 +257,14 @@ class LongitudinalModel(Model):
         return np.interp(rows, np.flatnonzero(good), seen[good])[None]
 
     def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
-        """Resistance at 20 m/s, and what a full pedal gives."""
-        m = p["mass"]
-        rolling = p["rolling_resistance"] * GRAVITY
-        found = {
-            "resistance over mass at 20 m/s": (
-                rolling + 400.0 * p["drag"] / m + 20.0 * p["viscous_resistance"] / m,
-                "m/s^2",
-            )
-        }
+        """What the road sees: decelerations, as the mass and what turns with it are in all forces."""
+        mass = p["mass"] + p["rotating_mass"]
+        rolling = (p["rolling_resistance"] + p["slope"]) * p["mass"] * GRAVITY
+        coasting = rolling + 400.0 * p["drag"] + 20.0 * p["viscous_resistance"]
+        found = {"deceleration without pedals at 20 m/s": (coasting / mass, "m/s^2")}
         if "brake_force" in p:
-            found["deceleration of a full pedal, with rolling resistance"] = (p["brake_force"] / m + rolling, "m/s^2")
+            braking = "deceleration of a full pedal, with rolling resistance"
+            found[braking] = ((p["brake_force"] + rolling) / mass, "m/s^2")
             found["brake delay and lag together"] = (p["brake_delay"] + p["brake_lag"], "s")
         return found
 
@@ -261,6 +272,35 @@ class LongitudinalModel(Model):
         """Rolling resistance of tyres on roads, drag of vehicles over their mass."""
         ranges = {"rolling_resistance": (0.001, 0.1), "drag": (2e-5 * p["mass"], 0.002 * p["mass"])}
         return ranges.get(name, (-np.inf, np.inf))
+
+    def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
+        """What nobody gave, and resistance over speed.
+
+        Wheels, gears and motor are worth 3 to 6 % of the mass of a car in its highest gear (T. D. Gillespie,
+        Fundamentals of Vehicle Dynamics, 1992, section 2); a test road is flat to 0.1 %; bearings, seals and tyres lose
+        some tenths of the rolling resistance more when fast.
+        """
+        found = []
+
+        def doubt(name: str, size: float, words: str, remedy: str) -> None:
+            if name in assumed:
+                found.append(Doubt(words, remedy, {name: p[name] + SMALL * size}, SMALL))
+
+        doubt("rotating_mass", _TURNING * p["mass"], "what the turning masses are worth", "give rotating_mass")
+        if not self._grade:
+            doubt("slope", _SLOPE, "the slope of the road", "drive both ways, or give the slope")
+        if "viscous_resistance" in assumed:
+            size = _VISCOUS * p["rolling_resistance"] * p["mass"] * GRAVITY
+            found.append(
+                Doubt(
+                    "whether resistance grows with speed",
+                    "free viscous_resistance",
+                    {"viscous_resistance": p["viscous_resistance"] + _PART * size},
+                    _PART,
+                    left_out=True,
+                )
+            )
+        return tuple(found)
 
     def remedy(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
