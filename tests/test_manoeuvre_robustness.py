@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ import pytest
 from mirdrake.cli import main
 from mirdrake.diagram import assemble
 from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, read_settings, run_manoeuvre
-from mirdrake.manoeuvres.base import Metric
+from mirdrake.manoeuvres.base import Metric, scaled
 from mirdrake.manoeuvres.courses import eight, make_line
-from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec
+from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, SlalomSpec
 from mirdrake.manoeuvres.search import find_highest
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
 from mirdrake.plant import PlantSpec
@@ -122,6 +123,41 @@ def test_the_driver_keeps_the_car_on_its_line_on_split_friction():
     assert 0.3 * 9.81 < (outcome.value("mean") or 0.0) < 0.7 * 9.81  # between ice on one side and asphalt on both
     assert (outcome.value("hand_wheel_mean") or 0.0) > 20.0  # to the left, where the road is slippery
     assert (outcome.value("sideways") or 9.0) < 0.6
+
+
+def test_a_driver_is_as_quick_as_the_steering_lets_him_and_looks_where_a_car_points_that_sways():
+    facts = find_facts(load_vehicle("unior@handling"))
+    facts = replace(
+        facts,
+        parameters=replace(
+            facts.parameters,
+            mass=40.0,
+            steering_lag=0.02,
+            front_relaxation=0.2,
+            front_stiffness=2000.0,
+            rear_stiffness=3000.0,
+        ),
+    )
+    # At 5 m/s the tyres take 0.04 s, the servo 0.02, driver and control unit 0.02; tyres of 25 kN/m under 40 kg sway
+    # with 25 rad/s, and their slip relaxes with 25 1/s.
+    assert facts.quickest(5.0) == pytest.approx(0.4 / 0.08)
+    assert facts.steadiness(2.5) == pytest.approx(0.5)
+    assert facts.steadiness(5.5) == 1.0
+    driver = replace(_rig("unior@handling"), facts=facts).line_driver({}, speed=2.5)
+    assert driver["frequency"] == pytest.approx(0.4 / 0.12)
+    assert driver["course"] == pytest.approx(0.5)
+
+
+def test_a_robot_does_not_sway_on_its_tyres_in_a_slalom():
+    """With a driver who answers to it, the steering runs to and fro at its highest rate, 8 times a second."""
+    rig = _rig("unior@handling").with_step(0.0025)
+    spec = scaled(SlalomSpec(), rig.facts.scale)
+    assert isinstance(spec, SlalomSpec)
+    record, _ = spec._try(rig, spec.sections(rig.facts.width), 3.0)
+    inside = (record.x > 5.0) & (record.x < 25.0)
+    turns = np.sum(np.diff(np.sign(np.diff(record.hand_wheel[inside]))) != 0)
+    assert turns < 30
+    assert float(np.max(np.abs(record.lateral_acceleration[inside]))) < 0.15 * 9.81
 
 
 @pytest.mark.slow

@@ -11,6 +11,12 @@ from mirdrake.worlds.world import GRAVITY
 CAR_WHEELBASE = 2.6
 """Wheelbase of the car for which the manoeuvres are defined [m]: the Chevrolet Bolt's."""
 
+_SWING = 0.4
+"""Phase of a driver's frequency in the time until the car turns, see :meth:`Facts.quickest` [rad]."""
+
+_CONTROL = 0.02
+"""Part of that time that driver and control unit take, a period each [s]."""
+
 SMALL = 1.5
 """Wheelbase below which a vehicle is no car, and speeds and courses are scaled [m]."""
 
@@ -75,6 +81,25 @@ class Facts:
         p = self.parameters
         place = speed**2 * p.mass * p.front_length / (p.wheelbase * p.rear_stiffness)
         return min(place, p.wheelbase)
+
+    def quickest(self, speed: float) -> float:
+        """Natural frequency [rad/s] with which a driver can hold a line at a speed [m/s] and not swing with the car.
+
+        The car turns late by the time that its steering and its front tyres take; the swing in yaw grows where that
+        is more than 0.4 rad of the driver's frequency.
+        """
+        p = self.parameters
+        return _SWING / (p.steering_lag + p.front_relaxation / speed + _CONTROL)
+
+    def steadiness(self, speed: float) -> float:
+        """How far a driver should go by where the car moves, and not by where it points, at a speed [m/s]; up to 1.
+
+        Tyres of relaxation length σ that relax slowly are springs of C/σ on which the car sways, with a damping ratio
+        of v √(m / (σ C)) / 2: a driver who answers to that excites it. Twice the ratio is what this is.
+        """
+        p = self.parameters
+        springs = (p.front_stiffness + p.rear_stiffness) / max(p.front_relaxation, 1e-6)
+        return min(1.0, speed * math.sqrt(p.mass / springs) / max(p.front_relaxation, 1e-6))
 
 
 def find_facts(vehicle: Vehicle) -> Facts:

@@ -32,7 +32,7 @@ class CourseSpec(ManoeuvreSpec):
     highest: Speed = setting(110.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
     resolution: Speed = setting(0.25 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
     share: float = setting(
-        0.95, "of the highest entry speed, up to which the other figures are taken [-]", "own", gt=0.0
+        0.8, "of the speed that the friction may allow, up to which the other figures are taken [-]", "own", gt=0.0
     )
     multiple: Speed = setting(5.0 * KMH, "of which the speed of the other figures is a multiple [m/s]", "own", gt=0.0)
     margin: Length = setting(0.1, "between body and cones on the planned line, if there is room [m]", "own", ge=0.0)
@@ -82,13 +82,8 @@ class CourseSpec(ManoeuvreSpec):
             there = [record for one, record in passes if _label(one) == _label(speed)]
             return ((there[0], self._room(rig.facts, sections, there[0])), "") if there else attempt(speed)
 
-        found = find_highest(
-            attempt,
-            lowest=self.lowest,
-            highest=highest,
-            guess=self._guess(facts, sections),
-            resolution=self.resolution,
-        )
+        guess = self._guess(facts, sections)
+        found = find_highest(attempt, lowest=self.lowest, highest=highest, guess=guess, resolution=self.resolution)
         if found.best is None:
             raise NotPossible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {found.why}")
         best, failed = found.best[0], found.failed
@@ -99,7 +94,9 @@ class CourseSpec(ManoeuvreSpec):
             outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", found.why)
         else:
             outcome.notes.append("it passes at the highest speed that was tried")
-        speed = max(self.lowest, self.multiple * math.floor(self.share * found.passed / self.multiple + 1e-9))
+        # A speed that does not go with the limit: that may be another one with another step of the plant.
+        wanted = min(self.share * guess, found.passed)
+        speed = max(self.lowest, self.multiple * math.floor(wanted / self.multiple + 1e-9))
         result, fault = again(speed)
         while fault and speed - self.multiple >= self.lowest:
             speed -= self.multiple
@@ -182,6 +179,7 @@ class CourseSpec(ManoeuvreSpec):
         coasts = self.releases and rig.pedals
         driver = rig.line_driver(
             self._line(facts, sections, point),
+            speed=speed,
             speeds=None if coasts else [[0.0, speed]],
             pedals=[[0.0, 0.0, 0.0, 1.0]] if coasts else None,
             held=[speed, self._release() - facts.front] if coasts else None,

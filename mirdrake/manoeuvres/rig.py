@@ -1,5 +1,6 @@
 """Runs of a manoeuvre: the full plant, or the single-track model behind the same driver."""
 
+import math
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -116,15 +117,16 @@ class Rig:
         """The same rig with another time step of the plant [s], unless one was asked for."""
         return replace(self, plant={"time_step": time_step} | dict(self.plant))
 
-    def line_driver(self, line: Mapping[str, Any], **settings: Any) -> dict[str, Any]:
-        """A driver along a line with the vehicle's numbers; with `pedals` it presses them."""
+    def line_driver(self, line: Mapping[str, Any], *, speed: float = math.inf, **settings: Any) -> dict[str, Any]:
+        """A driver along a line, at a speed [m/s], with the vehicle's numbers; with `pedals` it presses them."""
         scale = self.facts.scale
         kind = "PathPedalDriver" if settings.get("pedals") is not None else "PathDriver"
         numbers = {
             "ahead": self.facts.ahead,
             "understeer": max(self.facts.understeer, 0.0),
-            "frequency": 5.0 / scale**0.5,
+            "frequency": min(5.0 / scale**0.5, self.facts.quickest(speed)),
             "preview": 0.1,
+            "course": self.facts.steadiness(speed),
         }
         settings = {key: value for key, value in settings.items() if value is not None}
         return {"kind": _DRIVERS + kind, "line": dict(line)} | numbers | settings
