@@ -70,6 +70,8 @@ class Events:
 
     def look(self, times: Array, columns: Columns, vehicles: list[str]) -> None:
         """Wheels that leave or regain the road, laps, and contacts that are not tyres on the road."""
+        if not len(times):  # a run may end before the first sample of a block
+            return
         watched = {f"{name}.wheels_on_road": "road" for name in vehicles} | {f"{name}.lap": "lap" for name in vehicles}
         for key, kind in (watched | {"other_contacts": "contact"}).items():
             if key not in columns:

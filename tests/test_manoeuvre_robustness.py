@@ -31,12 +31,12 @@ def _rig(name: str = NAME, **settings) -> Rig:
 # --- a simulation that ends on a condition ---------------------------------------------------------------------------
 
 
-def _simulation() -> Simulation:
+def _simulation(world: str = "empty") -> Simulation:
     return Simulation(
         assemble(
             {
                 "name": "condition",
-                "world": "empty",
+                "world": world,
                 "vehicles": {"ego": {"model": "bolt", "speed": 5.0}},
                 "control": {"ego": {"kind": "constant", "speed": 5.0}},
                 "plant": {"contact": "point"},
@@ -55,6 +55,14 @@ def test_a_run_ends_with_the_step_on_which_its_condition_is_met():
     assert run.signals.index[-1] == pytest.approx(0.42)  # 50 Hz
     assert not [event for event in run.events if "stop" in event.values()]
     assert simulation.run(until=lambda context: False).summary["stop_reason"] == "duration"
+
+
+def test_a_condition_may_be_met_before_the_first_sample_of_a_block(monkeypatch):
+    monkeypatch.setattr("mirdrake.simulation.LONG_BLOCK", 0.5)
+    run = _simulation("test_track").run(until=lambda context: context.get_time() > 0.5)
+    assert run.summary["stop_reason"] == "condition"
+    assert run.summary["simulated_s"] == pytest.approx(0.505)
+    assert run.signals.index[-1] == pytest.approx(0.5)
 
 
 def test_a_condition_may_be_met_at_the_start():
