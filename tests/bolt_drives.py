@@ -56,8 +56,8 @@ class Bolt:
     model: str
 
     @classmethod
-    def copy(cls, folder):
-        """Into a folder."""
+    def copy(cls, folder, *, firm=1):
+        """Into a folder; its steering is `firm` times as stiff and as damped."""
         target = folder / "bolt"
         shutil.copytree(data_root() / "models" / "bolt", target)
         file = target / "variants" / "handling.yaml"
@@ -65,6 +65,9 @@ class Bolt:
         told = f"  actuators:\n    steering: {{delay: {DELAY}, time_constant: {LAG}}}\n"
         changed = text.replace("  actuators:\n", told, 1)
         assert changed != text
+        servo = "stiffness: 5.0e4, damping: 1.0e3}"
+        assert servo in changed
+        changed = changed.replace(servo, f"stiffness: {5e4 * firm}, damping: {1e3 * firm}}}")
         file.write_text(changed)
         return cls(f"{target}@handling")
 
