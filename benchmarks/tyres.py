@@ -5,7 +5,7 @@ from statistics import median
 from typing import Any
 
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
 from pydrake.systems.primitives import LogVectorOutput
 
 from benchmarks.job import DURATION, SPEED, STEADY, STEERING, circle_figures
@@ -60,14 +60,20 @@ def drive(contact: str, *, step: float = 0.005, duration: float = DURATION, repe
     }
 
 
-def _model() -> tuple[Diagram, Any, dict[str, list[float]]]:
+def _model(period: float | None = None) -> tuple[Diagram, Any, dict[str, list[float]]]:
     """The single-track model of the car, with brush tyres and relaxation; a constant steering angle, no force.
 
     Fixed in the Context: Drake takes what a ConstantVectorSource gives to change with time, and asks again each time.
+
+    Args:
+        period: between two samples of the state [s], each of which ends a step of the integrator; None: its own steps.
     """
     builder = DiagramBuilder()
     model = builder.AddSystem(make_single_track(load_vehicle(KINDS["brush"]), tyres="brush", relaxation=True))
-    LogVectorOutput(model.state, builder, publish_period=LOG_PERIOD)
+    if period is None:
+        LogVectorOutput(model.state, builder, publish_triggers={TriggerType.kPerStep})
+    else:
+        LogVectorOutput(model.state, builder, publish_period=period)
     return builder.Build(), model, {"steering": [STEERING], "forces": [0.0, 0.0]}
 
 
@@ -121,7 +127,10 @@ def run_tyres(*, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
         "drives": {contact: drive(contact, duration=duration, repeat=repeat) for contact in ("point", "hydroelastic")},
         "single_track": {
             "model": reduced(_model, duration=duration, repeat=repeat),
-            "model_second_order": reduced(_model, scheme="runge_kutta2", duration=duration, repeat=repeat),
+            "model_sampled": reduced(partial(_model, LOG_PERIOD), duration=duration, repeat=repeat),
+            "model_sampled_second_order": reduced(
+                partial(_model, LOG_PERIOD), scheme="runge_kutta2", duration=duration, repeat=repeat
+            ),
             "with_control_unit": reduced(_vehicle, duration=duration, repeat=repeat),
         },
     }
