@@ -142,7 +142,8 @@ def test_a_log_of_90_s_at_200_hz_takes_less_than_20_s_and_the_filter_runs_50_tim
 SENSORS = ("vx", "vy", "yaw_rate", "roll_rate", "lateral_acceleration")
 KNOWN = (
     "mass", "front_length", "rear_length", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", "roll_steer",
-    "roll_steer_rear", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front", "trail_rear",
+    "roll_steer_rear", "roll_rate_steer", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front",
+    "trail_rear",
 )  # fmt: skip
 """What a study of a vehicle takes from its files; gain, frequency and damping of roll are where a fit starts only."""
 
@@ -222,13 +223,13 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("firm", "lag"), [(10, 0.02), (1, 0.04)])
+@pytest.mark.parametrize(("firm", "lag"), [(10, 0.02), (1, 0.03)])
 def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent(bolt, tmp_path, firm, lag):
     """The command passes the actuator of vehicle.yaml, is held for a period of the control unit, and waits for a step.
 
     The lag of the first half of a period is that of the hold, a whole one that between two discrete updates. As it is
-    shipped the steering gives way to the aligning moments, late by its damping, which is 3 % of the lag and not in the
-    model; ten times as firm a steering shows the lag alone.
+    shipped the steering gives way to the moments of its wheels, and how late it does so is in the model for one speed
+    only: 1 % of the lag besides; ten times as firm a steering shows the lag alone.
     """
     model = "bolt@handling" if firm == 1 else Bolt.copy(tmp_path, firm=firm).model
     drives = bolt[0] if firm == 1 else Bolt(model).lateral()
@@ -282,9 +283,16 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     assert values["wheel_momentum"] == pytest.approx(4 * 0.5 * 20.0 * radius)  # solid cylinders of 20 kg
     assert 0.03 < values["trail_rear"] < values["trail_front"] < 0.06
     soft = vehicle_values(vehicle, "single_track_roll", measured=False)
-    # Both servos of 5e4 N m/rad give way to the aligning moment of both wheels.
-    c = so.stiffness[0] * values["trail_front"] / 1e5
-    assert soft["cornering_stiffness_front"] == pytest.approx(so.stiffness[0] / (1.0 + c), rel=1e-3)
+    # Both servos of 5e4 N m/rad give way to the aligning moment of both wheels, part of which is that of their camber:
+    # in a turn force and roll together make the whole of it.
+    force = values["mass"] * values["rear_length"] / (values["front_length"] + values["rear_length"])  # over ay
+    more = force / soft["cornering_stiffness_front"] - force / values["cornering_stiffness_front"]
+    more -= (soft["roll_steer"] - values["roll_steer"]) * values["roll_gain"]
+    assert more == pytest.approx(values["trail_front"] * force / 1e5, rel=1e-3)
+    assert soft["roll_steer"] < values["roll_steer"]
+    # And to the moment of their gyroscope, of two wheels here.
+    assert soft["roll_rate_steer"] == pytest.approx(2 * 0.5 * 20.0 * radius / 1e5)
+    assert values["roll_rate_steer"] == 0.0
     assert soft["cornering_stiffness_rear"] == values["cornering_stiffness_rear"]
     assert soft["relaxation_front"] < values["relaxation_front"]
     # Leaning wheels are in the stiffness where the model does not lean.

@@ -145,8 +145,10 @@ class SingleTrackModel(Model):
     def _slip_angles(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
         """Of the wheels as they move, front and rear [rad]."""
         v = np.maximum(u[1], self._v1)
-        a, b = p["front_length"], p["rear_length"]
-        return np.arctan((x[0] + a * x[1]) / v) - u[0], np.arctan((x[0] - b * x[1]) / v)
+        a, b, angle = p["front_length"], p["rear_length"], u[0]
+        if self._roll:
+            angle = angle - p["roll_rate_steer"] * u[1] * x[3]
+        return np.arctan((x[0] + a * x[1]) / v) - angle, np.arctan((x[0] - b * x[1]) / v)
 
     def _forces(self, x: Array, u: Array, slips: Sequence[Array], p: Values) -> tuple[Array, Array]:
         """Lateral forces of the axles [N]."""

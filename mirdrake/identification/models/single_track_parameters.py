@@ -208,6 +208,10 @@ def _roll_parameters(
             scale=0.01 * mass,
             usual=2.0,
         ),
+        Parameter(
+            "roll_rate_steer", "s^2/m", "steering against roll rate times speed: a gyroscope turns what gives way",
+            0.0, -0.01, 0.01, scale=1e-4, usual=2.0,
+        ),
         Parameter("roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
         Parameter("roll_steer_rear", "1", "the same at the rear", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
         Parameter(

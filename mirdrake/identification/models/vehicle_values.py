@@ -9,8 +9,11 @@ of an axle bring F at the slip α, with the aligning moment M, all of it in the 
 with α0 the slip of upright wheels. Without roll C = -F / α, and leaning is in it. Where what is recorded is what the
 steering is asked for, and not the angle of the wheels, its servos of stiffness k and damping d give way to the moment,
 late by d / k. With c = C t / 2 k the front axle then answers a slip with C / (1 + σ p / v + c / (1 + p d / k)), nearly
-with C / (1 + c) and the relaxation length (σ - c v d / k) / (1 + c), here at v = 20 m/s. A single track without
-relaxation has effective axles instead, see :mod:`mirdrake.single_track.axles`.
+with C / (1 + c) and the relaxation length (σ - c v d / k) / (1 + c), here at v = 20 m/s. Where the model rolls, the
+moment of the leaning wheels, M - M0 with M0 that of upright ones of the same force, turns what gives way by
+-(M - M0) / 2 k, which goes with φ, and c has the trail of M0. The front wheels, which spin with the angular momentum
+h v, are a gyroscope: rolled with the rate p, they turn it by -h v p / 2 k. A single track without relaxation has
+effective axles instead, see :mod:`mirdrake.single_track.axles`.
 """
 
 import math
@@ -63,12 +66,17 @@ def vehicle_values(
     if not measured and lag > 0.0 and kind != "plant":
         found["steering_lag"] = lag
     leaning = {} if vehicle.spec.suspension is None else _of_roll(vehicle)
+    give = (0.0, 0.0) if measured else _steering_give(vehicle)
     if kind == "single_track_roll":
         found |= leaning
+        if leaning:
+            found["roll_rate_steer"] = give[0] * _wheel_momentum(vehicle, 2)
     laws = make_tyre_laws(vehicle)
     if laws is not None and relaxation and kind.startswith("single_track"):
-        give = (0.0, 0.0) if measured else _steering_give(vehicle)
-        found |= _of_tyres(laws, p, leaning.get("roll_gain", 0.0), give, upright=kind == "single_track_roll")
+        tyres = _of_tyres(laws, p, leaning.get("roll_gain", 0.0), give, upright=kind == "single_track_roll")
+        if "roll_steer" in tyres:  # of what gives way, beside that of the leaning wheels' thrust
+            tyres["roll_steer"] += leaning["roll_steer"]
+        found |= tyres
     return found
 
 
@@ -90,10 +98,10 @@ def _of_roll(vehicle: Vehicle) -> dict[str, float]:
     }
 
 
-def _wheel_momentum(vehicle: Vehicle) -> float:
-    """Angular momentum of all wheels over the speed of the car [kg m]."""
+def _wheel_momentum(vehicle: Vehicle, count: int = 4) -> float:
+    """Angular momentum of the first wheels, those in front first, over the speed of the car [kg m]."""
     plant, _, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
-    names, radii = vehicle.spec.joints.wheels.names(), vehicle.geometry.wheel_radii
+    names, radii = vehicle.spec.joints.wheels.names()[:count], vehicle.geometry.wheel_radii[:count]
     return sum(spin_inertia(plant, name) / radius for name, radius in zip(names, radii, strict=True))
 
 
@@ -134,8 +142,12 @@ def _of_tyres(
         straight, leaning = law(load, 0.0, 1.0), law(load, gain * _LATERAL, 1.0)
         slip = _slip(leaning, force)
         trail = abs(leaning.forces(0.0, math.tan(slip), _SPEED)[2]) / force
-        stiffness = -2.0 * force / (_slip(straight, force) if upright else slip)
-        yielding = stiffness * trail * give[0] if axle == "front" else 0.0
+        own = _slip(straight, force) if upright else slip
+        stiffness = -2.0 * force / own
+        pull = abs(straight.forces(0.0, math.tan(own), _SPEED)[2]) / force if upright else trail  # the rest is camber's
+        yielding = stiffness * pull * give[0] if axle == "front" else 0.0
+        if axle == "front" and yielding > 0.0 and gain > 0.0 and upright:
+            found["roll_steer"] = -2.0 * (trail - pull) * force * give[0] / (gain * _LATERAL)
         found |= {
             f"cornering_stiffness_{axle}": stiffness / (1.0 + yielding),
             f"relaxation_{axle}": max(straight.contact.length_y - yielding * _SPEED * give[1], 0.0) / (1.0 + yielding),
