@@ -224,12 +224,13 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("firm", "lag"), [(10, 0.02), (1, 0.03)])
-def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent(bolt, tmp_path, firm, lag):
+def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent_where_it_is_firm(bolt, tmp_path, firm, lag):
     """The command passes the actuator of vehicle.yaml, is held for a period of the control unit, and waits for a step.
 
     The lag of the first half of a period is that of the hold, a whole one that between two discrete updates. As it is
-    shipped the steering gives way to the moments of its wheels, and how late it does so is in the model for one speed
-    only: 1 % of the lag besides; ten times as firm a steering shows the lag alone.
+    shipped the steering gives way to the moments of its wheels, and the lag comes out 1.6 to 2.6 % short, which is not
+    understood in full: how late it gives way is in the model for one speed only. Ten times as firm a steering shows the
+    lag alone.
     """
     model = "bolt@handling" if firm == 1 else Bolt.copy(tmp_path, firm=firm).model
     drives = bolt[0] if firm == 1 else Bolt(model).lateral()
@@ -242,7 +243,8 @@ def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent(bolt,
         assert found["steering_delay"].value == pytest.approx(late, rel=0.02), seed
         assert found["yaw_inertia"].value == pytest.approx(truth().yaw_inertia, rel=0.02), seed
         held += found["steering_delay"].low < late < found["steering_delay"].high
-    assert held >= 2 or firm == 1
+    if firm > 1:
+        assert held >= 2
 
 
 @pytest.mark.slow

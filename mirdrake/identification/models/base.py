@@ -98,6 +98,9 @@ class Drive:
         return np.concatenate((times[0] + step * np.arange(-many, 0), times)), many
 
 
+PART = 0.3
+"""Which part of an effect that is left out is tried, see :class:`Doubt`: enough that the model shows it [1]."""
+
 SMALL = 0.01
 """Part of a standard deviation that is small enough for a derivative [1]."""
 

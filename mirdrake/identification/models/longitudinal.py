@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import (
+    PART,
     SMALL,
     Array,
     Doubt,
@@ -34,9 +35,8 @@ _DRIVE = {"throttle": "throttle", "torque": "drive_torque"}
 _BRAKE = {"pedal": "brake", "torque": "brake_torque"}
 _STAND = 0.1
 _TURNING = 0.03  # what turns, over the mass [1]
-_SLOPE = 0.001  # of a road that is said to be flat [1]
-_VISCOUS = 0.01  # resistance over speed, over the force of the rolling resistance [s/m]
-_PART = 0.3  # of an effect that is left out, see Doubt [1]
+_SLOPE = 0.001  # of a road that is said to be flat, assumed [1]
+_VISCOUS = 0.01  # resistance over speed, over the force of the rolling resistance, assumed [s/m]
 
 
 class LongitudinalModel(Model):
@@ -276,9 +276,9 @@ class LongitudinalModel(Model):
     def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
         """What nobody gave, and resistance over speed.
 
-        Wheels, gears and motor are worth 3 to 6 % of the mass of a car in its highest gear (T. D. Gillespie,
-        Fundamentals of Vehicle Dynamics, 1992, section 2); a test road is flat to 0.1 %; bearings, seals and tyres lose
-        some tenths of the rolling resistance more when fast.
+        Wheels alone are worth some 4 % of the mass of a car (T. D. Gillespie, Fundamentals of Vehicle Dynamics, 1992,
+        chapter 2). That a road is flat to 0.1 %, and that bearings, seals and tyres lose a fifth of the rolling
+        resistance more at 20 m/s, are assumptions of ours.
         """
         found = []
 
@@ -295,8 +295,8 @@ class LongitudinalModel(Model):
                 Doubt(
                     "whether resistance grows with speed",
                     "free viscous_resistance",
-                    {"viscous_resistance": p["viscous_resistance"] + _PART * size},
-                    _PART,
+                    {"viscous_resistance": p["viscous_resistance"] + PART * size},
+                    PART,
                     left_out=True,
                 )
             )

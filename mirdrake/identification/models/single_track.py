@@ -45,7 +45,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.identification.models.base import SMALL, Array, Doubt, Drive, Model, Values, channel_of, pick_outputs
+from mirdrake.identification.models.base import (
+    PART,
+    SMALL,
+    Array,
+    Doubt,
+    Drive,
+    Model,
+    Values,
+    channel_of,
+    pick_outputs,
+)
 from mirdrake.identification.models.single_track_parameters import RELAXATION, single_track_parameters
 from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle
 from mirdrake.worlds.world import GRAVITY
@@ -63,7 +73,6 @@ _FRICTION = 0.9  # of a dry road [1]
 _HEIGHT = 0.2  # of the centre of mass over the wheelbase [1]
 _LAG = 0.05  # of a steering [s]
 _GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
-_PART = 0.3  # of an effect that is left out, see Doubt [1]
 _SLIPPING = 0.4
 """Least time in which slip builds up, over the step of the integration [1]."""
 
@@ -320,7 +329,7 @@ class SingleTrackModel(Model):
 
         def lack(words: str, remedy: str, off: Mapping[str, float], options: Mapping[str, Any]) -> None:
             if not set(options) - self._open:
-                found.append(Doubt(words, remedy, off, _PART, options, left_out=True))
+                found.append(Doubt(words, remedy, off, PART, options, left_out=True))
 
         lengths = ("front_length", "rear_length")
         moved = {"front_length": _CENTRE * length, "rear_length": -_CENTRE * length}
@@ -337,16 +346,16 @@ class SingleTrackModel(Model):
         if self._roll:
             moved = {"roll_arm": 0.5 * p["roll_arm"]}
             doubt(("roll_arm",), moved, "how far the centre of mass is above the roll axis", "give roll_arm")
-        moved = {"relaxation": _PART * RELAXATION * length}
+        moved = {"relaxation": PART * RELAXATION * length}
         lack("whether the tyres relax", "give the vehicle, or its relaxation length", moved, {"relaxation": "shared"})
         if {"lateral_acceleration", "vy"} & set(self.outputs):
-            lack("whether the body rolls", "fit a single_track_roll", {"roll_gain": _PART * _GAIN}, {"roll": True})
-        moved = dict.fromkeys(("friction_front", "friction_rear"), _FRICTION / _PART)
+            lack("whether the body rolls", "fit a single_track_roll", {"roll_gain": PART * _GAIN}, {"roll": True})
+        moved = dict.fromkeys(("friction_front", "friction_rear"), _FRICTION / PART)
         lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "fiala"})
         if "load_transfer" in assumed:
-            lack("load transfer in braking", "give load_transfer", {"load_transfer": _PART * _HEIGHT * length}, {})
+            lack("load transfer in braking", "give load_transfer", {"load_transfer": PART * _HEIGHT * length}, {})
         if "steering_lag" in assumed and self._steer != "road_wheel_angle":
-            lack("a lag of the steering", "record road_wheel_angle", {"steering_lag": _PART * _LAG}, {})
+            lack("a lag of the steering", "record road_wheel_angle", {"steering_lag": PART * _LAG}, {})
         return tuple(found)
 
     def remedy(self, names: frozenset[str]) -> str:
