@@ -28,6 +28,10 @@ DELAY, LAG = 0.04, 0.06
 RATE = 200.0
 """Of driver, control unit and record [Hz]."""
 
+SUNK = 0.019
+"""The origin of the car's frame is so far below the road in the drives [m]: its tyres are round in the files, and have
+2e5 N/m each in point contact."""
+
 DRIVES = {
     "sweep": (25.0, 22.0, {"kind": "sweep", "amplitude": 0.006, "first": 0.2, "last": 3.0, "length": 20.0}),
     "slow": (12.0, 22.0, {"kind": "random", "amplitude": 0.015, "first": 0.1, "last": 3.0, "length": 20.0}),
@@ -72,7 +76,7 @@ class Bolt:
         return cls(f"{target}@handling")
 
     def drive(self, profile, speed, duration, *, pedals=None):
-        """Channels (n) at 200 Hz by name; vy and lateral acceleration are those of the rear axle, on the ground."""
+        """Channels (n) at 200 Hz by name; vy and lateral acceleration are those of the frame's origin."""
         kind = "OpenLoopDriver" if pedals is None else "OpenLoopPedalDriver"
         driver: dict[str, Any] = {"kind": f"mirdrake.manoeuvres.drivers:{kind}"}
         driver |= {"speeds": [[0.0, speed]]} if pedals is None else {"pedals": pedals}

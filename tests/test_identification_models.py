@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
@@ -113,6 +114,59 @@ def test_relaxation_and_roll_are_those_of_the_reduced_model():
         found = model.rates(ours, np.array([delta, vx, 0.0]), p_all)
         theirs = [rates[name] for name in names]
         assert found == pytest.approx(theirs, rel=0.01, abs=0.02)
+
+
+YIELDING = KNOWN | {
+    "roll_gain": 0.009, "roll_steer": -0.07, "roll_steer_rear": -0.05, "roll_moment": -3000.0, "camber_moment": -1200.0,
+    "relaxation_front": 0.4, "relaxation_rear": 0.35, "trail_front": 0.036, "trail_rear": 0.028,
+    "wheel_momentum": 13.0, "spin_inertia": 24.0, "steering_compliance": 2e-5, "steering_compliance_time": 0.02,
+}  # fmt: skip
+
+
+def yielding(kind="single_track_roll"):
+    model = make_model(ModelSpec(kind), lateral_data(), YIELDING)
+    names = {info.name for info in model.parameters}
+    values = {name: value for name, value in YIELDING.items() if name in names}
+    return model, {info.name: info.guess for info in model.parameters} | values
+
+
+def test_a_steering_gives_way_to_the_moments_of_its_wheels():
+    """A spring with a damper, 1 / s = 50 kN m/rad, pushed by a moment that is worked out by hand."""
+    model, p = yielding()
+    # Slip of 0.01 and -0.07 of a roll of 0.02: 90 kN/rad (0.01 + 0.0014) to the right.
+    p |= {"cornering_stiffness_front": 9e4}
+    force = -9e4 * (0.01 + 0.07 * 0.02)
+    moment = -0.036 * force - 1200.0 * 0.02 - 0.5 * 13.0 * 20.0 * 0.1
+    state = np.array([0.0, 0.0, 0.02, 0.1, 0.01, 0.0, 0.0004])
+    found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0]), p), strict=True))
+    assert found["steering_give"] == pytest.approx((2e-5 * moment - 0.0004) / 0.02)
+    # The tyres slip by where the wheels are.
+    assert found["slip_front"] == pytest.approx(20.0 * (-0.0004 - 0.01) / 0.4)
+
+
+@pytest.mark.parametrize("kind", ["single_track", "single_track_roll"])
+def test_understeer_gradient_is_that_of_the_equations_at_rest(kind):
+    model, p = yielding(kind)
+    speed, angle = 20.0, 1e-4
+
+    def rest(x):
+        return model.rates(x, np.array([angle, speed, 0.0]), p) * np.array(model.state_scales)
+
+    x = root(rest, np.zeros(len(model.states)), tol=1e-13).x
+    turn = x[model.states.index("yaw_rate")]
+    side = speed * turn
+    gradient = (angle - (FRONT + REAR) * turn / speed) / side
+    assert model.derived(p)["understeer gradient"][0] == pytest.approx(gradient, rel=1e-4)
+
+
+def test_spinning_wheels_resist_yawing():
+    model, p = yielding()
+    p["spin_inertia"] = 0.0
+    state, inputs = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0]), np.array([0.0, 20.0, 0.0])
+    plain, heavy = (
+        model.rates(state, inputs, p | {"spin_inertia": extra})[1] for extra in (0.0, 0.1 * p["yaw_inertia"])
+    )
+    assert heavy == pytest.approx(plain / 1.1)
 
 
 def test_a_sideways_speed_measured_on_the_roof_sways_with_the_body():

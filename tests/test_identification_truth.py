@@ -17,7 +17,7 @@ from mirdrake.identification.online import filter_log
 from mirdrake.identification.parameters import Choice, choose
 from mirdrake.single_track import SingleTrackParameters
 from mirdrake.vehicles import load_vehicle
-from tests.bolt_drives import DELAY, LAG, RATE, Bolt, noisy, truth
+from tests.bolt_drives import DELAY, LAG, RATE, SUNK, Bolt, noisy, truth
 from tests.bolt_drives import lateral_data as bolt_data
 from tests.commonroad_budget import effective_stiffnesses, tyre_stiffnesses
 from tests.commonroad_rig import CARS, car, manoeuvre, reference_trace
@@ -142,8 +142,8 @@ def test_a_log_of_90_s_at_200_hz_takes_less_than_20_s_and_the_filter_runs_50_tim
 SENSORS = ("vx", "vy", "yaw_rate", "roll_rate", "lateral_acceleration")
 KNOWN = (
     "mass", "front_length", "rear_length", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", "roll_steer",
-    "roll_steer_rear", "roll_rate_steer", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front",
-    "trail_rear",
+    "roll_steer_rear", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front", "trail_rear",
+    "roll_moment", "spin_inertia",
 )  # fmt: skip
 """What a study of a vehicle takes from its files; gain, frequency and damping of roll are where a fit starts only."""
 
@@ -160,7 +160,9 @@ def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
     measured = steer == "road_wheel_angle"
     values = vehicle_values(load_vehicle(model), "single_track_roll", measured=measured)
     places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Choice(fixed=-values["rear_length"]))
-    choices = {name: Choice(given=values[name]) for name in KNOWN} | places | more
+    places |= dict.fromkeys(("velocity_height", "accelerometer_height"), Choice(fixed=-SUNK))
+    known = KNOWN if measured else (*KNOWN, "steering_compliance", "steering_compliance_time", "camber_moment")
+    choices = {name: Choice(given=values[name]) for name in known} | places | more
     data = bolt_data(drives, (*SENSORS, steer), seed)
     return fit(data, ModelSpec("single_track_roll", {"relaxation": True}), parameters=choices)
 
@@ -172,17 +174,16 @@ def half(one):
 
 @pytest.mark.slow
 def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
-    """Truth: the tyre's own stiffness at the load of the drives, and what resists yawing.
+    """Truth: the tyre's own stiffness at the load of the drives, and the inertia of all bodies.
 
-    That is the inertia of all bodies and 0.9 % more, as the wheels on the outside of a bend turn faster. What the model
-    leaves out is some 1 % of the stiffnesses, and their intervals have it: most hold the truth, and none is off by more
-    than one and a half of it.
+    What the model leaves out is some 1 % of the stiffnesses, and their intervals have it: most hold the truth, and none
+    is off by more than one and a half of it.
     """
     so = truth()
     wanted = {
         "cornering_stiffness_front": so.driven_stiffness[0],
         "cornering_stiffness_rear": so.driven_stiffness[1],
-        "yaw_inertia": so.yaw_inertia + so.spin_inertia,
+        "yaw_inertia": so.yaw_inertia,
     }
     inside = 0
     for seed in range(4):
@@ -192,7 +193,6 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
             assert abs(off) < 0.02, (name, seed, off)
             assert abs(off) < 1.5 * half(found[name]), (name, seed, off)
             inside += abs(off) < half(found[name])
-        assert abs(found["yaw_inertia"].value / so.yaw_inertia - 1.0) < 0.02, seed  # that of the bodies alone
         assert abs(found["steering_delay"].value) < 1e-3
     assert inside >= 10  # of 12
 
@@ -213,24 +213,25 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
     turn = found["yaw_inertia"]
     assert turn.value == pytest.approx(so.yaw_inertia, rel=0.05)
     assert turn.low < so.yaw_inertia < turn.high
-    # Leaning wheels are in the stiffness of an axle that has no camber thrust of its own.
+    # Leaning wheels are in the stiffness of an axle that has no camber thrust of its own, and so is a steering that
+    # gives way where its command is all that is known.
     values = vehicle_values(load_vehicle("bolt@handling"), "single_track", measured=steer == "road_wheel_angle")
     for axle in ("front", "rear"):
-        one = found[f"cornering_stiffness_{axle}"]
-        assert one.low < values[f"cornering_stiffness_{axle}"] < one.high
+        one, stiffness = found[f"cornering_stiffness_{axle}"], values[f"cornering_stiffness_{axle}"]
+        if axle == "front":
+            stiffness /= 1.0 + stiffness * values["trail_front"] * values.get("steering_compliance", 0.0)
+        assert one.low < stiffness < one.high
         assert one.verdict != "identified"
         assert "where the centre of mass is" in one.words
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("firm", "lag"), [(10, 0.02), (1, 0.03)])
-def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent_where_it_is_firm(bolt, tmp_path, firm, lag):
+@pytest.mark.parametrize("firm", [1, 10])
+def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent(bolt, tmp_path, firm):
     """The command passes the actuator of vehicle.yaml, is held for a period of the control unit, and waits for a step.
 
-    The lag of the first half of a period is that of the hold, a whole one that between two discrete updates. As it is
-    shipped the steering gives way to the moments of its wheels, and the lag comes out 1.6 to 2.6 % short, which is not
-    understood in full: how late it gives way is in the model for one speed only. Ten times as firm a steering shows the
-    lag alone.
+    The lag of the first half of a period is that of the hold, a whole one that between two discrete updates. The
+    steering gives way to the moments of its wheels, as it is shipped by 4 % of the slip; or it is ten times as firm.
     """
     model = "bolt@handling" if firm == 1 else Bolt.copy(tmp_path, firm=firm).model
     drives = bolt[0] if firm == 1 else Bolt(model).lateral()
@@ -239,12 +240,11 @@ def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent_where
     held = 0
     for seed in range(4):
         found: Any = fit_bolt(drives, seed, "steering_command", model, **fixed)
-        assert found["steering_lag"].value == pytest.approx(LAG, rel=lag), seed
+        assert found["steering_lag"].value == pytest.approx(LAG, rel=0.02), seed
         assert found["steering_delay"].value == pytest.approx(late, rel=0.02), seed
         assert found["yaw_inertia"].value == pytest.approx(truth().yaw_inertia, rel=0.02), seed
         held += found["steering_delay"].low < late < found["steering_delay"].high
-    if firm > 1:
-        assert held >= 2
+    assert held >= 2
 
 
 @pytest.mark.slow
@@ -283,22 +283,31 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     assert values["rotating_mass"] == pytest.approx(so.rotating_mass)
     radius = vehicle.geometry.front_wheel_radius
     assert values["wheel_momentum"] == pytest.approx(4 * 0.5 * 20.0 * radius)  # solid cylinders of 20 kg
-    assert 0.03 < values["trail_rear"] < values["trail_front"] < 0.06
+    # Pacejka, 3rd ed., equation 4.E42, of the .tir file: Dt0 = Fz R0 / Fz0 (qDz1 + qDz2 dfz).
+    for axle, arm in (("front", so.rear_length), ("rear", so.front_length)):
+        load = 0.5 * so.mass * 9.80665 * arm / (so.front_length + so.rear_length)
+        trail = load * 0.3234 / 4000.0 * (0.1 - 0.001 * (load / 4000.0 - 1.0))
+        assert values[f"trail_{axle}"] == pytest.approx(trail, rel=1e-3)
+    assert values["spin_inertia"] == pytest.approx(so.spin_inertia)
+    # In a slow turn of ay the outer wheels carry m ay h and what the body leans by more, over the track.
+    mass, gain = values["mass"], values["roll_gain"]
+    moved = mass * values["com_height"] + mass * values["roll_arm"] * 9.80665 * gain  # over ay
     soft = vehicle_values(vehicle, "single_track_roll", measured=False)
-    # Both servos of 5e4 N m/rad give way to the aligning moment of both wheels, part of which is that of their camber:
-    # in a turn force and roll together make the whole of it.
-    force = values["mass"] * values["rear_length"] / (values["front_length"] + values["rear_length"])  # over ay
-    more = force / soft["cornering_stiffness_front"] - force / values["cornering_stiffness_front"]
-    more -= (soft["roll_steer"] - values["roll_steer"]) * values["roll_gain"]
-    assert more == pytest.approx(values["trail_front"] * force / 1e5, rel=1e-3)
-    assert soft["roll_steer"] < values["roll_steer"]
-    # And to the moment of their gyroscope, of two wheels here.
-    assert soft["roll_rate_steer"] == pytest.approx(2 * 0.5 * 20.0 * radius / 1e5)
-    assert values["roll_rate_steer"] == 0.0
-    assert soft["cornering_stiffness_rear"] == values["cornering_stiffness_rear"]
-    assert soft["relaxation_front"] < values["relaxation_front"]
-    # Leaning wheels are in the stiffness where the model does not lean.
+    leaning = values["roll_moment"] + 0.0079 * moved / gain
+    # What the plant's tyres were seen to have in the sweep, beside their trail: regression on force and roll.
+    assert soft["camber_moment"] == pytest.approx(-1285.0, rel=0.07)
+    assert leaning - soft["camber_moment"] == pytest.approx(-893.0, rel=0.07)
+    # Trail and camber together are the trail of wheels that lean, in a turn: both front wheels have 2 M.
     flat = vehicle_values(vehicle, "single_track")
+    force = mass * values["rear_length"] / (values["front_length"] + values["rear_length"])  # over ay
+    whole = values["trail_front"] * force - soft["camber_moment"] * gain
+    assert whole == pytest.approx(flat["trail_front"] * force, rel=1e-6)
+    # Both servos have 5e4 N m/rad and 1e3 N m s/rad.
+    assert soft["steering_compliance"] == pytest.approx(1e-5)
+    assert soft["steering_compliance_time"] == pytest.approx(0.02)
+    assert soft["cornering_stiffness_front"] == values["cornering_stiffness_front"]
+    assert "steering_compliance" not in values
+    # Leaning wheels are in the stiffness where the model does not lean.
     slip = (values["mass"] * values["rear_length"] / (values["front_length"] + values["rear_length"])) / so.stiffness[0]
     assert flat["cornering_stiffness_front"] == pytest.approx(
         so.stiffness[0] / (1.0 - values["roll_steer"] * values["roll_gain"] / slip), rel=0.01

@@ -142,6 +142,9 @@ def estimate_parameters(
                 springs[index] = float(properties.GetProperty("material", "point_contact_stiffness"))
             if properties is not None and properties.HasProperty("material", "coulomb_friction"):
                 frictions.append(float(properties.GetProperty("material", "coulomb_friction").dynamic_friction()))
+    # The files have the car with round tyres; it stands on the pressed ones.
+    sag = front_load / (2.0 * springs[0]), rear_load / (2.0 * springs[2])
+    height -= sag[1] + (sag[0] - sag[1]) * ahead / geometry.wheelbase
     driven = [WHEELS.index(name) for name in spec.driven_wheels()]
     most, gain = 0.0, 0.0
     for index in driven:
@@ -220,7 +223,7 @@ def _roll_parameters(vehicle: Vehicle, body: Body, plant: MultibodyPlant, contex
     return {
         "roll_mass": body.mass,
         "roll_height": body.height,
-        "roll_inertia": around - body.mass * body.height**2,
+        "roll_inertia": around - body.mass * float(plant.CalcCenterOfMassPositionInWorld(context)[2]) ** 2,
         "roll_stiffness": sum(leaning.stiffness),
         "roll_damping": leaning.damping,
     }

@@ -3,12 +3,14 @@
 The equations of :mod:`mirdrake.single_track.dynamics` with the speed as an input, so that drive and brakes need not be
 known. Velocities vy and yaw rate r are of the centre of mass, δ the angle of the front wheels::
 
-    m (v̇y + vx r) = Ff cos δ + Fr       Iz ṙ = a Ff cos δ - b Fr
+    m (v̇y + vx r) = Ff cos δ + Fr       (Iz + J) ṙ = a Ff cos δ - b Fr
     αf = atan((vy + a r) / vx) - δ       αr = atan((vy - b r) / vx)
 
     linear          F = -C α
     fiala           F = -C tan α (1 - s + s²/3), s = C |tan α| / (3 μ N); -μ N sign α where s > 1
     magic_formula   F = -μ N sin(c atan(B α - E (B α - atan B α))), B = C / (c μ N)
+
+J is what spinning wheels resist, since those outside of a bend turn faster: 1 % of Iz, where it is known.
 
 Roll, an option, follows the lateral acceleration; the front wheels may steer with it, and an accelerometer on the body
 sees a part of gravity and of its own sway::
@@ -23,8 +25,15 @@ which is slip over roll: e φ of an axle.
 Relaxation, another option: what the force of an axle answers is not its slip α but one that follows it while the tyre
 rolls over its relaxation length σ: α̇' = vx (α - α') / σ. At 20 m/s that is some 20 ms. Without it the fit of a quick
 steering takes it for yaw inertia and a delay of the steering. The forces then act behind the wheels by the tyres'
-pneumatic trail t: a - t and b + t stand for a and b in Iz ṙ; where there is roll, the wheels with their momentum H vx
-are a gyroscope, and Iz ṙ has -H vx φ̇ more.
+pneumatic trail t: a - t and b + t stand for a and b. Where there is roll, the moment has N φ - H vx φ̇ more: leaning
+wheels have a moment beside that of their thrust, those outside of a bend have more rolling resistance, and with their
+angular momentum H vx they are a gyroscope.
+
+What steers the wheels gives way to their moments, which counts where its command is recorded and not their angle. With
+the compliance s of a spring and a damper whose time is τ, and the moment M φ of leaning, the front wheels are at
+δ + y::
+
+    τ ẏ = s (-t Ff + M φ - H vx φ̇ / 2) - y
 
 Where the vehicle brakes its front tyres carry more, and turn it in more: stiffness and largest force of each axle go
 with its load. The load transfer h, an option, is the height of the centre of mass if they are proportional to it, and
@@ -37,6 +46,7 @@ Without a mass, stiffnesses and inertia are per kilogram: that is all that motio
 """
 
 import warnings
+from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -132,11 +142,15 @@ class SingleTrackModel(Model):
         if relaxation:
             self.states += ("slip_front", "slip_rear")
             self.state_scales += (0.02, 0.02)
+        self._yields = bool(relaxation and given.get("steering_compliance"))
+        if self._yields:
+            self.states += ("steering_give",)
+            self.state_scales += (0.002,)
         self.outputs = pick_outputs(offered, possible, outputs, self.kind)
         self.through = NAMES
         self.parameters = single_track_parameters(
             given, wheelbase, self._steer, outputs=self.outputs, tyres=tyres, roll=self._roll,
-            relaxation=self._lengths if relaxation else (),
+            relaxation=self._lengths if relaxation else (), yields=self._yields,
         )  # fmt: skip
         self._no_wheelbase = wheelbase is None and not (given.get("front_length") and given.get("rear_length"))
         p = {info.name: info.guess for info in self.parameters}
@@ -154,10 +168,12 @@ class SingleTrackModel(Model):
     def _slip_angles(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
         """Of the wheels as they move, front and rear [rad]."""
         v = np.maximum(u[1], self._v1)
-        a, b, angle = p["front_length"], p["rear_length"], u[0]
-        if self._roll:
-            angle = angle - p["roll_rate_steer"] * u[1] * x[3]
+        a, b, angle = p["front_length"], p["rear_length"], self._angle(x, u)
         return np.arctan((x[0] + a * x[1]) / v) - angle, np.arctan((x[0] - b * x[1]) / v)
+
+    def _angle(self, x: Array, u: Array) -> Array:
+        """Of the front wheels [rad]."""
+        return np.asarray(u[0] + x[-1] if self._yields else u[0])
 
     def _forces(self, x: Array, u: Array, slips: Sequence[Array], p: Values) -> tuple[Array, Array]:
         """Lateral forces of the axles [N]."""
@@ -191,16 +207,16 @@ class SingleTrackModel(Model):
 
     def _accelerations(self, x: Array, u: Array, p: Values) -> tuple[Array, Array, Array]:
         """Lateral acceleration of the centre of mass [m/s²], yaw and roll acceleration [rad/s²]."""
-        return self._motion(x, u, p, self._slip_angles(x, u, p))
+        return self._motion(x, u, p, self._forces(x, u, self._slip_angles(x, u, p), p))
 
-    def _motion(self, x: Array, u: Array, p: Values, slips: Sequence[Array]) -> tuple[Array, Array, Array]:
-        front, rear = self._forces(x, u, slips, p)
-        delta = u[0]
+    def _motion(self, x: Array, u: Array, p: Values, forces: Sequence[Array]) -> tuple[Array, Array, Array]:
+        front, rear = forces
+        delta = self._angle(x, u)
         front = front * np.cos(delta)
-        ahead, behind = p["front_length"], p["rear_length"]
+        ahead, behind, inertia = p["front_length"], p["rear_length"], p["yaw_inertia"] + p["spin_inertia"]
         if self._relaxation:
             ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
-        side, turn = (front + rear) / p["mass"], (ahead * front - behind * rear) / p["yaw_inertia"]
+        side, turn = (front + rear) / p["mass"], (ahead * front - behind * rear) / inertia
         vx, low = u[1], self._v1
         part = (vx * vx - low * low) / (8.0 * low * low)
         if np.min(part) < 1.0:
@@ -212,14 +228,14 @@ class SingleTrackModel(Model):
             side, turn = slow_side + weigh * (side - slow_side), slow_turn + weigh * (turn - slow_turn)
         if not self._roll:
             return side, turn, side
-        # Spinning wheels are a gyroscope: what rolls them turns the car.
-        turn = turn - p["wheel_momentum"] * vx * x[3] / p["yaw_inertia"]
+        turn = turn + (p["roll_moment"] * x[2] - p["wheel_momentum"] * vx * x[3]) / inertia
         return side, turn, self._roll_acceleration(x, side, p)
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Of vy, yaw rate, roll, slips."""
+        """Of vy, yaw rate, roll, slips, give of the steering."""
         slips = self._slip_angles(x, u, p)
-        side, turn, sway = self._motion(x, u, p, slips)
+        forces = self._forces(x, u, slips, p)
+        side, turn, sway = self._motion(x, u, p, forces)
         found = [side - x[1] * u[1], turn]
         if self._roll:
             found[0] = found[0] + p["roll_arm"] * sway
@@ -229,6 +245,12 @@ class SingleTrackModel(Model):
             for i, (length, slip) in enumerate(zip(self._lengths, slips, strict=True)):
                 time = np.maximum(p[length] / v, _SLIPPING * self.fine)
                 found.append((slip - x[self._slips + i]) / time)
+        if self._yields:
+            moment = -p["trail_front"] * forces[0]
+            if self._roll:
+                moment = moment + p["camber_moment"] * x[2] - 0.5 * p["wheel_momentum"] * u[1] * x[3]
+            time = np.maximum(p["steering_compliance_time"], _SLIPPING * self.fine)
+            found.append((p["steering_compliance"] * moment - x[-1]) / time)
         return np.stack(found)
 
     def _roll_acceleration(self, x: Array, side: Array, p: Values) -> Array:
@@ -276,13 +298,15 @@ class SingleTrackModel(Model):
         if self._relaxation:
             held = m * v * spin / (a + b)
             found += [-held * b / p["cornering_stiffness_front"], -held * a / p["cornering_stiffness_rear"]]
+            if self._yields:
+                found.append(-p["steering_compliance"] * p["trail_front"] * held * b)
         return np.stack(found)
 
     def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Understeer gradient and what else a slow drive shows."""
-        a, b, m, length = p["front_length"], p["rear_length"], p["mass"], p["front_length"] + p["rear_length"]
+        a, m, length = p["front_length"], p["mass"], p["front_length"] + p["rear_length"]
         front, rear = p["cornering_stiffness_front"], p["cornering_stiffness_rear"]
-        gradient = m / length * (b / front - a / rear)
+        gradient = self._understeer(p)
         return {
             "understeer gradient": (gradient, "rad s^2/m"),
             "understeer gradient times steering ratio": (gradient * p["steering_ratio"], "rad s^2/m"),
@@ -292,6 +316,17 @@ class SingleTrackModel(Model):
             "front stiffness over yaw inertia": (front / p["yaw_inertia"], "1/(m rad s^2)"),
             "steering delay and lag together": (p["steering_delay"] + p["steering_lag"], "s"),
         }
+
+    @staticmethod
+    def _understeer(p: Mapping[str, float]) -> float:
+        """Steering angle over lateral acceleration beyond that of a slow turn of the same radius [rad s²/m]."""
+        q = defaultdict(float, p)
+        a, b, roll = q["front_length"] - q["trail_front"], q["rear_length"] + q["trail_rear"], q["roll_gain"]
+        front = (q["mass"] * b - q["roll_moment"] * roll) / (a + b)
+        rear = q["mass"] - front
+        slips = front / q["cornering_stiffness_front"] - rear / q["cornering_stiffness_rear"]
+        given = q["steering_compliance"] * (q["trail_front"] * front - q["camber_moment"] * roll)
+        return slips + (q["roll_steer_rear"] - q["roll_steer"]) * roll + given
 
     def plausible(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
         """Stiffness over load of road tyres is 4 to 40 1/rad, and the radius of gyration goes with the axles."""

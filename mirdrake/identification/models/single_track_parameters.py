@@ -27,6 +27,7 @@ def single_track_parameters(
     tyres: str,
     roll: bool,
     relaxation: Sequence[str],
+    yields: bool,
 ) -> tuple[Parameter, ...]:
     """Parameters of a single track.
 
@@ -38,6 +39,7 @@ def single_track_parameters(
         tyres: "linear", "fiala" or "magic_formula".
         roll: whether the body rolls.
         relaxation: names of the lengths over which slip builds up, front and rear; none: at once.
+        yields: whether the steering gives way.
     """
     lengths = [given.get("front_length"), given.get("rear_length")]
     total = wheelbase or given.get("assumed_wheelbase", 2.7)
@@ -97,6 +99,16 @@ def single_track_parameters(
             20.0 * mass * front * rear,
             True,
             usual=0.7,
+        ),
+        Parameter(
+            "spin_inertia",
+            inert,
+            "with which spinning wheels resist yawing" + per,
+            0.0,
+            0.0,
+            mass * front * rear,
+            scale=0.01 * mass * front * rear,
+            usual=2.0,
         ),
         *steering_parameters(steer),
         Parameter(
@@ -176,11 +188,25 @@ def single_track_parameters(
             )
             for axle in ("front", "rear")
         ]
-    return (*found, *(_roll_parameters(given, outputs, mass, front + rear) if roll else ()))
+    if yields:
+        found += [
+            Parameter(
+                "steering_compliance",
+                "rad/(N m)" if "mass" in given else "rad kg/(N m)",
+                "angle of the front wheels over the moment on both that the steering gives way to",
+                0.0,
+                0.0,
+                1.0,
+                scale=1e-5,
+                usual=2.0,
+            ),
+            Parameter("steering_compliance_time", "s", "how late it does", 0.0, 0.0, 1.0, scale=0.02, usual=2.0),
+        ]
+    return (*found, *(_roll_parameters(given, outputs, mass, front + rear, yields=yields) if roll else ()))
 
 
 def _roll_parameters(
-    given: Mapping[str, float], outputs: Collection[str], mass: float, length: float
+    given: Mapping[str, float], outputs: Collection[str], mass: float, length: float, *, yields: bool
 ) -> tuple[Parameter, ...]:
     # Where no sensor sees the roll, what a vehicle's files say of it is better than what a log does.
     seen = bool({"roll", "roll_rate"} & set(outputs))
@@ -209,8 +235,17 @@ def _roll_parameters(
             usual=2.0,
         ),
         Parameter(
-            "roll_rate_steer", "s^2/m", "steering against roll rate times speed: a gyroscope turns what gives way",
-            0.0, -0.01, 0.01, scale=1e-4, usual=2.0,
+            "roll_moment", "N m/rad" if "mass" in given else "N m/(rad kg)",
+            "moment of the road about the vertical over roll, beside those of the lateral forces",
+            0.0, -10.0 * mass, 10.0 * mass, scale=0.5 * mass, usual=2.0,
+        ),
+        *(
+            Parameter(
+                "camber_moment", "N m/rad" if "mass" in given else "N m/(rad kg)",
+                "moment of the front wheels on the steering over roll, beside that of their force",
+                0.0, -10.0 * mass, 10.0 * mass, scale=0.5 * mass, usual=2.0,
+            )
+            for _ in range(yields)
         ),
         Parameter("roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
         Parameter("roll_steer_rear", "1", "the same at the rear", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),

@@ -4,16 +4,13 @@ A single track with relaxation and pneumatic trail has the tyres as their law ha
 camber thrust of leaning wheels stands apart. In a slow turn of lateral acceleration ay the body leans by φ, the tyres
 of an axle bring F at the slip α, with the aligning moment M, all of it in the limit of a small ay::
 
-    F = m ay b / L (front), m ay a / L (rear)        C = -F / α0        t = |M| / F        e = (α0 - α) / φ
+    F = m ay b / L (front), m ay a / L (rear)        C = -F / α0        e = (α0 - α) / φ
 
-with α0 the slip of upright wheels. Without roll C = -F / α, and leaning is in it. Where what is recorded is what the
-steering is asked for, and not the angle of the wheels, its servos of stiffness k and damping d give way to the moment,
-late by d / k. With c = C t / 2 k the front axle then answers a slip with C / (1 + σ p / v + c / (1 + p d / k)), nearly
-with C / (1 + c) and the relaxation length (σ - c v d / k) / (1 + c), here at v = 20 m/s. Where the model rolls, the
-moment of the leaning wheels, M - M0 with M0 that of upright ones of the same force, turns what gives way by
--(M - M0) / 2 k, which goes with φ, and c has the trail of M0. The front wheels, which spin with the angular momentum
-h v, are a gyroscope: rolled with the rate p, they turn it by -h v p / 2 k. A single track without relaxation has
-effective axles instead, see :mod:`mirdrake.single_track.axles`.
+with α0 the slip and M0 the moment of upright wheels of the same force; then t = |M0| / F, and leaning wheels have the
+moment (M - M0) / φ more. Without roll C = -F / α and t = |M| / F, and leaning is in them. Where what is recorded is
+what the steering is asked for, and not the angle of the wheels, its servos of stiffness k and damping d give way to the
+moments of both wheels by 1 / 2 k, late by d / k. A single track without relaxation has effective axles instead, see
+:mod:`mirdrake.single_track.axles`.
 """
 
 import math
@@ -29,7 +26,7 @@ from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.worlds.world import GRAVITY
 
 _LATERAL = 0.02 * GRAVITY  # of the turn [m/s²]: the limit of small ones
-_SPEED = 20.0  # at which the laws are asked, and the steering gives way [m/s]
+_SPEED = 20.0  # at which the laws are asked [m/s]
 _LARGEST = 0.3  # slip angle [rad]
 _AXLES = ("front", "rear")
 
@@ -65,44 +62,58 @@ def vehicle_values(
     lag = vehicle.spec.actuators.steering.time_constant
     if not measured and lag > 0.0 and kind != "plant":
         found["steering_lag"] = lag
-    leaning = {} if vehicle.spec.suspension is None else _of_roll(vehicle)
-    give = (0.0, 0.0) if measured else _steering_give(vehicle)
-    if kind == "single_track_roll":
-        found |= leaning
-        if leaning:
-            found["roll_rate_steer"] = give[0] * _wheel_momentum(vehicle, 2)
+    wheels = _of_wheels(vehicle)
+    rolls = {} if vehicle.spec.suspension is None else _of_roll(vehicle, wheels["wheel_momentum"])
+    leaning = kind == "single_track_roll" and bool(rolls)
+    if kind.startswith("single_track"):
+        found |= (rolls | wheels) if leaning else {"spin_inertia": wheels["spin_inertia"]}
     laws = make_tyre_laws(vehicle)
     if laws is not None and relaxation and kind.startswith("single_track"):
-        tyres = _of_tyres(laws, p, leaning.get("roll_gain", 0.0), give, upright=kind == "single_track_roll")
-        if "roll_steer" in tyres:  # of what gives way, beside that of the leaning wheels' thrust
-            tyres["roll_steer"] += leaning["roll_steer"]
-        found |= tyres
+        gain = rolls.get("roll_gain", 0.0)
+        if not measured:
+            found |= _steering_give(vehicle)
+        found |= _of_tyres(laws, p, gain, upright=kind == "single_track_roll")
+        if leaning:
+            front, rear = _camber_moments(laws, p, gain)
+            found |= {"camber_moment": front, "roll_moment": found["roll_moment"] + front + rear}
     return found
 
 
-def _of_roll(vehicle: Vehicle) -> dict[str, float]:
-    """Roll of the body, with the force of the tyres as its input, and what spinning wheels have to do with it."""
+def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
+    """Roll of the body, with the force of the tyres as its input, and what it does to the car.
+
+    Args:
+        vehicle: with a suspension.
+        momentum: of the wheels over the speed [kg m]; yawed with ay / vx, they roll the body.
+    """
     p = estimate_parameters(vehicle, roll=True)
     arm = p.roll_mass * p.roll_height
     righting = p.roll_stiffness - arm * GRAVITY
     inertia = p.roll_inertia + p.roll_mass * p.roll_height**2 - arm * arm / p.mass
     frequency = math.sqrt(righting / inertia)
+    gain = (arm + momentum) / righting
     return {
-        "roll_gain": arm / righting,
+        "roll_gain": gain,
         "roll_frequency": frequency,
         "roll_damping": 0.5 * p.roll_damping / (frequency * inertia),
         "roll_arm": arm / p.mass,
         "roll_steer": -p.front_roll_slip,
         "roll_steer_rear": -p.rear_roll_slip,
-        "wheel_momentum": _wheel_momentum(vehicle),
+        "roll_moment": -p.rolling_resistance * p.roll_stiffness,  # which moves load by its moment over the track
     }
 
 
-def _wheel_momentum(vehicle: Vehicle, count: int = 4) -> float:
-    """Angular momentum of the first wheels, those in front first, over the speed of the car [kg m]."""
+def _of_wheels(vehicle: Vehicle) -> dict[str, float]:
+    """What spinning wheels do: their angular momentum over the speed of the car, and how they resist yawing."""
     plant, _, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
-    names, radii = vehicle.spec.joints.wheels.names()[:count], vehicle.geometry.wheel_radii[:count]
-    return sum(spin_inertia(plant, name) / radius for name, radius in zip(names, radii, strict=True))
+    geometry = vehicle.geometry
+    tracks = (geometry.front_track, geometry.front_track, geometry.rear_track, geometry.rear_track)
+    momentum = resisting = 0.0
+    for name, radius, track in zip(vehicle.spec.joints.wheels.names(), geometry.wheel_radii, tracks, strict=True):
+        inertia = spin_inertia(plant, name)
+        momentum += inertia / radius
+        resisting += inertia * (0.5 * track / radius) ** 2  # those outside of a bend turn faster
+    return {"wheel_momentum": momentum, "spin_inertia": resisting}
 
 
 def spin_inertia(plant: MultibodyPlant, joint: str) -> float:
@@ -115,45 +126,61 @@ def spin_inertia(plant: MultibodyPlant, joint: str) -> float:
     return float(axis @ tensor @ axis)
 
 
-def _steering_give(vehicle: Vehicle) -> tuple[float, float]:
-    """Angle of the front wheels over the aligning moment of both [rad/(N m)], and how late it comes [s]."""
+def _steering_give(vehicle: Vehicle) -> dict[str, float]:
+    """How the steering gives way to the moments of its wheels."""
     servo = vehicle.control.steering
     if servo.kind != "servo" or servo.stiffness <= 0.0:
-        return 0.0, 0.0
-    return 0.5 / servo.stiffness, servo.damping / servo.stiffness
+        return {}
+    return {
+        "steering_compliance": 0.5 / servo.stiffness,
+        "steering_compliance_time": servo.damping / servo.stiffness,
+    }
 
 
-def _of_tyres(
-    laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, give: tuple[float, float], *, upright: bool
-) -> dict[str, float]:
+def _of_tyres(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *, upright: bool) -> dict[str, float]:
     """Stiffness, trail and relaxation of the axles; see the head of the module.
 
     Args:
         laws: of front and rear tyres.
         p: mass and lengths.
         gain: roll angle over lateral acceleration [rad s²/m].
-        give: of the steering, see :func:`_steering_give`.
         upright: whether the stiffness is that of upright wheels.
     """
     found: dict[str, float] = {}
-    length = p.front_length + p.rear_length
-    for axle, law, arm in zip(_AXLES, laws, (p.rear_length, p.front_length), strict=True):
-        force, load = 0.5 * p.mass * _LATERAL * arm / length, 0.5 * p.mass * GRAVITY * arm / length
-        straight, leaning = law(load, 0.0, 1.0), law(load, gain * _LATERAL, 1.0)
-        slip = _slip(leaning, force)
-        trail = abs(leaning.forces(0.0, math.tan(slip), _SPEED)[2]) / force
-        own = _slip(straight, force) if upright else slip
-        stiffness = -2.0 * force / own
-        pull = abs(straight.forces(0.0, math.tan(own), _SPEED)[2]) / force if upright else trail  # the rest is camber's
-        yielding = stiffness * pull * give[0] if axle == "front" else 0.0
-        if axle == "front" and yielding > 0.0 and gain > 0.0 and upright:
-            found["roll_steer"] = -2.0 * (trail - pull) * force * give[0] / (gain * _LATERAL)
+    for axle, law, (force, load) in zip(_AXLES, laws, _turn(p), strict=True):
+        tyre = law(load, 0.0 if upright else gain * _LATERAL, 1.0)
+        slip = _slip(tyre, force)
         found |= {
-            f"cornering_stiffness_{axle}": stiffness / (1.0 + yielding),
-            f"relaxation_{axle}": max(straight.contact.length_y - yielding * _SPEED * give[1], 0.0) / (1.0 + yielding),
-            f"trail_{axle}": trail,
+            f"cornering_stiffness_{axle}": -2.0 * force / slip,
+            f"relaxation_{axle}": tyre.contact.length_y,
+            f"trail_{axle}": abs(_moment(tyre, slip)) / force,
         }
     return found
+
+
+def _camber_moments(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float) -> tuple[float, float]:
+    """Moment of both leaning wheels of an axle beside that of their force, over roll, front and rear [N m/rad]."""
+    found = []
+    for law, (force, load) in zip(laws, _turn(p), strict=True):
+        upright, leaning = (
+            _moment(tyre, _slip(tyre, force)) for tyre in (law(load, roll, 1.0) for roll in (0.0, gain * _LATERAL))
+        )
+        found.append(2.0 * (leaning - upright) / (gain * _LATERAL))
+    return found[0], found[1]
+
+
+def _turn(p: SingleTrackParameters) -> list[tuple[float, float]]:
+    """Lateral force and load of a wheel in the turn, front and rear [N]."""
+    length = p.front_length + p.rear_length
+    return [
+        (0.5 * p.mass * _LATERAL * arm / length, 0.5 * p.mass * GRAVITY * arm / length)
+        for arm in (p.rear_length, p.front_length)
+    ]
+
+
+def _moment(tyre: TyreAtLoad, slip: float) -> float:
+    """Aligning moment [N m]."""
+    return float(tyre.forces(0.0, math.tan(slip), _SPEED)[2])
 
 
 def _slip(tyre: TyreAtLoad, wanted: float) -> float:
