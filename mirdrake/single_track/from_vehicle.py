@@ -86,6 +86,7 @@ def estimate_parameters(
     gravity: Sequence[float] = (0.0, 0.0, -GRAVITY),
     drag: bool = True,
     roll: bool = False,
+    roll_frequency: float = 0.0,
 ) -> SingleTrackParameters:
     """The parameters of a vehicle, from its files and measured on its model.
 
@@ -99,6 +100,7 @@ def estimate_parameters(
         drag: whether there is air.
         roll: whether the parameters are for a model that rolls itself; what rolling does to the slip of the axles is
             then told apart from their stiffness.
+        roll_frequency: at which roll stiffness and damping are taken [rad/s]; 0: of slow turns.
 
     Raises:
         ConfigError: an argument makes no sense; the centre of mass is not above the road and between the axles; a model
@@ -188,13 +190,15 @@ def estimate_parameters(
         gravity_z=float(gravity[2]),
         blend_start=v1,
         blend_end=3.0 * v1,
-        **(_roll_parameters(vehicle, body, plant, context) if roll else {}),
+        **(_roll_parameters(vehicle, body, plant, context, roll_frequency) if roll else {}),
         front_roll_slip=axles[0].roll_slip,
         rear_roll_slip=axles[1].roll_slip,
     )
 
 
-def _roll_parameters(vehicle: Vehicle, body: Body, plant: MultibodyPlant, context: Context) -> dict[str, float]:
+def _roll_parameters(
+    vehicle: Vehicle, body: Body, plant: MultibodyPlant, context: Context, frequency: float
+) -> dict[str, float]:
     """What leans in a turn: all of the car about a line on the road, as its wheels move up and down in the body only.
 
     Raises:
@@ -219,7 +223,7 @@ def _roll_parameters(vehicle: Vehicle, body: Body, plant: MultibodyPlant, contex
         own = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[0, 0]
         # A wheel leans and sways with the body, but does not go up and down with its side.
         around += float(own + spatial.get_mass() * (z * z + (0.0 if index in hanging else y * y)))
-    leaning = find_leaning(vehicle, body)
+    leaning = find_leaning(vehicle, body, frequency)
     return {
         "roll_mass": body.mass,
         "roll_height": body.height,

@@ -28,6 +28,7 @@ from mirdrake.worlds.world import GRAVITY
 _LATERAL = 0.02 * GRAVITY  # of the turn [m/s²]: the limit of small ones
 _SPEED = 20.0  # at which the laws are asked [m/s]
 _LARGEST = 0.3  # slip angle [rad]
+_ROUNDS = 2  # to the frequency of roll, within 0.1 %
 _AXLES = ("front", "rear")
 
 
@@ -86,16 +87,19 @@ def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
         vehicle: with a suspension.
         momentum: of the wheels over the speed [kg m]; yawed with ay / vx, they roll the body.
     """
-    p = estimate_parameters(vehicle, roll=True)
+    p = swing = estimate_parameters(vehicle, roll=True)
     arm = p.roll_mass * p.roll_height
     righting = p.roll_stiffness - arm * GRAVITY
     inertia = p.roll_inertia + p.roll_mass * p.roll_height**2 - arm * arm / p.mass
     frequency = math.sqrt(righting / inertia)
+    for _ in range(_ROUNDS):  # dampers stiffen a body that swings
+        swing = estimate_parameters(vehicle, roll=True, roll_frequency=frequency)
+        frequency = math.sqrt((swing.roll_stiffness - arm * GRAVITY) / inertia)
     gain = (arm + momentum) / righting
     return {
         "roll_gain": gain,
         "roll_frequency": frequency,
-        "roll_damping": 0.5 * p.roll_damping / (frequency * inertia),
+        "roll_damping": 0.5 * swing.roll_damping / (frequency * inertia),
         "roll_arm": arm / p.mass,
         "roll_steer": -p.front_roll_slip,
         "roll_steer_rear": -p.rear_roll_slip,
