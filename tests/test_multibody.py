@@ -180,11 +180,20 @@ def test_full_model_follows_the_package(name, steering, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("steering", ["step", "low_sweep", "ramp"])
 @pytest.mark.parametrize("name", CARS)
-def test_full_model_follows_the_package_as_published_up_to_0_7_hz(name, tmp_path):
-    yaw, side = fits(*_both(tmp_path, name, "published", "low_sweep"))
-    assert yaw > 98.0
-    assert side > 87.5
+def test_full_model_follows_the_package_as_published_up_to_0_7_hz(name, steering, tmp_path):
+    """Lateral acceleration where the tyres feel it: on the road in ours, at the sprung mass in the package's slips.
+
+    At the sprung mass of ours, which sways, the fit is less by up to 4 points.
+    """
+    p = car(name)
+    steer, (ahead, height) = manoeuvre(steering, p.a + p.b), centre_of_sprung_mass(p)
+    vehicle, published = load_vehicle(str(write_car(tmp_path / "car", p))), reference_trace(name, steer)
+    for z, least in ((0.0, 90.0), (height, 87.5)):
+        yaw, side = fits(published, plant_trace(vehicle, steer, (ahead, z)))
+        assert yaw > 97.0
+        assert side > least
 
 
 def _reduced(folder: Path, name: str, steering: str) -> tuple[float, float]:
