@@ -149,7 +149,7 @@ class Truth:
         spin_inertia: what the wheels add to it, since those outside turn faster in a bend [kg m²].
         rotating_mass: what turns with the wheels, reduced to the road [kg].
         stiffness: of both tyres of front and rear axle at their static load [N/rad].
-        driven_stiffness: the same at their load in the drives [N/rad].
+        driven_stiffness: the same at their load in the drives, with the pull of the front wheels [N/rad].
     """
 
     mass: float
@@ -175,19 +175,22 @@ def truth():
     spin = 0.5 * 20.0 * radius**2  # solid cylinders of 20 kg: models/bolt/properties.xacro, 4
     motor = 0.04 * 7.05**2  # variants/handling.yaml
     length = vehicle.geometry.wheelbase
-    # The air pulls at the height of the centre of mass, the tyres push on the road: 25 and 12 m/s are the drives'.
-    air = 0.5 * 1.2 * 0.798 * 0.5 * (25.0**2 + 12.0**2) * whole.get_com()[2]
+    # At the speeds of the drives, 25 and 12 m/s, the air pulls at the height of the centre of mass, and tyres that are
+    # pressed by SUNK push on the road; rolling resistance holds the wheels by Crr N R. Both move load to the rear. The
+    # front wheels pull against both, to where they point: as if they were stiffer by their force.
+    drag, rolling = 0.5 * 1.2 * 0.798 * 0.5 * (25.0**2 + 12.0**2), 0.0079 * mass * 9.80665
+    pull = drag * (whole.get_com()[2] - SUNK) + rolling * radius
     tir = (data_root() / "models" / "tyres" / "215_50R17.tir").read_text()
     data = dict(re.findall(r"^(\w+)\s*=\s*(\S+)", tir, re.MULTILINE))
     nominal, k1, k2, k4 = (float(data[name]) for name in ("FNOMIN", "PKY1", "PKY2", "PKY4"))
     # H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., equation 4.E25.
     resting: list[float] = []
     driven: list[float] = []
-    for pull, found in ((0.0, resting), (air, driven)):
-        for moment in (mass * 9.80665 * ahead - pull, mass * 9.80665 * (length - ahead) + pull):
+    for moved, found in ((0.0, resting), (pull, driven)):
+        for moment in (mass * 9.80665 * ahead - moved, mass * 9.80665 * (length - ahead) + moved):
             load = 0.5 * moment / length
             found.append(2.0 * abs(k1) * nominal * math.sin(k4 * math.atan(load / (k2 * nominal))))
     return Truth(
         mass, length - ahead, ahead, turn, 4.0 * spin * (half / radius) ** 2, (4.0 * spin + motor) / radius**2,
-        (resting[0], resting[1]), (driven[0], driven[1]),
+        (resting[0], resting[1]), (driven[0] + drag + rolling, driven[1]),
     )  # fmt: skip

@@ -176,8 +176,7 @@ def half(one):
 def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
     """Truth: the tyre's own stiffness at the load of the drives, and the inertia of all bodies.
 
-    What the model leaves out is some 1 % of the stiffnesses, and their intervals have it: most hold the truth, and none
-    is off by more than one and a half of it.
+    What the model leaves out is half a percent, which is not in the intervals: four of five hold the truth.
     """
     so = truth()
     wanted = {
@@ -186,15 +185,15 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
         "yaw_inertia": so.yaw_inertia,
     }
     inside = 0
-    for seed in range(4):
+    for seed in range(8):
         found: Any = fit_bolt(bolt[0], seed, "road_wheel_angle")
         for name, value in wanted.items():
             off = found[name].value / value - 1.0
             assert abs(off) < 0.02, (name, seed, off)
-            assert abs(off) < 1.5 * half(found[name]), (name, seed, off)
+            assert abs(off) < 1.75 * half(found[name]), (name, seed, off)
             inside += abs(off) < half(found[name])
         assert abs(found["steering_delay"].value) < 1e-3
-    assert inside >= 10  # of 12
+    assert inside >= 19  # of 24
 
 
 @pytest.mark.slow

@@ -202,11 +202,24 @@ def single_track_parameters(
             ),
             Parameter("steering_compliance_time", "s", "how late it does", 0.0, 0.0, 1.0, scale=0.02, usual=2.0),
         ]
-    return (*found, *(_roll_parameters(given, outputs, mass, front + rear, yields=yields) if roll else ()))
+        if roll:
+            found.append(
+                Parameter(
+                    "camber_moment",
+                    "N m/rad" if "mass" in given else "N m/(rad kg)",
+                    "moment of the front wheels on the steering over roll, beside that of their force",
+                    0.0,
+                    -10.0 * mass,
+                    10.0 * mass,
+                    scale=0.5 * mass,
+                    usual=2.0,
+                )
+            )
+    return (*found, *(_roll_parameters(given, outputs, mass, front + rear) if roll else ()))
 
 
 def _roll_parameters(
-    given: Mapping[str, float], outputs: Collection[str], mass: float, length: float, *, yields: bool
+    given: Mapping[str, float], outputs: Collection[str], mass: float, length: float
 ) -> tuple[Parameter, ...]:
     # Where no sensor sees the roll, what a vehicle's files say of it is better than what a log does.
     seen = bool({"roll", "roll_rate"} & set(outputs))
@@ -238,14 +251,6 @@ def _roll_parameters(
             "roll_moment", "N m/rad" if "mass" in given else "N m/(rad kg)",
             "moment of the road about the vertical over roll, beside those of the lateral forces",
             0.0, -10.0 * mass, 10.0 * mass, scale=0.5 * mass, usual=2.0,
-        ),
-        *(
-            Parameter(
-                "camber_moment", "N m/rad" if "mass" in given else "N m/(rad kg)",
-                "moment of the front wheels on the steering over roll, beside that of their force",
-                0.0, -10.0 * mass, 10.0 * mass, scale=0.5 * mass, usual=2.0,
-            )
-            for _ in range(yields)
         ),
         Parameter("roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
         Parameter("roll_steer_rear", "1", "the same at the rear", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
