@@ -12,7 +12,7 @@ from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.structure import additions, choose_structure
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.parameters import Choice
-from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, speed, steering
+from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, lateral_data, speed, steering
 
 CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
 SPEC = ModelSpec("single_track", {"roll": False, "tyres": "linear"})
@@ -84,3 +84,19 @@ def test_what_a_study_or_a_vehicle_says_is_not_tried():
     assert "roll of the body" not in tried({"roll": False}, {})
     assert "roll of the body" not in tried({"outputs": ["yaw_rate"]}, {})
     assert "roll of the body" not in tried({}, {"yaw_inertia": Choice(given=2400.0)})
+
+
+def test_an_angle_of_the_wheels_that_is_only_asked_for_has_a_lag():
+    """A delay of 30 ms and a lag of 50 ms, recorded before both: as a dead time alone they cost yaw inertia."""
+    closed = ModelSpec("single_track", {"roll": False, "tyres": "linear", "relaxation": False})
+    data = lateral_data(0)
+    found = choose_structure(data, closed, CAR, EstimatorOptions())
+    assert any("a lag of the steering" in note for note in found.notes)
+    result: Any = fit(data, found.model, parameters=found.choices, start=found.start)
+    for name in ("yaw_inertia", "steering_delay", "steering_lag"):
+        assert result[name].low < TRUTH[name] < result[name].high, name
+    plain: Any = fit(data, closed, parameters=CAR)
+    assert plain["yaw_inertia"].value > 1.1 * TRUTH["yaw_inertia"]
+    assert "a lag of the steering: record where the wheels are" in plain["yaw_inertia"].words
+    # Where the wheels do as they are recorded, none is tried.
+    assert not choose_structure(relaxing(0.0), closed, CAR, EstimatorOptions()).notes

@@ -25,6 +25,7 @@ from mirdrake.identification.estimators.problem import Problem, carried
 from mirdrake.identification.estimators.solve import Minimum, finish, minimise
 from mirdrake.identification.models.base import Model, ModelSpec
 from mirdrake.identification.models.registry import TURNING, make_model
+from mirdrake.identification.models.steer import AHEAD
 from mirdrake.identification.parameters import Choice, choose
 
 LIMIT = 3.0
@@ -62,12 +63,14 @@ class Addition(NamedTuple):
         options: of the model.
         worth: part of the cost that it must save; load transfer, which goes with the speed as much else does, more than
             others, and roll, four numbers, most.
+        delay: it is tried where the dead time of the steering is longer so far [s].
     """
 
     words: str
     free: tuple[str, ...] = ()
     options: Mapping[str, Any] = MappingProxyType({})
     worth: float = 0.01
+    delay: float = -np.inf
 
 
 class Structure(NamedTuple):
@@ -106,6 +109,8 @@ def choose_structure(
     asked: dict[str, Structure] = {}
     for added in left_open:
         if asked.get(added.words) is best or (added.free and set(added.free) <= set(best.choices)):
+            continue
+        if not least.problem.values(least.z)["steering_delay"] > added.delay:
             continue
         asked[added.words] = best
         if not _promises(data, best, least, added, options):
@@ -153,10 +158,10 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
     slips = model.kind.startswith("single_track")
     if slips and "load_transfer" not in choices and _most_along(data) > ALONG:
         yield Addition("load transfer in braking", ("load_transfer",), worth=0.03)
-    # A measured angle of the wheels has the lag of the steering in it.
-    late = "steering_lag" not in choices and not all("road_wheel_angle" in log.channels for log in data.logs)
-    lag = Addition("a lag of the steering", ("steering_lag",))
-    if late:
+    # A measured angle of the wheels has the lag of the steering in it, if it is one.
+    late, measured = "steering_lag" not in choices, all("road_wheel_angle" in log.channels for log in data.logs)
+    lag = Addition("a lag of the steering", ("steering_lag",), delay=AHEAD if measured else -np.inf)
+    if late and not measured:
         yield lag
     if not slips:
         return

@@ -67,7 +67,7 @@ from mirdrake.identification.models.base import (
     pick_outputs,
 )
 from mirdrake.identification.models.single_track_parameters import RELAXATION, single_track_parameters
-from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle
+from mirdrake.identification.models.steer import AHEAD, NAMES, STEERING, steering_angle
 from mirdrake.worlds.world import GRAVITY
 
 TYRES = ("linear", "fiala", "magic_formula")
@@ -389,8 +389,10 @@ class SingleTrackModel(Model):
         lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "fiala"})
         if "load_transfer" in assumed:
             lack("load transfer in braking", "give load_transfer", {"load_transfer": PART * _HEIGHT * length}, {})
-        if "steering_lag" in assumed and self._steer != "road_wheel_angle":
-            lack("a lag of the steering", "record road_wheel_angle", {"steering_lag": PART * _LAG}, {})
+        asked = self._steer != "road_wheel_angle"
+        if "steering_lag" in assumed and (asked or p["steering_delay"] > AHEAD):
+            remedy = "record road_wheel_angle" if asked else "record where the wheels are, not what they were asked for"
+            lack("a lag of the steering", remedy, {"steering_lag": PART * _LAG}, {})
         return tuple(found)
 
     def remedy(self, names: frozenset[str]) -> str:

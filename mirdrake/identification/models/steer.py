@@ -10,6 +10,10 @@ from mirdrake.identification.parameters import Parameter
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 NAMES = frozenset({"steering_ratio", "steering_offset", "steering_delay", "steering_lag", "steering_backlash"})
 
+AHEAD = 0.03
+"""Dead time from which on a recorded angle of the wheels is what they were asked for, and not where they are [s]: the
+tyres of a car, which relax, are late by 20 ms."""
+
 _FINER = 4
 
 _RATIO = {"road_wheel_angle": 1.0, "steering_wheel_angle": 15.0, "steering_command": 1.5}
