@@ -300,6 +300,14 @@ def test_random_steering_has_the_asked_effective_value_and_the_same_seed_the_sam
     assert make_profile(data | {"seed": 1})(1.0) != wave(1.0)
 
 
+def test_random_steering_does_not_jump():
+    """Its sines have phases by chance: begun at once, they would jump by 13 mrad in a sample, with 13 rad/s."""
+    wave = make_profile({"kind": "random", "amplitude": 0.015, "first": 0.1, "last": 3.0, "length": 20.0, "start": 1.0})
+    values = np.array([wave(t) for t in np.arange(0.0, 22.0, 1e-3)])
+    assert values[0] == values[-1] == 0.0
+    assert np.abs(np.diff(values)).max() / 1e-3 < 0.4  # the Bolt's steering runs with 0.5 rad/s
+
+
 def test_a_circle_closes_and_an_eight_turns_right_first():
     line = circle(radius=10.0, turn=1.0, laps=1.0)
     assert (line.x[-1], line.y[-1]) == pytest.approx((0.0, 0.0), abs=0.3)

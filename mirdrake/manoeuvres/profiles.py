@@ -12,6 +12,9 @@ from mirdrake.errors import ConfigError, did_you_mean
 
 Profile = Callable[[float], float]
 
+EASE = 0.5
+"""Time in which random steering rises, and dies away [s]."""
+
 
 def step(*, amplitude: float, start: float = 0.0, rise: float = 0.0) -> Profile:
     """A step, reached along a straight line in `rise` [s]."""
@@ -66,7 +69,10 @@ def sweep(*, amplitude: float, first: float, last: float, length: float, start: 
 def random_steer(
     *, amplitude: float, first: float, last: float, length: float, start: float = 0.0, seed: int = 0, lines: int = 60
 ) -> Profile:
-    """Sines from `first` to `last` [Hz] with phases by chance, whose common effective value is amplitude / √2."""
+    """Sines from `first` to `last` [Hz] with phases by chance, whose common effective value is amplitude / √2.
+
+    It rises from zero and goes back to it within :data:`EASE`, for no steering can jump.
+    """
     chance = random.Random(seed)
     waves = [
         (2.0 * math.pi * (first + (last - first) * (number + chance.random()) / lines), chance.uniform(0.0, math.tau))
@@ -78,7 +84,8 @@ def random_steer(
         since = t - start
         if not 0.0 <= since < length:
             return 0.0
-        return height * math.fsum(math.sin(rate * since + phase) for rate, phase in waves)
+        share = min(1.0, since / EASE, (length - since) / EASE)
+        return height * share * math.fsum(math.sin(rate * since + phase) for rate, phase in waves)
 
     return angle
 
