@@ -111,9 +111,10 @@ class TyreSpring:
         """Compression [m] under a load [N]."""
         return float(self.softness * max(load, 0.0) ** self.power)
 
-    def load(self, depth: float) -> float:
-        """Load [N] at a compression [m]."""
-        return float((max(depth, 0.0) / self.softness) ** (1.0 / self.power))
+
+def spring_load(spring: TyreSpring, depth: float) -> float:
+    """Load of a tyre [N] at a compression [m]."""
+    return float((max(depth, 0.0) / spring.softness) ** (1.0 / spring.power))
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
     velocities = plant.GetVelocities(context)
     world = plant.world_frame()
     for place, joint in zip(wheel_places(part), part.wheels, strict=True):
-        place = place._replace(rolling=None)
+        place = place._replace(rolling=0.0)
         motion = wheel_motion(
             state, place, base_motion(state, place.base, plant.num_positions()), plant.num_positions()
         )

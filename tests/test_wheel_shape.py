@@ -10,7 +10,7 @@ from pydrake.geometry import Ellipsoid, Mesh
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.manoeuvres import Rig, find_facts
-from mirdrake.plant import TyreSpring, make_plant
+from mirdrake.plant import TyreSpring, make_plant, spring_load
 from mirdrake.vehicles import WHEELS, load_vehicle
 from mirdrake.wheel_shape import FINE_SEGMENTS, make_wheel_shape, write_wheel_vtk
 from mirdrake.worlds import load_world
@@ -104,8 +104,8 @@ def test_the_load_of_a_patch_is_that_of_a_flat_strip_on_a_round_wheel(depth):
     half = sqrt(2.0 * radius * depth)
     x = np.linspace(-half, half, 20001)
     load = width * np.trapezoid(modulus / radius * (depth - x**2 / (2.0 * radius)), x)
-    assert spring.load(depth) == pytest.approx(load, rel=1e-5)
-    assert spring(spring.load(depth)) == pytest.approx(depth, rel=1e-12)
+    assert spring_load(spring, depth) == pytest.approx(load, rel=1e-5)
+    assert spring(spring_load(spring, depth)) == pytest.approx(depth, rel=1e-12)
     # the mesh's polygon at two angles, cut by the road
     sector = 2.0 * pi / FINE_SEGMENTS
     apothem = radius * sqrt(sector / sin(sector)) * cos(0.5 * sector)

@@ -12,17 +12,21 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.diagram import assemble
 from mirdrake.errors import ConfigError
 from mirdrake.simulation import Simulation
-from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces
+from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces, brush_on
 from mirdrake.tyres.magic_formula import magic_formula
-from mirdrake.tyres.magic_formula_curve import curve_at_load
+from mirdrake.tyres.magic_formula_curve import curve_at_load, magic_formula_on
 from mirdrake.tyres.tir import read_tir
+from mirdrake.tyres.wheel_laws import BRUSH as BRUSH_LAW
+from mirdrake.tyres.wheel_laws import MAGIC_FORMULA as MAGIC_FORMULA_LAW
 from mirdrake.tyres.wheel_motion import wheel_places
+from mirdrake.tyres.wheel_step import tyre_step
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds.world import GRAVITY
 from tests.test_tyre_laws import FULL
 from tests.tyre_rigs import Watch, make_bolts, make_slope, motions, on_tyres, steady_forces
 
 KINDS = ("brush", "magic_formula")
+BY_KIND = {"brush": BRUSH_LAW, "magic_formula": MAGIC_FORMULA_LAW}
 CONTACTS = ("point", "hydroelastic")
 TIR = read_tir(Path(__file__).parent.parent / "models" / "tyres" / "215_50R17.tir").parameters
 BRUSH = BrushTyre(
@@ -142,8 +146,67 @@ def test_the_fast_magic_formula_is_the_full_one(version):
         kappa, slip, vx = random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0), random.uniform(-3.0, 20.0)
         gamma *= random.integers(2)
         full = magic_formula(parameters, kappa, slip, load, vx=vx, gamma=gamma, friction=friction)
-        fast = curve_at_load(parameters, load, gamma=gamma, friction=friction)(kappa, slip, vx)
+        fast = magic_formula_on(curve_at_load(parameters, load, gamma=gamma, friction=friction), kappa, slip, vx)
         assert fast == pytest.approx((full.fx, full.fy, full.mz), rel=1e-12, abs=1e-9)
+
+
+def test_the_fast_brush_is_the_full_one():
+    random = np.random.default_rng(3)
+    for _ in range(300):
+        load, friction = random.uniform(0.0, 12000.0), random.uniform(0.1, 1.3)
+        kappa, slip, vx = random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0), random.uniform(-3.0, 20.0)
+        full = brush_forces(BRUSH, kappa, slip, load, friction=friction)
+        fade = np.sin(0.5 * np.pi * np.clip(vx, -1.0, 1.0))  # of the moment, as the direction of rolling turns round
+        fast = brush_on(brush_at_load(BRUSH, load, friction=friction), kappa, slip, vx)
+        assert fast == pytest.approx((full.fx, full.fy, full.mz * fade), rel=1e-12, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_machine_code_does_what_its_python_text_says(bolt, kind):
+    assembly, random = on_tyres(bolt(kind), contact="point"), np.random.default_rng(5)
+    tyres, law = assembly.tyres["ego"], BY_KIND[kind].forces
+    context = tyres.CreateDefaultContext()
+    quick, ways = tyres._step, []
+    for step in (quick, lambda *given: tyre_step(law, *map(with_dots, given))):
+        random, told = np.random.default_rng(5), []
+        tyres._step = step
+        context.get_mutable_discrete_state().SetFrom(tyres.CreateDefaultContext().get_discrete_state())
+        for speed in (0.0, 0.3, 12.0):
+            for _ in range(5):
+                slides = dict(zip(("vy", "slip", "steering", "lean"), random.uniform(-0.3, 0.3, 4), strict=True))
+                tyres.plant_state.FixValue(context, sliding_state(assembly, vx=speed, **slides))
+                tyres.wheel_load.FixValue(context, random.uniform(0.0, 6000.0, 4))
+                tyres.wheel_torque.FixValue(context, random.uniform(0.0, 900.0, 8))
+                force = tyres.generalized_force.Eval(context)
+                context.get_mutable_discrete_state().SetFrom(tyres.EvalUniquePeriodicDiscreteUpdate(context))
+                told.append(np.concatenate([force, *(group.value() for group in discrete_groups(context))]))
+        ways.append(np.array(told))
+    assert np.abs(ways[0]).max() > 1000.0
+    assert ways[0] == pytest.approx(ways[1], rel=1e-9, abs=1e-9)
+
+
+class Dotted:
+    """A record whose fields Python can read and write with dots, as machine code does."""
+
+    def __init__(self, record):
+        self.__dict__["record"] = record
+
+    def __getattr__(self, name):
+        return with_dots(self.record[name])
+
+    def __setattr__(self, name, value):
+        self.record[name] = value
+
+
+def with_dots(given):
+    if not given.dtype.names:
+        return given
+    return list(map(Dotted, given)) if given.shape else Dotted(given)
+
+
+def discrete_groups(context):
+    values = context.get_discrete_state()
+    return [values.get_vector(index) for index in range(values.num_groups())]
 
 
 # --- driving -----------------------------------------------------------------------------------------------------

@@ -37,6 +37,9 @@ _TINY = 1e-12
 _LOCKED = 1e-6
 """Smallest |1 + kappa|: a locked wheel slides on its whole patch long before."""
 
+LOW = 1.0
+"""Speed below which the aligning moment of a wheel fades, as that of the Magic Formula does [m/s]."""
+
 _LEAST_FRICTION = 0.1
 """Least part of the nominal friction that the load may leave."""
 
@@ -88,7 +91,7 @@ class BrushForces(NamedTuple):
 
 
 class BrushCurve(NamedTuple):
-    """The parameters at a load.
+    """The parameters at a load, of any kind of number.
 
     Attributes:
         longitudinal: longitudinal stiffness [N].
@@ -170,3 +173,35 @@ def brush_forces_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, maths: Ma
         fy=-(stuck_y * square + slide * slip_y),
         mz=forward * half_length * (back - arm),
     )
+
+
+def brush_on(curve: BrushCurve, kappa: float, tan_alpha: float, vx: float) -> tuple[float, float, float]:
+    """:func:`brush_forces_on` for floats, simple enough for machine code (:mod:`mirdrake.compiled`).
+
+    The aligning moment turns round with the direction of rolling, and fades below :data:`LOW` between both.
+
+    Args:
+        curve: of :func:`brush_at_load`.
+        kappa: longitudinal slip [1].
+        tan_alpha: tangent of the slip angle [1].
+        vx: longitudinal speed [m/s].
+
+    Returns:
+        Fx [N], Fy [N], Mz [N m].
+    """
+    forward = -1.0 if kappa < -1.0 else 1.0
+    scale = max(forward * (1.0 + kappa), _LOCKED)
+    slip_x, slip_y = kappa / scale, tan_alpha / scale
+    slip = math.sqrt(slip_x * slip_x + slip_y * slip_y + _TINY * _TINY)
+    stuck_x, stuck_y = curve.longitudinal * slip_x, curve.cornering * slip_y
+    stuck = math.sqrt(stuck_x * stuck_x + stuck_y * stuck_y + _TINY * _TINY)
+
+    sliding_share = min(stuck / (3.0 * curve.limit + _TINY), 1.0)
+    share = 1.0 - sliding_share
+    square = share * share
+    slide = curve.limit * sliding_share * sliding_share * (1.0 + 2.0 * share) / slip
+    arm = stuck_y * (square - 4.0 / 3.0 * square * share)
+    back = 3.0 * curve.limit * square * sliding_share * sliding_share * slip_y / slip
+    fx, fy = stuck_x * square + slide * slip_x, -(stuck_y * square + slide * slip_y)
+    rolling = math.sin(0.5 * math.pi / LOW * min(max(vx, -LOW), LOW))
+    return fx, fy, forward * curve.half_length * (back - arm) * rolling

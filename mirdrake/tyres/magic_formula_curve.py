@@ -1,11 +1,10 @@
 """The Magic Formula at a load: what depends on load, inclination, pressure and friction only, worked out once.
 
-A wheel asks for forces in every step of a simulation, while its load is measured less often. The function made here
-gives Fx, Fy and Mz of :func:`mirdrake.tyres.magic_formula.magic_formula` for floats, in a third of its time; the
-equations and their numbers are there.
+A wheel asks for forces in every step of a simulation, while its load is measured less often. The functions here give
+Fx, Fy and Mz of :func:`mirdrake.tyres.magic_formula.magic_formula` for floats, in a third of its time, and are simple
+enough for machine code (:mod:`mirdrake.compiled`); the equations and their numbers are there.
 """
 
-from collections.abc import Callable
 from math import atan, cos, pi, sin, sqrt
 from typing import NamedTuple
 
@@ -13,11 +12,8 @@ from mirdrake.tyres.magic_formula import OperatingPoint, SlipCurve, operating_po
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.maths import FLOAT
 
-SteadyForces = Callable[[float, float, float], tuple[float, float, float]]
-"""(kappa, tan alpha, vx [m/s]) -> (Fx [N], Fy [N], Mz [N m])."""
 
-
-class _Wave(NamedTuple):
+class Wave(NamedTuple):
     """D sin(C atan(B x - E (B x - atan B x))) + Sv at x = slip + Sh; E for x from zero on and for x below."""
 
     b: float
@@ -28,18 +24,91 @@ class _Wave(NamedTuple):
     shift_h: float
     shift_v: float
 
-    def at(self, slip: float, fade: float) -> float:
-        b, c, d, e_ahead, e_back, shift_h, shift_v = self
-        x = slip + shift_h * fade
-        slope = b * x
-        bent = slope - (e_back if x < 0.0 else e_ahead) * (slope - atan(slope))
-        return d * sin(c * atan(bent)) + shift_v * fade
+
+class Weight(NamedTuple):
+    """What the other slip leaves of a force: cos(C atan(B x - E (B x - atan B x))) at x = other slip + Sh.
+
+    B is `stiff` cos(atan(`flat` (own slip - `start`))).
+    """
+
+    stiff: float
+    flat: float
+    start: float
+    shape: float
+    bend: float
+    shift: float
 
 
-def _longitudinal(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> _Wave:
+class Swing(NamedTuple):
+    """Lateral force by kappa, S sin(C atan(K kappa)) cos(atan(A tan alpha)), S in N."""
+
+    size: float
+    alpha: float
+    shape: float
+    kappa: float
+
+
+class Trail(NamedTuple):
+    """Pneumatic trail [m], a cosine at x = tan alpha + Sh; its E has a slope with the sign of x."""
+
+    shift: float
+    b: float
+    c: float
+    d: float
+    e: float
+    slope: float
+
+
+class Rest(NamedTuple):
+    """Residual moment [N m], d cos(atan(b x)) at x = tan alpha + Sh."""
+
+    shift: float
+    b: float
+    d: float
+
+
+class MagicFormulaCurve(NamedTuple):
+    """The Magic Formula at a load.
+
+    Attributes:
+        along: longitudinal force of pure slip [N].
+        across: lateral force of pure slip [N].
+        upright: the same without inclination, for the trail.
+        leans: whether that differs.
+        weight_along: of the lateral slip on the longitudinal force.
+        weight_across: of the longitudinal slip on the lateral force.
+        swing: lateral force by kappa.
+        trail: pneumatic trail.
+        rest: residual moment.
+        ratio: of the slip stiffnesses, longitudinal by lateral [1].
+        arm: of Fx about the vertical [m].
+        arm_by_force: its change by Fy [m/N].
+        low: speed below which the direction of rolling fades [m/s].
+        scale: true load by that of the coefficients [1].
+        friction: of the road, relative to that of the data [1].
+    """
+
+    along: Wave
+    across: Wave
+    upright: Wave
+    leans: bool
+    weight_along: Weight
+    weight_across: Weight
+    swing: Swing
+    trail: Trail
+    rest: Rest
+    ratio: float
+    arm: float
+    arm_by_force: float
+    low: float
+    scale: float
+    friction: float
+
+
+def _longitudinal(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> Wave:
     dfz, shape = at.dfz, p.pcx1 * p.lcx
     bend = p.pex1 + p.pex2 * dfz + p.pex3 * dfz * dfz
-    return _Wave(
+    return Wave(
         curve.kxk / (shape * curve.dx),
         shape,
         curve.dx,
@@ -50,7 +119,7 @@ def _longitudinal(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurv
     )
 
 
-def _lateral(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> _Wave:
+def _lateral(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> Wave:
     dfz, camber, shape = at.dfz, at.camber, p.pcy1 * p.lcy
     by_camber = at.load * (p.pvy3 + p.pvy4 * dfz) * camber * (p.lkyc * p.lmuy) * at.mu
     if p.version == "5.2":
@@ -60,7 +129,7 @@ def _lateral(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) ->
         lean = (thrust * camber - by_camber) / curve.kya
     bend, middle = p.pey1 + p.pey2 * dfz, 1.0 + p.pey5 * camber * camber
     turned = p.pey3 + p.pey4 * camber
-    return _Wave(
+    return Wave(
         curve.kya / (shape * curve.dy),
         shape,
         curve.dy,
@@ -78,8 +147,8 @@ def curve_at_load(
     gamma: float = 0.0,
     pressure: float | None = None,
     friction: float = 1.0,
-) -> SteadyForces:
-    """Forces of combined slip at a load, as a function of slip and speed.
+) -> MagicFormulaCurve:
+    """What forces of combined slip at a load need.
 
     Args:
         p: parameters.
@@ -87,91 +156,133 @@ def curve_at_load(
         gamma: inclination angle [rad].
         pressure: inflation pressure [Pa]; that of the parameters if None.
         friction: of the road, relative to that of the tyre's data [1]; taken as 0.001 at least.
-
-    Returns:
-        (kappa, tan alpha, vx) -> (Fx, Fy, Mz), equal to those of :func:`mirdrake.tyres.magic_formula.magic_formula`.
     """
     at = operating_point(p, load, gamma, pressure, friction, FLOAT)
     return curve_at(p, at, pure_slip(p, at))
 
 
-def curve_at(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> SteadyForces:
+def curve_at(p: MagicFormulaParameters, at: OperatingPoint, curve: SlipCurve) -> MagicFormulaCurve:
     """The same where operating point and :func:`mirdrake.tyres.magic_formula.pure_slip` are known."""
-    gamma = at.gamma
-    dfz, camber, scale, mu = at.dfz, at.camber, at.scale, at.mu
-    wave_x, wave_y = _longitudinal(p, at, curve), _lateral(p, at, curve)
-    old = p.version == "5.2"
-    upright = wave_y
-    if not old and gamma != 0.0:
+    gamma, dfz, camber, mu = at.gamma, at.dfz, at.camber, at.mu
+    along, across = _longitudinal(p, at, curve), _lateral(p, at, curve)
+    leans = p.version != "5.2" and gamma != 0.0
+    upright = across
+    if leans:
         level = at._replace(gamma=0.0, camber=0.0)
         upright = _lateral(p, level, pure_slip(p, level))
-
-    # Weights of combined slip; cos(atan x) = 1 / sqrt(1 + x²).
-    stiff_x, flat_x, shift_x = (p.rbx1 + p.rbx3 * camber * camber) * p.lxal, p.rbx2, p.rhx1
-    shape_x, bend_x = p.rcx1, min(p.rex1 + p.rex2 * dfz, 1.0)
-    stiff_y, flat_y, start_y = (p.rby1 + p.rby4 * camber * camber) * p.lyka, p.rby2, p.rby3
-    shape_y, bend_y, shift_y = p.rcy1, min(p.rey1 + p.rey2 * dfz, 1.0), p.rhy1 + p.rhy2 * dfz
-    swing, swing_alpha = curve.dy * (p.rvy1 + p.rvy2 * dfz + p.rvy3 * camber) * p.lvyka, p.rvy4
-    swing_shape, swing_kappa = p.rvy5, p.rvy6
-
-    # Trail, residual moment, arm of Fx.
-    radius, ratio = p.unloaded_radius, curve.kxk / curve.kya
-    shift_t = p.qhz1 + p.qhz2 * dfz + (p.qhz3 + p.qhz4 * dfz) * camber
-    b_t = (p.qbz1 + p.qbz2 * dfz + p.qbz3 * dfz * dfz) * (1.0 + p.qbz4 * gamma + p.qbz5 * abs(gamma))
-    b_t *= p.lky / (mu * p.lmuy)
-    c_t = p.qcz1
-    d_t = (p.qdz1 + p.qdz2 * dfz) * (1.0 - p.ppz1 * at.dpi) * (1.0 + p.qdz3 * gamma + p.qdz4 * gamma * gamma)
-    d_t *= at.load * (radius / (p.lfzo * p.fnomin)) * p.ltr
-    e_t = p.qez1 + p.qez2 * dfz + p.qez3 * dfz * dfz
-    e_slope = (p.qez4 + p.qez5 * camber) * (2.0 / pi)
-    shift_r = wave_y.shift_h + wave_y.shift_v / curve.kya
-    b_r = p.qbz9 * p.lky / (mu * p.lmuy) + p.qbz10 * wave_y.b * (p.pcy1 * p.lcy)
+    radius, of_friction = p.unloaded_radius, p.lky / (mu * p.lmuy)
     lean = (p.qdz8 + p.qdz9 * dfz) * (1.0 + p.ppz2 * at.dpi) + (p.qdz10 + p.qdz11 * dfz) * abs(camber)
-    d_r = at.load * radius * ((p.qdz6 + p.qdz7 * dfz) * p.lres + lean * camber * p.lkzc) * (mu * p.lmuy)
-    arm_0 = radius * (p.ssz1 + (p.ssz3 + p.ssz4 * dfz) * gamma) * p.ls
-    arm_y = radius * p.ssz2 / p.fnomin * p.ls
-    low, turn = p.vxlow, 0.5 * pi / p.vxlow
+    return MagicFormulaCurve(
+        along=along,
+        across=across,
+        upright=upright,
+        leans=leans,
+        weight_along=Weight(
+            stiff=(p.rbx1 + p.rbx3 * camber * camber) * p.lxal,
+            flat=p.rbx2,
+            start=0.0,
+            shape=p.rcx1,
+            bend=min(p.rex1 + p.rex2 * dfz, 1.0),
+            shift=p.rhx1,
+        ),
+        weight_across=Weight(
+            stiff=(p.rby1 + p.rby4 * camber * camber) * p.lyka,
+            flat=p.rby2,
+            start=p.rby3,
+            shape=p.rcy1,
+            bend=min(p.rey1 + p.rey2 * dfz, 1.0),
+            shift=p.rhy1 + p.rhy2 * dfz,
+        ),
+        swing=Swing(
+            size=curve.dy * (p.rvy1 + p.rvy2 * dfz + p.rvy3 * camber) * p.lvyka,
+            alpha=p.rvy4,
+            shape=p.rvy5,
+            kappa=p.rvy6,
+        ),
+        trail=Trail(
+            shift=p.qhz1 + p.qhz2 * dfz + (p.qhz3 + p.qhz4 * dfz) * camber,
+            b=(p.qbz1 + p.qbz2 * dfz + p.qbz3 * dfz * dfz) * (1.0 + p.qbz4 * gamma + p.qbz5 * abs(gamma)) * of_friction,
+            c=p.qcz1,
+            d=(p.qdz1 + p.qdz2 * dfz)
+            * (1.0 - p.ppz1 * at.dpi)
+            * (1.0 + p.qdz3 * gamma + p.qdz4 * gamma * gamma)
+            * (at.load * (radius / (p.lfzo * p.fnomin)) * p.ltr),
+            e=p.qez1 + p.qez2 * dfz + p.qez3 * dfz * dfz,
+            slope=(p.qez4 + p.qez5 * camber) * (2.0 / pi),
+        ),
+        rest=Rest(
+            shift=across.shift_h + across.shift_v / curve.kya,
+            b=p.qbz9 * of_friction + p.qbz10 * across.b * (p.pcy1 * p.lcy),
+            d=at.load * radius * ((p.qdz6 + p.qdz7 * dfz) * p.lres + lean * camber * p.lkzc) * (mu * p.lmuy),
+        ),
+        ratio=curve.kxk / curve.kya,
+        arm=radius * (p.ssz1 + (p.ssz3 + p.ssz4 * dfz) * gamma) * p.ls,
+        arm_by_force=radius * p.ssz2 / p.fnomin * p.ls,
+        low=p.vxlow,
+        scale=at.scale,
+        friction=mu,
+    )
 
-    def weight(slope: float, bend: float, shape: float) -> float:
-        return cos(shape * atan(slope - bend * (slope - atan(slope))))
 
-    def forces(kappa: float, slip: float, vx: float) -> tuple[float, float, float]:
-        direction = 1.0 if vx >= low else -1.0 if vx <= -low else sin(turn * vx)
-        fade = direction * direction
-        like_kappa, like_slip = kappa / mu, slip / mu
+def magic_formula_on(curve: MagicFormulaCurve, kappa: float, tan_alpha: float, vx: float) -> tuple[float, float, float]:
+    """Forces of combined slip in steady state, equal to those of :func:`mirdrake.tyres.magic_formula.magic_formula`.
 
-        flat = flat_x * like_kappa
-        stiff = stiff_x / sqrt(1.0 + flat * flat)
-        g_x = weight(stiff * (like_slip + shift_x), bend_x, shape_x)
-        if shift_x:
-            g_x /= weight(stiff * shift_x, bend_x, shape_x)
-        g_x = max(g_x, 0.0)
-        fx = g_x * wave_x.at(kappa, fade)
+    Args:
+        curve: of :func:`curve_at_load`.
+        kappa: longitudinal slip [1].
+        tan_alpha: tangent of the slip angle [1].
+        vx: longitudinal speed [m/s].
 
-        flat = flat_y * (like_slip - start_y)
-        stiff = stiff_y / sqrt(1.0 + flat * flat)
-        g_y = weight(stiff * (like_kappa + shift_y), bend_y, shape_y)
-        if shift_y:
-            g_y /= weight(stiff * shift_y, bend_y, shape_y)
-        g_y = max(g_y, 0.0)
-        pure = g_y * wave_y.at(slip, fade)
-        fy = pure
-        if swing:
-            flat = swing_alpha * like_slip
-            fy += swing / sqrt(1.0 + flat * flat) * sin(swing_shape * atan(swing_kappa * like_kappa)) * fade
-        for_trail = pure if upright is wave_y else g_y * upright.at(slip, fade)
+    Returns:
+        Fx [N], Fy [N], Mz [N m].
+    """
+    direction = 1.0 if vx >= curve.low else -1.0 if vx <= -curve.low else sin(0.5 * pi / curve.low * vx)
+    fade = direction * direction
+    like_kappa, like_slip = kappa / curve.friction, tan_alpha / curve.friction
 
-        along = direction / sqrt(1.0 + slip * slip)
-        by_kappa = ratio * kappa
-        by_kappa = by_kappa * by_kappa + 1e-24
-        at_trail = slip + shift_t
-        slope = b_t * sqrt(at_trail * at_trail + by_kappa)
-        bend = min(e_t * (1.0 + e_slope * atan(b_t * c_t * at_trail)), 1.0)
-        trail = d_t * weight(slope, bend, c_t) * along
-        at_rest = slip + shift_r * fade
-        flat = b_r * sqrt(at_rest * at_rest + by_kappa)
-        rest = d_r * along / sqrt(1.0 + flat * flat)
-        mz = rest - trail * for_trail + (arm_0 + arm_y * fy) * fx
-        return fx * scale, fy * scale, mz * scale
+    fx = _left(curve.weight_along, like_kappa, like_slip) * _wave(curve.along, kappa, fade)
+    left = _left(curve.weight_across, like_slip, like_kappa)
+    pure = left * _wave(curve.across, tan_alpha, fade)
+    fy, swing = pure, curve.swing
+    if swing.size != 0.0:
+        flat = swing.alpha * like_slip
+        fy += swing.size / sqrt(1.0 + flat * flat) * sin(swing.shape * atan(swing.kappa * like_kappa)) * fade
+    for_trail = left * _wave(curve.upright, tan_alpha, fade) if curve.leans else pure
 
-    return forces
+    along = direction / sqrt(1.0 + tan_alpha * tan_alpha)
+    by_kappa = curve.ratio * kappa
+    by_kappa = by_kappa * by_kappa + 1e-24
+    trail, rest = curve.trail, curve.rest
+    at_trail = tan_alpha + trail.shift
+    slope = trail.b * sqrt(at_trail * at_trail + by_kappa)
+    bend = min(trail.e * (1.0 + trail.slope * atan(trail.b * trail.c * at_trail)), 1.0)
+    arm = trail.d * _cosine(slope, bend, trail.c) * along
+    at_rest = tan_alpha + rest.shift * fade
+    flat = rest.b * sqrt(at_rest * at_rest + by_kappa)
+    mz = rest.d * along / sqrt(1.0 + flat * flat) - arm * for_trail + (curve.arm + curve.arm_by_force * fy) * fx
+    return fx * curve.scale, fy * curve.scale, mz * curve.scale
+
+
+def _wave(wave: Wave, slip: float, fade: float) -> float:
+    x = slip + wave.shift_h * fade
+    slope = wave.b * x
+    bent = slope - (wave.e_back if x < 0.0 else wave.e_ahead) * (slope - atan(slope))
+    return wave.d * sin(wave.c * atan(bent)) + wave.shift_v * fade
+
+
+def _left(weight: Weight, own: float, other: float) -> float:
+    """Part of a force that the other slip leaves [1]; cos(atan x) = 1 / sqrt(1 + x²)."""
+    flat = weight.flat * (own - weight.start)
+    stiff = weight.stiff / sqrt(1.0 + flat * flat)
+    share = _cosine(stiff * (other + weight.shift), weight.bend, weight.shape)
+    if weight.shift != 0.0:
+        share /= _cosine(stiff * weight.shift, weight.bend, weight.shape)
+    return max(share, 0.0)
+
+
+def _cosine(slope: float, bend: float, shape: float) -> float:
+    return cos(shape * atan(slope - bend * (slope - atan(slope))))
+
+
+MAGIC_FORMULA_PARTS = (_wave, _left, _cosine)
+"""What :func:`magic_formula_on` calls."""

@@ -142,7 +142,6 @@ def deflection_step(
     state: Deflection,
     motion: Motion,
     contact: Contact,
-    *,
     period: float,
     settings: RelaxationSettings = DEFAULTS,
 ) -> Deflection:
@@ -156,7 +155,7 @@ def deflection_step(
         settings: behaviour at low speed.
     """
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
-        return Deflection()
+        return Deflection(0.0, 0.0)
     weight = low_speed_weight(motion.vx, settings.low)
     limit_x = _WOUND * contact.friction_x / contact.stiffness_x * contact.length_x
     limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
@@ -211,3 +210,7 @@ def _advance(deflection: float, velocity: float, decay: float, period: float) ->
     passed = decay * period
     mean = -math.expm1(-passed) / passed if passed > _SMALL else 1.0 - 0.5 * passed
     return deflection * math.exp(-passed) + velocity * period * mean
+
+
+STEP_PARTS = (low_speed_weight, relaxed_slip, _share_of_spring, deflection_step, _sliding, _step, _advance)
+"""Functions of a step, for :mod:`mirdrake.compiled`."""

@@ -181,7 +181,7 @@ class RollingResistance(LeafSystem):
                 filters[row + 2] += self._blend * (contact.yaw + contact.moment * lever - filters[row + 2])
                 yaw = moment * lever - (1.0 - slow) * filters[row + 2]
                 force[base + 2] += yaw
-                if place.steering is not None:
+                if place.steering[0] >= 0:
                     force[place.steering[1]] += yaw
             force[place.spin] += torque
             force[base] += torque * ax

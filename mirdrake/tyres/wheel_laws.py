@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces_on
+from mirdrake.tyres.brush import BrushCurve, BrushTyre, brush_at_load, brush_on
 from mirdrake.tyres.magic_formula import lengths_at, operating_point, pure_slip
-from mirdrake.tyres.magic_formula_curve import SteadyForces, curve_at
+from mirdrake.tyres.magic_formula_curve import MAGIC_FORMULA_PARTS, MagicFormulaCurve, curve_at, magic_formula_on
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.maths import FLOAT
 from mirdrake.tyres.relaxation import Contact
@@ -15,8 +15,23 @@ from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.tyre_files import find_tyre_files
 from mirdrake.vehicles.tyre_spec import BrushAxle, BrushTyres, MagicFormulaTyres, TyreScale
 
-BRUSH_LOW = 1.0
-"""Speed below which the aligning moment of a brush tyre fades, as that of the Magic Formula does [m/s]."""
+
+class SteadyLaw(NamedTuple):
+    """A law of steady state, as functions of floats that :mod:`mirdrake.compiled` can turn into machine code.
+
+    Attributes:
+        curve: kind of record of a tyre at a load.
+        forces: (curve, kappa, tan alpha, vx [m/s]) -> (Fx [N], Fy [N], Mz [N m]).
+        parts: functions that it calls.
+    """
+
+    curve: type[Any]
+    forces: Callable[[Any, float, float, float], tuple[float, float, float]]
+    parts: tuple[Callable[..., Any], ...] = ()
+
+
+BRUSH = SteadyLaw(BrushCurve, brush_on)
+MAGIC_FORMULA = SteadyLaw(MagicFormulaCurve, magic_formula_on, MAGIC_FORMULA_PARTS)
 
 
 class TyreAtLoad(NamedTuple):
@@ -24,11 +39,17 @@ class TyreAtLoad(NamedTuple):
 
     Attributes:
         contact: stiffnesses, relaxation lengths, largest forces.
-        forces: (kappa, tan alpha, vx [m/s]) -> (Fx [N], Fy [N], Mz [N m]) in steady state.
+        curve: record of its law.
+        law: its law.
     """
 
     contact: Contact
-    forces: SteadyForces
+    curve: Any
+    law: SteadyLaw
+
+    def forces(self, kappa: float, tan_alpha: float, vx: float) -> tuple[float, float, float]:
+        """Fx [N], Fy [N], Mz [N m] in steady state; arguments as of :class:`SteadyLaw`."""
+        return self.law.forces(self.curve, kappa, tan_alpha, vx)
 
 
 TyreLaw = Callable[[float, float, float], TyreAtLoad]
@@ -55,21 +76,21 @@ def make_tyre_laws(vehicle: Vehicle) -> tuple[TyreLaw, TyreLaw] | None:
     return None
 
 
+def steady_law(vehicle: Vehicle) -> SteadyLaw:
+    """The law that all tyres of a vehicle with a tyre model follow."""
+    return BRUSH if isinstance(vehicle.spec.tyres, BrushTyres) else MAGIC_FORMULA
+
+
 def brush_law(axle: BrushAxle) -> TyreLaw:
-    """The law of :mod:`mirdrake.tyres.brush`; its aligning moment turns round with the direction, and fades between."""
+    """The law of :mod:`mirdrake.tyres.brush`."""
     data = axle.model_dump()
     length_x, length_y = data.pop("relaxation_x"), data.pop("relaxation_y")
     tyre = BrushTyre(**data)
 
     def law(load: float, inclination: float, friction: float) -> TyreAtLoad:  # noqa: ARG001 - laws are alike
         curve = brush_at_load(tyre, load, friction=friction)
-
-        def forces(kappa: float, tan_alpha: float, vx: float) -> tuple[float, float, float]:
-            fx, fy, mz = brush_forces_on(curve, kappa, tan_alpha, FLOAT)
-            return fx, fy, mz * FLOAT.direction(vx, BRUSH_LOW)
-
         contact = Contact(curve.longitudinal, curve.cornering, length_x, length_y, curve.limit, curve.limit)
-        return TyreAtLoad(contact, forces)
+        return TyreAtLoad(contact, curve, BRUSH)
 
     return law
 
@@ -83,7 +104,7 @@ def magic_formula_law(parameters: MagicFormulaParameters) -> TyreLaw:
         length_x, length_y = lengths_at(parameters, at, curve)
         peak_x, peak_y = abs(curve.dx) * scale, abs(curve.dy) * scale
         contact = Contact(curve.kxk * scale, -curve.kya * scale, length_x, length_y, peak_x, peak_y)
-        return TyreAtLoad(contact, curve_at(parameters, at, curve))
+        return TyreAtLoad(contact, curve_at(parameters, at, curve), MAGIC_FORMULA)
 
     return law
 

@@ -1,8 +1,8 @@
 """How a wheel moves on the road, and what a force of the road on it is in the plant's generalised forces.
 
 All of it from the plant's state as floats: base pose and velocity, travel of the suspension along z of the vehicle
-frame B, steering angle about the same direction, spin about the axle. For a handful of wheels this is faster than
-asking the plant, and it has no contexts.
+frame B, steering angle about the same direction, spin about the axle. It is faster than asking the
+plant, has no contexts, and the plant's step has it in machine code (:mod:`mirdrake.compiled`): indices, no unpacking.
 
 The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
 wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
@@ -24,6 +24,9 @@ _LEAST_RADIUS = 1e-3  # [m]
 Index = tuple[int, int]
 """Of a joint in the plant's positions and in its velocities."""
 
+NO_JOINT: Index = (-1, -1)
+"""Of a joint that is not there."""
+
 
 class WheelPlace(NamedTuple):
     """Where a wheel is on its vehicle, and in the plant's state.
@@ -33,19 +36,19 @@ class WheelPlace(NamedTuple):
             steered [m]; suspension at rest.
         offset: lateral distance of its centre from there [m].
         spin: index of its spin rate in the plant's generalised velocities.
-        steering: its steering joint, or None.
-        suspension: its suspension joint, along z of B, or None.
+        steering: its steering joint, or :data:`NO_JOINT`.
+        suspension: its suspension joint, along z of B, or :data:`NO_JOINT`.
         base: its vehicle's floating base.
-        rolling: effective rolling radius of its tyre model [m], or None.
+        rolling: effective rolling radius of its tyre model [m]; zero: that of contact friction.
     """
 
     pivot: tuple[float, float, float]
     offset: float
     spin: int
-    steering: Index | None
-    suspension: Index | None
+    steering: Index
+    suspension: Index
     base: Index
-    rolling: float | None = None
+    rolling: float = 0.0
 
 
 def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
@@ -55,18 +58,18 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
     length, high, low = geometry.wheelbase, geometry.front_wheel_radius, geometry.rear_wheel_radius
     places = [((length, kingpin, high), front - kingpin), ((length, -kingpin, high), kingpin - front)]
     places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
-    steering = [*((joint.position_start(), joint.velocity_start()) for joint in part.steering), None, None]
+    steering = [*((joint.position_start(), joint.velocity_start()) for joint in part.steering), NO_JOINT, NO_JOINT]
     travels = getattr(part, "suspension", ()) or (None,) * len(places)
     base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())
     tyres, radii = part.vehicle.spec.tyres, geometry.wheel_radii
-    rolling = [None if tyres.kind == "coulomb" else tyres.rolling_ratio * radius for radius in radii]
+    rolling = [0.0 if tyres.kind == "coulomb" else tyres.rolling_ratio * radius for radius in radii]
     return [
         WheelPlace(
             pivot,
             offset,
             wheel.velocity_start(),
             steered,
-            None if travel is None else (travel.position_start(), travel.velocity_start()),
+            NO_JOINT if travel is None else (travel.position_start(), travel.velocity_start()),
             base,
             effective,
         )
@@ -120,9 +123,9 @@ class BaseMotion(NamedTuple):
     """The vehicle frame B in the world: rotation by rows, position [m], angular [rad/s] and linear velocity [m/s]."""
 
     rows: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
-    place: Sequence[float]
-    turning: Sequence[float]
-    velocity: Sequence[float]
+    place: tuple[float, float, float]
+    turning: tuple[float, float, float]
+    velocity: tuple[float, float, float]
 
 
 def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
@@ -134,14 +137,15 @@ def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
         positions: number of the plant's positions.
     """
     q, v = base[0], positions + base[1]
-    w, i, j, k, *place = x[q : q + 7]
+    w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
     half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the norm drift
     rows = (
         (1.0 - (j * j + k * k) / half, (i * j - w * k) / half, (i * k + w * j) / half),
         ((i * j + w * k) / half, 1.0 - (i * i + k * k) / half, (j * k - w * i) / half),
         ((i * k - w * j) / half, (j * k + w * i) / half, 1.0 - (i * i + j * j) / half),
     )
-    return BaseMotion(rows, place, x[v : v + 3], x[v + 3 : v + 6])
+    place = (x[q + 4], x[q + 5], x[q + 6])
+    return BaseMotion(rows, place, (x[v], x[v + 1], x[v + 2]), (x[v + 3], x[v + 4], x[v + 5]))
 
 
 def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positions: int) -> WheelMotion:
@@ -150,15 +154,14 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     bx, by, bz = base.place
     wx, wy, wz = base.turning
     sine, cosine, rate, travel, rise = 0.0, 1.0, 0.0, 0.0, 0.0
-    if wheel.steering is not None:
+    if wheel.steering[0] >= 0:
         angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
         sine, cosine = sin(angle), cos(angle)
-    if wheel.suspension is not None:
+    if wheel.suspension[0] >= 0:
         travel, rise = x[wheel.suspension[0]], x[positions + wheel.suspension[1]]
 
     # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, 0).
-    px, py, pz = wheel.pivot
-    pz += travel
+    px, py, pz = wheel.pivot[0], wheel.pivot[1], wheel.pivot[2] + travel
     kx, ky, kz = bx + xx * px + xy * py + xz * pz, by + yx * px + yy * py + yz * pz, bz + zx * px + zy * py + zz * pz
     ax, ay, az = xy * cosine - xx * sine, yy * cosine - yx * sine, zy * cosine - zx * sine
     cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
@@ -175,7 +178,7 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     vx = base.velocity[0] + wy * rz - wz * ry + rise * xz + rate * (yz * ez - zz * ey)
     vy = base.velocity[1] + wz * rx - wx * rz + rise * yz + rate * (zz * ex - xz * ez)
     ahead = vx * along - vy * across
-    rolling = wheel.rolling or radius
+    rolling = wheel.rolling if wheel.rolling > 0.0 else radius
     spin = x[positions + wheel.spin]
     return WheelMotion(
         cx,
@@ -205,7 +208,6 @@ def add_road_force(
     fy: float,
     mz: float,
     fz: float = 0.0,
-    *,
     turn: float = 0.0,
 ) -> None:
     """Add a force of the road on a wheel to generalised forces.
@@ -233,8 +235,12 @@ def add_road_force(
     force[base + 5] += fz
     force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx
     kx, ky, kz = motion.up
-    if wheel.steering is not None:
+    if wheel.steering[0] >= 0:
         ex, ey, ez = motion.arm_pivot
         force[wheel.steering[1]] += (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x + mz)
-    if wheel.suspension is not None:
+    if wheel.suspension[0] >= 0:
         force[wheel.suspension[1]] += kx * x + ky * y + kz * fz
+
+
+STEP_PARTS = (base_motion, wheel_motion, add_road_force)
+"""Functions of a step, for :mod:`mirdrake.compiled`."""

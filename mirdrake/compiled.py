@@ -1,0 +1,110 @@
+"""Machine code for what happens in every step of the plant, and records of numbers for it.
+
+Python takes a hundred times as long for a formula as the processor would, which is too much for what is asked at every
+step of the plant. What is asked there is therefore written as plain Python functions of floats, arrays and records of
+numbers, and compiled by Numba [1]: the text that is read is the text that runs. Rules for such functions are Numba's:
+indices instead of unpacking, no None, no closures, no keyword-only arguments. Arithmetic is IEEE's, in the order in
+which it is written.
+
+Compiling takes some seconds, once: the code is kept beside the source files, or in the user's cache where these cannot
+be written, until one of the source files changes.
+
+[1] S. K. Lam, A. Pitrou, S. Seibert, Numba: a LLVM-based Python JIT compiler, LLVM-HPC 2015.
+"""
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+import numpy.typing as npt
+
+Records = npt.NDArray[np.void]
+"""An array of records; machine code reads and writes their fields with dots."""
+
+
+def record_type(kind: type[Any]) -> np.dtype[np.void]:
+    """The record of a named tuple or dataclass, with fields of the same names.
+
+    Args:
+        kind: the class; its fields are floats, ints, bools, tuples of one of these, or such classes again; of any
+            kind: floats.
+    """
+    return np.dtype([(name, *_field(hint)) for name, hint in get_type_hints(kind).items()], align=True)
+
+
+def _field(hint: Any) -> tuple[Any, ...]:
+    if hint is Any:
+        return (np.dtype(float),)
+    if hint in (float, int, bool):
+        return (np.dtype(hint),)
+    parts = get_args(hint)  # of a tuple
+    return (np.dtype(parts[0]), (len(parts),)) if parts else (record_type(hint),)
+
+
+def records(kind: type[Any], values: Iterable[Any]) -> Records:
+    """Named tuples or dataclasses of one class as records."""
+    return np.array([plain(value) for value in values], dtype=record_type(kind))
+
+
+def plain(value: Any) -> Any:
+    """Named tuples and dataclasses, nested or not, as plain tuples: what a record can be set to."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = astuple(value)
+    return tuple(map(plain, value)) if isinstance(value, tuple) else value
+
+
+def compiled(
+    function: Callable[..., Any], law: Callable[..., Any], *, parts: Sequence[Callable[..., Any]]
+) -> Callable[..., Any]:
+    """A function in machine code; its first argument is given here.
+
+    The first call for arguments of new types loads the code, or makes it.
+
+    Args:
+        function: to compile.
+        law: its first argument, a function.
+        parts: what both call, and what those call.
+    """
+    return _compiled(function, law, tuple(parts))
+
+
+@cache
+def _compiled(
+    function: Callable[..., Any], law: Callable[..., Any], parts: tuple[Callable[..., Any], ...]
+) -> Callable[..., Any]:
+    from numba import njit
+    from numba.extending import register_jitable
+
+    everything = (function, law, *parts)
+    for part in everything:
+        _register(part, register_jitable)
+    version = _version(everything)
+
+    def call(*arguments: Any) -> Any:
+        _ = version  # a part of the key under which Numba keeps the code: it looks at one source file only
+        return function(law, *arguments)
+
+    try:
+        compiling: Callable[..., Any] = njit(cache=True)(call)
+    except RuntimeError:  # nowhere to write
+        compiling = njit(call)
+    return compiling
+
+
+@cache
+def _register(function: Callable[..., Any], register: Callable[..., Any]) -> None:
+    register(function)
+
+
+def _version(functions: Iterable[Callable[..., Any]]) -> int:
+    """A number that is another one when a source file of the functions, or a library below, is another one."""
+    digest = hashlib.sha256(f"{sys.version} {np.__version__}".encode())
+    for name in sorted({inspect.getsourcefile(function) or "" for function in functions}):
+        digest.update(Path(name).read_bytes())
+    return int.from_bytes(digest.digest()[:7], "big")

@@ -1,0 +1,326 @@
+"""One step of the tyres of a vehicle, for machine code (:mod:`mirdrake.compiled`).
+
+One step of length dt. The deflections of the tyres are advanced to now with the mean slip velocity of the last step,
+and on to its middle, where the law is asked and to which the forces are turned with the car. Between the explicit steps
+of the plant this is a leap-frog, which neither damps nor excites a car that rocks on its tyres. Two things of the plant
+are of first order and are made up for:
+
+- It turns the car with the yaw rate ψ' of the end of a step, so that the heading runs ahead of the velocity by
+  ψ' dt / 2: nothing in a steady turn, but slip that is not there whenever ψ' changes. The velocity v of the car is
+  turned along, by the force m v Δψ' / 2 across it.
+- It applies the load of the end of a step, which damps the car on its tyres by their stiffness times dt / 2, many times
+  what rubber does. The difference to the load in the middle is taken back, in point contact: the stiffness of a patch
+  is not known so well, and too much of it would rock the car.
+
+The spin of a wheel is too quick for a leap-frog: 1 kg m² on a slip stiffness of 100 kN swings with 30 Hz, and steps of
+10 ms would blow it up. Its change over the step is therefore predicted, linearly implicit::
+
+    (I / dt + h S b) Δω = T + M_drive + M_brake - h {F' + S (κ - κ')},     κ(Δω) = κ + b Δω
+
+with the spin inertia I, the rolling radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at
+the middle of the step, and T the torque from elsewhere (servo, bearing, rolling resistance, pitching body), which is
+what the last step's change of ω cannot be explained with otherwise. The law is asked at the slip of the middle,
+κ + b Δω; this is the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero,
+whatever T is.
+
+The load is measured more rarely than the plant steps, and a moment ago; a friction force that follows it so late would
+drive the pitching of a braking car. What the tyre's depth says follows at once, and is kept in proportion with what is
+measured. The law is worked out for a load when one is measured that differs by a part in ten thousand; until then
+forces and stiffnesses go with the load.
+
+A brake is Coulomb friction: it has the torque with which the wheel would stand still at the end of the step, within
+what it can give. A wheel that stands is held by what is needed, exactly, and one that turns gets all of it.
+
+Left out: overturning moment beyond that of the contact (:mod:`mirdrake.wheel_shape`); turn slip (the moment against
+steering at standstill is that of the kingpin offset alone).
+"""
+
+from collections.abc import Callable, MutableSequence, Sequence
+from math import atan, expm1, inf
+from typing import Any, NamedTuple
+
+from mirdrake.compiled import Records
+from mirdrake.plant import TyreSpring, spring_load
+from mirdrake.tyres import relaxation, wheel_motion
+from mirdrake.tyres.relaxation import (
+    Contact,
+    Deflection,
+    Motion,
+    RelaxationSettings,
+    deflection_step,
+    low_speed_weight,
+    relaxed_slip,
+)
+from mirdrake.tyres.wheel_motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
+from mirdrake.tyres.wheel_motion import wheel_motion as motion_of
+
+_SMALL = 1e-9
+
+_LIFTED = 0.1  # of the static load, below which loads are not compared
+_SAME = 1e-4  # relative change of the load, or of the inclination [rad], for which no new curve is made
+_BLEND = 0.2  # part of a new comparison that is believed
+_TRUST = 3.0  # largest ratio of measured to sprung load that is believed
+
+
+class SpinningWheel(NamedTuple):
+    """A wheel as its tyre sees it.
+
+    Attributes:
+        place: where it is on its vehicle and in the plant's state.
+        inertia: what its torque has to turn, rotor of the motor included [kg m²].
+        damping: torque that Drake adds implicitly, by spin rate: servo gain and bearing [N m s/rad].
+        held: whether a parking brake holds it.
+        radius: unloaded [m].
+        spring: how it is pressed in under a load.
+        static_load: its load at rest [N].
+        settings: its dampers.
+    """
+
+    place: WheelPlace
+    inertia: float
+    damping: float
+    held: bool
+    radius: float
+    spring: TyreSpring
+    static_load: float
+    settings: RelaxationSettings
+
+
+class SpinningCar(NamedTuple):
+    """What the wheels of a vehicle share.
+
+    Attributes:
+        period: step of the plant [s].
+        positions: number of the plant's positions.
+        mass: of the vehicle [kg].
+        centre: its centre of mass in B, suspension at rest [m].
+    """
+
+    period: float
+    positions: int
+    mass: float
+    centre: tuple[float, float, float]
+
+
+class Memory(NamedTuple):
+    """What a wheel keeps from step to step.
+
+    Attributes:
+        along: deflection of the tyre [m].
+        across: the same to the side [m].
+        vx: motion of the last step [m/s].
+        slip_x: the same [m/s].
+        vy: the same [m/s].
+        spin: the same [rad/s].
+        torque: of motor, brake and force ahead on the spin [N m].
+        fx: force of the law [N].
+        kappa: slip that made it [1].
+        measured: load as it came in last [N]; negative: at the start.
+        ratio: of the measured load to that of the spring [1].
+        sprung: load of the spring at the end of the step [N].
+        load: that the curve is for [N].
+        inclination: that the curve is for [rad].
+        turning: yaw rate of the car [rad/s].
+    """
+
+    along: float = 0.0
+    across: float = 0.0
+    vx: float = 0.0
+    slip_x: float = 0.0
+    vy: float = 0.0
+    spin: float = 0.0
+    torque: float = 0.0
+    fx: float = 0.0
+    kappa: float = 0.0
+    measured: float = -1.0
+    ratio: float = 1.0
+    sprung: float = 0.0
+    load: float = 0.0
+    inclination: float = 0.0
+    turning: float = 0.0
+
+
+def tyre_step(
+    law: Callable[[Any, float, float, float], tuple[float, float, float]],
+    x: Sequence[float],
+    loads: Sequence[float],
+    torques: Sequence[float],
+    frictions: Sequence[float],
+    cars: Records,
+    wheels: Records,
+    curves: Records,
+    memories: Records,
+    force: MutableSequence[float],
+    after: Records,
+    told: Any,
+) -> bool:
+    """Forces of the road on the tyres, and what their wheels remember.
+
+    Args:
+        law: forces of steady state, of :class:`mirdrake.tyres.wheel_laws.SteadyLaw`.
+        x: state of the plant, positions and velocities.
+        loads: of the wheels, measured [N].
+        torques: of the drive for each wheel, signed, then what its brake can give [N m].
+        frictions: of the ground under each wheel, relative to dry asphalt [1].
+        cars: one :class:`SpinningCar`.
+        wheels: :class:`SpinningWheel`.
+        curves: the tyres at their loads; load, inclination, friction, contact and curve.
+        memories: :class:`Memory` of the step before.
+        force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
+        after: memories for the next step, overwritten.
+        told: Fx, Fy, Mz, kappa, alpha of each wheel, overwritten.
+
+    Returns:
+        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the rest of
+        the result is of no use.
+    """
+    car, known = cars[0], True
+    for i in range(len(force)):
+        force[i] = 0.0
+    base = base_motion(x, wheels[0].place.base, car.positions)
+    for i in range(len(wheels)):
+        wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
+        period, settings, contact_then = car.period, wheel.settings, curve.contact
+        motion = motion_of(x, wheel.place, base, car.positions)
+        now = Motion(motion.vx, motion.slip_x, motion.vy)
+        start = before.measured < 0.0
+        load, ratio, sprung = _load(wheel, motion, before, loads[i], period)
+        curve_load, inclination = before.load, before.inclination
+        if start or (
+            loads[i] != before.measured
+            and (abs(load - curve_load) > _SAME * load or abs(motion.inclination - inclination) > _SAME)
+        ):
+            curve_load, inclination = load, motion.inclination
+        kept.load, kept.inclination = curve_load, inclination
+        if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
+            known = False
+            continue
+        scale = load / curve_load if curve_load > 0.0 else 0.0
+        contact = Contact(
+            contact_then.stiffness_x * scale,
+            contact_then.stiffness_y * scale,
+            contact_then.length_x,
+            contact_then.length_y,
+            contact_then.friction_x * scale,
+            contact_then.friction_y * scale,
+        )
+
+        # Deflections now and in the middle of the step, as if the spin stayed.
+        deflection = Deflection(before.along, before.across)
+        rest = 0.0
+        if not start:
+            mean = Motion(
+                0.5 * (before.vx + motion.vx), 0.5 * (before.slip_x + motion.slip_x), 0.5 * (before.vy + motion.vy)
+            )
+            deflection = deflection_step(deflection, mean, contact, period=period, settings=settings)
+            rest = wheel.inertia * (motion.spin - before.spin) / period - before.torque
+        middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
+        kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
+
+        # How the spin changes.
+        drive, brake, radius = torques[i], torques[len(wheels) + i], motion.rolling
+        mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
+        if not wheel.held:
+            kappa += _slip_change(
+                before, motion.spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
+            )
+        fx, fy, mz = law(curve.curve, kappa, tan_alpha, motion.vx)
+        fx, fy, mz = scale * fx, scale * fy, scale * mz
+        torque = drive
+        if brake > 0.0 and not wheel.held:
+            needed = radius * fx - mobile * motion.spin - rest - drive
+            torque += max(-brake, min(brake, needed))
+        add_road_force(
+            force, wheel.place, motion, fx, fy, mz, load - ratio * sprung, turn=0.5 * period * base.turning[2]
+        )
+        force[wheel.place.spin] += torque
+
+        kept.along, kept.across = deflection.along, deflection.across
+        kept.vx, kept.slip_x, kept.vy, kept.spin = motion.vx, motion.slip_x, motion.vy, motion.spin
+        kept.torque, kept.fx, kept.kappa = torque - radius * fx, fx, kappa
+        kept.measured, kept.ratio, kept.sprung = loads[i], ratio, sprung
+        kept.turning = base.turning[2]
+        told[i, 0], told[i, 1], told[i, 2], told[i, 3], told[i, 4] = fx, fy, mz, kappa, atan(tan_alpha)
+    if memories[0].measured >= 0.0:
+        _turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
+    return known
+
+
+def _turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMotion, change: float) -> None:
+    """Add the force m v Δψ' / 2 at the centre of mass, to the left of its velocity; see the head of the module."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
+    cx, cy, cz = car.centre[0], car.centre[1], car.centre[2]
+    rx, ry, rz = xx * cx + xy * cy + xz * cz, yx * cx + yy * cy + yz * cz, zx * cx + zy * cy + zz * cz
+    rate, push = base.turning[2], 0.5 * car.mass * change
+    x, y = -push * (base.velocity[1] + rate * rx), push * (base.velocity[0] - rate * ry)
+    force[first] -= rz * y
+    force[first + 1] += rz * x
+    force[first + 2] += rx * y - ry * x
+    force[first + 3] += x
+    force[first + 4] += y
+
+
+def _load(wheel: Any, motion: WheelMotion, before: Any, measured: float, period: float) -> tuple[float, float, float]:
+    """Load of a wheel in the middle of the step, ratio of measured to sprung load, and sprung load at its end."""
+    depth = wheel.radius - motion.radius
+    sprung = spring_load(wheel.spring, depth + period * motion.sink)
+    middle = spring_load(wheel.spring, depth) if wheel.spring.power == 1.0 else sprung
+    ratio = before.ratio
+    if before.measured >= 0.0 and before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
+        ratio += _BLEND * (max(1.0 / _TRUST, min(_TRUST, measured / before.sprung)) - ratio)
+    return ratio * middle, ratio, sprung
+
+
+def _slip_change(
+    before: Any,
+    spin: float,
+    kappa: float,
+    contact: Contact,
+    now: Motion,
+    settings: RelaxationSettings,
+    radius: float,
+    torque: float,
+    brake: float,
+    mobile: float,
+    period: float,
+) -> float:
+    """Change of the slip in the middle of the step by the change of the spin; equation in the head of the module.
+
+    Args:
+        before: the step before.
+        spin: rate now [rad/s].
+        kappa: slip if the spin stayed [1].
+        contact: the tyre.
+        now: motion of the contact point.
+        settings: behaviour at low speed.
+        radius: of the wheel [m].
+        torque: on the spin without brake and road [N m].
+        brake: what the brake can give [N m].
+        mobile: I / dt [N m s/rad].
+        period: step of the plant [s].
+    """
+    if contact.stiffness_x <= 0.0:
+        return 0.0
+    passed = 0.5 * period * abs(now.vx) / contact.length_x
+    share = -expm1(-passed) / passed if passed > _SMALL else 1.0
+    damper = settings.damping * low_speed_weight(now.vx, settings.low) / contact.stiffness_x
+    slope = 0.5 * radius * (0.5 * period * share / contact.length_x + damper)
+    stiffness = contact.stiffness_x
+    if abs(before.kappa) > _SMALL:
+        stiffness = max(0.0, min(stiffness, before.fx / before.kappa))
+    inertia = mobile + radius * stiffness * slope
+    torque -= radius * (before.fx + stiffness * (kappa - before.kappa))
+    if brake > 0.0:
+        torque += max(-brake, min(brake, -inertia * spin - torque))
+    return slope * torque / inertia
+
+
+STEP_PARTS = (
+    *relaxation.STEP_PARTS,
+    *wheel_motion.STEP_PARTS,
+    spring_load,
+    _load,
+    _slip_change,
+    _turn_along,
+)
+"""What :func:`tyre_step` calls beside the law."""

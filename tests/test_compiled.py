@@ -1,0 +1,83 @@
+"""Machine code: records of numbers, functions that call others, and when the code is made anew."""
+
+import runpy
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numba.core.caching import CompileResultCacheImpl
+
+from mirdrake import compiled as machine
+from mirdrake.compiled import compiled, plain, record_type, records
+
+
+class Spring(NamedTuple):
+    stiffness: float
+    ends: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Damper:
+    rate: float
+
+
+class Strut(NamedTuple):
+    spring: Spring
+    damper: Damper
+    joint: int
+    broken: bool
+    force: Any = 0.0
+
+
+STRUT = Strut(Spring(2000.0, (0.1, 0.4)), Damper(50.0), 3, False, 9.0)
+
+
+def test_a_record_has_the_fields_of_its_class_and_of_those_within():
+    (strut,) = records(Strut, [STRUT])
+    assert strut.dtype == record_type(Strut)
+    assert strut["spring"]["ends"].tolist() == [0.1, 0.4]
+    assert (strut["damper"]["rate"], strut["joint"], strut["broken"], strut["force"]) == (50.0, 3, False, 9.0)
+    assert plain(STRUT) == ((2000.0, (0.1, 0.4)), (50.0,), 3, False, 9.0)
+
+
+def pull(strut, length):
+    return strut.spring.stiffness * (length - strut.spring.ends[0])
+
+
+def double(strut, length):
+    return 2.0 * pull(strut, length)
+
+
+def pull_all(law, struts, lengths, forces):
+    for i in range(len(struts)):
+        struts[i].force = law(struts[i], lengths[i])
+        forces[i] = struts[i].force + struts[i].damper.rate
+
+
+def test_a_function_and_what_it_calls_are_compiled_with_a_law():
+    struts, forces = records(Strut, [STRUT, STRUT]), np.zeros(2)
+    for law, times in ((pull, 1.0), (double, 2.0)):
+        compiled(pull_all, law, parts=(pull,))(struts, np.array([0.2, 0.3]), forces)
+        assert forces == pytest.approx([50.0 + times * 200.0, 50.0 + times * 400.0])
+        assert struts["force"] == pytest.approx([times * 200.0, times * 400.0])
+    assert compiled(pull_all, pull, parts=(pull,)) is compiled(pull_all, pull, parts=(pull,))
+
+
+def test_where_nothing_can_be_written_it_is_compiled_all_the_same(monkeypatch):
+    monkeypatch.setattr(CompileResultCacheImpl, "_locator_classes", [])
+    machine._compiled.cache_clear()
+    forces = np.zeros(1)
+    compiled(pull_all, pull, parts=(pull,))(records(Strut, [STRUT]), np.array([0.2]), forces)
+    assert forces == pytest.approx([250.0])
+
+
+def test_kept_code_is_of_another_version_when_the_source_of_any_part_changes(tmp_path):
+    path = tmp_path / "part.py"
+
+    def version_of(text):
+        path.write_text(text, encoding="utf-8")
+        return machine._version([pull_all, runpy.run_path(str(path))["part"]])
+
+    one, other = version_of("def part(x):\n    return x\n"), version_of("def part(x):\n    return 1.0 * x\n")
+    assert one == version_of("def part(x):\n    return x\n") != other
