@@ -43,8 +43,9 @@ def _field(hint: Any) -> tuple[Any, ...]:
         return (np.dtype(float),)
     if hint in (float, int, bool):
         return (np.dtype(hint),)
-    parts = get_args(hint)  # of a tuple
-    return (np.dtype(parts[0]), (len(parts),)) if parts else (record_type(hint),)
+    parts = get_args(hint)  # of a tuple; Numba has no arrays of bools in records
+    kind = int if parts and parts[0] is bool else parts[0] if parts else None
+    return (np.dtype(kind), (len(parts),)) if parts else (record_type(hint),)
 
 
 def records(kind: type[Any], values: Iterable[Any]) -> Records:

@@ -93,6 +93,10 @@ class PlantSpec(Schema):
     )
     air_density: float = Field(1.2, ge=0.0, description="of the air that vehicles drive through; 0: none [kg/m³]")
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
+    machine_code: bool = Field(
+        False,
+        description="compile the control units, too: half a second at the start, which pays in many runs [-]",
+    )
 
 
 @dataclass(frozen=True)

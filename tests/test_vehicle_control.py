@@ -108,3 +108,30 @@ def test_gains_of_the_speed_loop_are_parameters_of_the_context(unit):
     # set-point 1.0 after one step (3 m/s² · 0.02 s = 0.06 > 0.04), error 0.04
     assert status(unit, context)[2] == pytest.approx(1.0 * 0.04)
     assert status(unit, other)[2] == pytest.approx(10.0 * 0.04)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["bolt", "bolt@published", "mkz@handling", "catvehicle", "unior", "unior@published", "unior@printed_steering"],
+)
+def test_machine_code_does_the_same_to_the_bit(name):
+    parts = make_plant(
+        DiagramBuilder(), load_world("empty"), {"ego": load_vehicle(name)}, spec=PlantSpec(contact="point")
+    )
+    plant, ways = parts.plant, []
+    at_rest = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
+    for machine_code in (False, True):
+        control = VehicleControl(plant, parts.vehicles["ego"], machine_code=machine_code)
+        context, random, told = control.CreateDefaultContext(), np.random.default_rng(1), []
+        for k in range(60):
+            state = at_rest + np.where(np.arange(len(at_rest)) < 7, 0.0, random.uniform(-0.3, 0.3, len(at_rest)))
+            control.plant_state.FixValue(context, state)
+            stamp = -1.0 if 30 < k < 45 else context.get_time()  # no message for a while
+            control.command.FixValue(context, [random.uniform(-2.0, 6.0), random.uniform(-0.6, 0.6), stamp])
+            context.get_mutable_discrete_state().SetFrom(control.EvalUniquePeriodicDiscreteUpdate(context))
+            context.SetTime(context.get_time() + 1.0 / parts.vehicles["ego"].vehicle.control.rate)
+            values = context.get_discrete_state()
+            told.append(np.concatenate([values.get_vector(i).value() for i in range(values.num_groups())]))
+        ways.append(np.array(told))
+    assert np.ptp(ways[0], axis=0).max() > 0.1
+    np.testing.assert_array_equal(*ways)

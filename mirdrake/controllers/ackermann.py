@@ -19,7 +19,7 @@ centre over that of the rear axle centre::
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
@@ -70,6 +70,90 @@ class AxleGeometry:
     steering_rate: float | None = None
 
 
+class SteeringNumbers(NamedTuple):
+    """A steering law as plain numbers; lengths over the wheelbase.
+
+    Attributes:
+        kingpin: half of the kingpin track [1].
+        rear: half of the rear track [1].
+        scrub: scrub radius [1].
+        limit: largest bicycle angle, or input of the robot [rad].
+        rate: its largest rate [rad/s]; inf: no limit.
+        factor: angle of the directly set wheel over the input, of the linkages of the Unior [1].
+        printed: whether their equation is taken as it was printed.
+    """
+
+    kingpin: float
+    rear: float
+    scrub: float
+    limit: float
+    rate: float
+    factor: float = 1.0
+    printed: bool = False
+
+
+WheelAngles = tuple[float, float]
+WheelRatios = tuple[float, float, float, float]
+
+
+def approach(numbers: SteeringNumbers, steering: float, wanted: float, period: float) -> float:
+    """:meth:`Ackermann.approach` of a law's numbers."""
+    step = numbers.rate * period
+    return min(max(min(max(wanted, steering - step), steering + step), -numbers.limit), numbers.limit)
+
+
+def wheel_angles(numbers: SteeringNumbers, steering: float) -> WheelAngles:
+    """:meth:`Ackermann.wheel_angles` of a law's numbers."""
+    tangent = math.tan(steering)
+    shift = tangent * numbers.kingpin
+    return math.atan2(tangent, 1.0 - shift), math.atan2(tangent, 1.0 + shift)
+
+
+def wheel_speed_ratios(numbers: SteeringNumbers, steering: float) -> WheelRatios:
+    """:meth:`Ackermann.wheel_speed_ratios` of a law's numbers."""
+    tangent = math.tan(steering)
+    shift, scrub, rear = tangent * numbers.kingpin, tangent * numbers.scrub, tangent * numbers.rear
+    left, right = 1.0 - shift, 1.0 + shift
+    square = tangent * tangent
+    return (
+        math.sqrt(left * left + square) - scrub,
+        math.sqrt(right * right + square) + scrub,
+        1.0 - rear,
+        1.0 + rear,
+    )
+
+
+def bicycle_angle(numbers: SteeringNumbers, left: float, right: float) -> float:
+    """:meth:`Ackermann.bicycle_angle` of a law's numbers."""
+    tan_left, tan_right = math.tan(left), math.tan(right)
+    from_left = tan_left / (1.0 + tan_left * numbers.kingpin)
+    from_right = tan_right / (1.0 - tan_right * numbers.kingpin)
+    return math.atan(0.5 * (from_left + from_right))
+
+
+def unior_angles(numbers: SteeringNumbers, wanted: float) -> WheelAngles:
+    """:meth:`Ackermann.unior_wheel_angles` of a law's numbers."""
+    direct = numbers.factor * wanted
+    tangent = math.tan(direct)
+    ratio = 2.0 * numbers.kingpin
+    # cot(other) = cot(direct) -+ T/L; in both cases the other wheel turns more.
+    other = math.copysign(math.atan2(abs(tangent), 1.0 - abs(tangent) * ratio), tangent)
+    if (wanted > 0.0) == numbers.printed:
+        return direct, other
+    return other, direct
+
+
+def ackermann_wheels(numbers: SteeringNumbers, steering: float) -> tuple[WheelAngles, WheelRatios]:
+    """Angles of the wheels and ratios of their speeds for a bicycle angle."""
+    return wheel_angles(numbers, steering), wheel_speed_ratios(numbers, steering)
+
+
+def unior_wheels(numbers: SteeringNumbers, steering: float) -> tuple[WheelAngles, WheelRatios]:
+    """The same for an input of the Unior's linkages."""
+    angles = unior_angles(numbers, steering)
+    return angles, wheel_speed_ratios(numbers, bicycle_angle(numbers, angles[0], angles[1]))
+
+
 class Ackermann:
     """The steering law of one vehicle on plain floats; equations in the head of the module.
 
@@ -78,14 +162,16 @@ class Ackermann:
 
     Attributes:
         wheelbase: distance of the axles L [m].
-        limit: bicycle angle at which the inner wheel is at its limit [rad].
-        rate: largest rate of the bicycle angle [rad/s]; inf: no limit.
+        numbers: the law as plain numbers.
+        wheels: (numbers, bicycle angle) -> angles of the wheels and ratios of their speeds.
 
     Raises:
         ConfigError: a length is not positive, or the limit is not an angle between 0 and pi/2.
     """
 
-    __slots__ = ("_kingpin", "_rear", "_scrub", "limit", "rate", "wheelbase")
+    __slots__ = ("numbers", "wheelbase")
+
+    wheels = staticmethod(ackermann_wheels)
 
     def __init__(self, geometry: SteeringGeometry):
         owner = "steering geometry"
@@ -97,17 +183,28 @@ class Ackermann:
         if inner >= math.pi / 2.0:
             raise ConfigError(f"{owner}: steering_limit must be below pi/2 rad, got {inner:g} rad; is it in degrees?")
         rate = geometry.steering_rate
-        self.rate = (
-            math.inf
-            if rate is None
-            else check_number(owner, "steering_rate", rate, unit="rad/s", above=0.0, infinite=True)
-        )
-        self._kingpin = 0.5 * kingpin_track / self.wheelbase
-        self._rear = 0.5 * rear_track / self.wheelbase
-        self._scrub = 0.5 * (front_track - kingpin_track) / self.wheelbase
+        if rate is not None:
+            check_number(owner, "steering_rate", rate, unit="rad/s", above=0.0, infinite=True)
+        kingpin = 0.5 * kingpin_track / self.wheelbase
         # vehicles.md 2.1: z_max = atan(L / (L / tan(inner) + T/2))
         tangent = math.tan(inner)
-        self.limit = math.atan(tangent / (1.0 + tangent * self._kingpin))
+        self.numbers = SteeringNumbers(
+            kingpin=kingpin,
+            rear=0.5 * rear_track / self.wheelbase,
+            scrub=0.5 * (front_track - kingpin_track) / self.wheelbase,
+            limit=math.atan(tangent / (1.0 + tangent * kingpin)),
+            rate=math.inf if rate is None else float(rate),
+        )
+
+    @property
+    def limit(self) -> float:
+        """Bicycle angle at which the inner wheel is at its limit [rad]."""
+        return self.numbers.limit
+
+    @property
+    def rate(self) -> float:
+        """Largest rate of the bicycle angle [rad/s]; inf: no limit."""
+        return self.numbers.rate
 
     def clip(self, steering: float) -> float:
         """The bicycle angle [rad], limited so that the inner wheel stays within its limit."""
@@ -121,14 +218,11 @@ class Ackermann:
             wanted: angle to go to [rad].
             period: time that passes [s].
         """
-        step = self.rate * period
-        return self.clip(min(max(wanted, steering - step), steering + step))
+        return approach(self.numbers, steering, wanted, period)
 
     def wheel_angles(self, steering: float) -> tuple[float, float]:
         """Left and right wheel angle [rad] for a bicycle angle in (-pi/2, pi/2); not clipped."""
-        tangent = math.tan(steering)
-        shift = tangent * self._kingpin
-        return math.atan2(tangent, 1.0 - shift), math.atan2(tangent, 1.0 + shift)
+        return wheel_angles(self.numbers, steering)
 
     def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
         """Speed of the four wheel centres along their wheels over that of the rear axle centre [1].
@@ -143,16 +237,7 @@ class Ackermann:
         Returns:
             front left, front right, rear left, rear right.
         """
-        tangent = math.tan(steering)
-        shift, scrub, rear = tangent * self._kingpin, tangent * self._scrub, tangent * self._rear
-        left, right = 1.0 - shift, 1.0 + shift
-        square = tangent * tangent
-        return (
-            math.sqrt(left * left + square) - scrub,
-            math.sqrt(right * right + square) + scrub,
-            1.0 - rear,
-            1.0 + rear,
-        )
+        return wheel_speed_ratios(self.numbers, steering)
 
     def curvature(self, steering: float) -> float:
         """Curvature of the path of the rear axle centre [1/m] for a bicycle angle [rad]."""
@@ -171,10 +256,7 @@ class Ackermann:
             left: angle of the left wheel [rad].
             right: angle of the right wheel [rad].
         """
-        tan_left, tan_right = math.tan(left), math.tan(right)
-        from_left = tan_left / (1.0 + tan_left * self._kingpin)
-        from_right = tan_right / (1.0 - tan_right * self._kingpin)
-        return math.atan(0.5 * (from_left + from_right))
+        return bicycle_angle(self.numbers, left, right)
 
     # --- the linkage of the Avrora Unior ---------------------------------------------------------------------------
 
@@ -196,13 +278,7 @@ class Ackermann:
             factor: angle of the directly set wheel over the input, c in the paper.
             printed: False: the outer wheel is set directly, cot(outer) - cot(inner) = T/L. True: literally as printed.
         """
-        direct = factor * wanted
-        tangent = math.tan(direct)
-        ratio = 2.0 * self._kingpin
-        # cot(other) = cot(direct) -+ T/L; in both cases the other wheel turns more.
-        other = math.copysign(math.atan2(abs(tangent), 1.0 - abs(tangent) * ratio), tangent)
-        left_is_direct = (wanted > 0.0) == printed
-        return (direct, other) if left_is_direct else (other, direct)
+        return unior_angles(self.numbers._replace(factor=factor, printed=printed), wanted)
 
     def unior_input(self, steering: float, *, factor: float = 0.5) -> float:
         """Input [rad] of :meth:`unior_wheel_angles` (outer wheel direct) that turns like a bicycle angle.
@@ -212,7 +288,7 @@ class Ackermann:
             factor: angle of the directly set wheel over the input.
         """
         tangent = math.tan(steering)
-        return math.atan2(tangent, 1.0 + abs(tangent) * self._kingpin) / factor
+        return math.atan2(tangent, 1.0 + abs(tangent) * self.numbers.kingpin) / factor
 
 
 class UniorLinkage(Ackermann):
@@ -226,25 +302,27 @@ class UniorLinkage(Ackermann):
         printed: as printed, or with the outer wheel set directly.
     """
 
-    __slots__ = ("_factor", "_printed")
+    __slots__ = ()
+
+    wheels = staticmethod(unior_wheels)
 
     def __init__(self, geometry: SteeringGeometry, *, factor: float = 0.5, printed: bool = False):
         super().__init__(geometry)
-        self._factor, self._printed = check_number("steering geometry", "factor", factor, above=0.0), printed
-        self.limit = self.unior_input(self.limit, factor=factor)
-        self.rate /= factor
+        factor = check_number("steering geometry", "factor", factor, above=0.0)
+        limit, rate = self.unior_input(self.limit, factor=factor), self.rate / factor
+        self.numbers = self.numbers._replace(limit=limit, rate=rate, factor=factor, printed=printed)
 
     def wheel_angles(self, steering: float) -> tuple[float, float]:
         """Left and right wheel angle [rad] for an input [rad]; not clipped."""
-        return self.unior_wheel_angles(steering, factor=self._factor, printed=self._printed)
+        return unior_angles(self.numbers, steering)
 
     def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
         """Those of the bicycle angle that the two wheels come nearest to."""
-        return super().wheel_speed_ratios(super().bicycle_angle(*self.wheel_angles(steering)))
+        return unior_wheels(self.numbers, steering)[1]
 
     def bicycle_angle(self, left: float, right: float) -> float:
         """Input [rad] of two wheel angles: the wheel set directly turns less."""
-        return min(left, right, key=abs) / self._factor
+        return min(left, right, key=abs) / self.numbers.factor
 
 
 def make_steering_law(geometry: SteeringGeometry, linkage: str = "ackermann", *, factor: float = 0.5) -> Ackermann:

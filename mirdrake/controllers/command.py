@@ -80,7 +80,6 @@ def command_step(
     state: CommandState,
     speed: float,
     steering: float,
-    *,
     stamp: float,
     time: float,
     limits: CommandLimits = NO_COMMAND_LIMITS,

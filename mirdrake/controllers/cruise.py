@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
 from mirdrake.controllers.checks import check_number
-from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
+from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.controllers.vectors import SETPOINT, WHEEL_SPEEDS
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
 
@@ -22,8 +22,10 @@ CRUISE_GAINS = PidGains(kp=0.5, ki=0.5)
 CRUISE_LIMITS = PidLimits(minimum=-1.0, maximum=1.0)
 """The trim is limited to 1 m/s."""
 
+_EMPTY = PidState()
 
-def wheel_speed_setpoints(speed: float, ratios: WheelRates, *, radii: WheelRates) -> WheelRates:
+
+def wheel_speed_setpoints(speed: float, ratios: WheelRates, radii: WheelRates) -> WheelRates:
     """Spin rates of free rolling [rad/s].
 
     Args:
@@ -31,18 +33,21 @@ def wheel_speed_setpoints(speed: float, ratios: WheelRates, *, radii: WheelRates
         ratios: speeds of the wheel centres over that speed, from :meth:`Ackermann.wheel_speed_ratios`.
         radii: rolling radius of each wheel [m].
     """
-    a, b, c, d = radii
     front_left, front_right, rear_left, rear_right = ratios
-    return speed * front_left / a, speed * front_right / b, speed * rear_left / c, speed * rear_right / d
+    return (
+        speed * front_left / radii[0],
+        speed * front_right / radii[1],
+        speed * rear_left / radii[2],
+        speed * rear_right / radii[3],
+    )
 
 
 def cruise_step(
     state: Sequence[float],
     reference: float,
     measurement: float,
-    *,
     period: float,
-    gains: PidGains = CRUISE_GAINS,
+    gains: PidGains | PidNumbers = CRUISE_GAINS,
     limits: PidLimits = CRUISE_LIMITS,
 ) -> tuple[PidState, float]:
     """One step of the speed loop.
@@ -62,9 +67,9 @@ def cruise_step(
         The state for the next step, and the trimmed speed [m/s] for :func:`wheel_speed_setpoints`.
     """
     if reference == 0.0:
-        return PidState(), 0.0
-    state, trim = pid_step(state, reference, measurement, gains=gains, period=period, limits=limits)
-    return state, reference + trim
+        return _EMPTY, 0.0
+    after, trim = pid_step(state, reference, measurement, gains, period, limits)
+    return after, reference + trim
 
 
 class SpeedControl(LeafSystem):

@@ -16,7 +16,7 @@ When the set-point is zero and the car is slower than `hold_speed`, the brake is
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
+from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.powertrain.law import PowertrainLaw
 from mirdrake.powertrain.maps import invert_map
 from mirdrake.vehicles.spec import PedalControl, VehicleSpec
@@ -81,7 +81,7 @@ class PedalLaw:
         return PidGains(kp * self._inertia, ki * self._inertia, tracking_time=TRACKING_TIME)
 
     def step(
-        self, state: PedalState, wanted: float, slope: float, speed: float, *, gains: PidGains
+        self, state: PedalState, wanted: float, slope: float, speed: float, *, gains: PidGains | PidNumbers
     ) -> tuple[PedalState, PedalPositions]:
         """One step.
 

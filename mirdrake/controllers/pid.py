@@ -17,7 +17,7 @@ is not made, and I stays as it is, as a constant bias.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -28,6 +28,18 @@ from mirdrake.signals import declare_state_output, declare_vector_input, signals
 
 AUTOMATIC = -1.0
 """Value of the Context parameter ``tracking_time`` that stands for None, the rule of :class:`PidGains`."""
+
+
+class PidNumbers(NamedTuple):
+    """What :func:`pid_step` needs of :class:`PidGains`, checked and worked out: for loops of many steps."""
+
+    kp: float = 0.0
+    ki: float = 0.0
+    kd: float = 0.0
+    filter_time: float = 0.0
+    proportional_weight: float = 1.0
+    derivative_weight: float = 0.0
+    anti_windup_time: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +82,10 @@ class PidGains:
         elif not tracking >= 0.0:
             check_number("PidGains", "tracking_time", tracking, unit="s", at_least=0.0, infinite=True)
         object.__setattr__(self, "anti_windup_time", tracking)
+
+    def numbers(self) -> PidNumbers:
+        """The gains in use as plain numbers."""
+        return PidNumbers(*(getattr(self, name) for name in PidNumbers._fields))
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +144,7 @@ def pid_step(
     state: Sequence[float],
     reference: float,
     measurement: float,
-    *,
-    gains: PidGains,
+    gains: PidGains | PidNumbers,
     period: float,
     limits: PidLimits = NO_LIMITS,
     feedforward: float = 0.0,
@@ -189,6 +204,22 @@ def pid_step(
             integral += (control - unlimited) * (period / time if time > period else 1.0)
     filtered += gap * period / (tf + period)
     return PidState(control, integral, filtered, kp, kd, tf, b, c, 1.0), control
+
+
+def read_pid(memory: Sequence[float], at: int) -> PidState:
+    """The memory of a controller from its place in a longer one."""
+    return PidState(
+        memory[at], memory[at + 1], memory[at + 2], memory[at + 3], memory[at + 4], memory[at + 5], memory[at + 6],
+        memory[at + 7], memory[at + 8],
+    )  # fmt: skip
+
+
+def write_pid(memory: MutableSequence[float], at: int, state: PidState) -> None:
+    """The reverse of :func:`read_pid`."""
+    memory[at], memory[at + 1], memory[at + 2] = state.control, state.integral, state.filtered
+    memory[at + 3], memory[at + 4], memory[at + 5] = state.kp, state.kd, state.filter_time
+    memory[at + 6], memory[at + 7] = state.proportional_weight, state.derivative_weight
+    memory[at + 8] = state.started
 
 
 class DiscretePid(LeafSystem):

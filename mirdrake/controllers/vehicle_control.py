@@ -1,21 +1,35 @@
 """The control unit of a vehicle: from a command to what its joints shall do.
 
-All loops of control.yaml run in one discrete update, because in Python the update itself costs more than the laws
-in it. The laws are those of this package, each also a system of its own.
+All loops of control.yaml run in one discrete update (:mod:`mirdrake.controllers.control_step`), because in Python the
+update itself costs more than the laws in it.
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from mirdrake.compiled import compiled, records
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
-from mirdrake.controllers.command import CommandLimits, CommandState, command_step
-from mirdrake.controllers.cruise import WheelRates, cruise_step, wheel_speed_setpoints
-from mirdrake.controllers.gain_schedule import read_schedule
+from mirdrake.controllers.command import CommandLimits, CommandState
+from mirdrake.controllers.control_step import (
+    CONTROL_PARTS,
+    LAST,
+    LATE,
+    SPEED_LOOP,
+    STEERING_LOOP,
+    WHEEL_LOOP,
+    ControlSetup,
+    control_step,
+    forward_speed,
+)
+from mirdrake.controllers.gain_schedule import GainTable, read_schedule
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
-from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
+from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState
 from mirdrake.controllers.vectors import COMMAND, WHEELS
 from mirdrake.powertrain import PEDALS, ActuatorLaw
 from mirdrake.powertrain.system import make_law
@@ -28,8 +42,7 @@ if TYPE_CHECKING:
 GAINS = ("kp", "ki", "kd")
 """Order of the gains in a parameter."""
 
-_MESSAGE, _LAST = slice(0, 3), slice(3, 5)
-"""Places in the memory of the last message and of the last speed and steering set-points."""
+Vector = npt.NDArray[np.float64]
 _STATUS = signals(
     ("speed_setpoint", "m/s", "speed asked of the wheels, before the trim"),
     ("steering_setpoint", "rad", "bicycle steering angle after limit and rate"),
@@ -61,64 +74,46 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         plant: the finalised plant.
         part: the vehicle in it.
+        machine_code: whether the step is compiled; half a second to begin with, and less than half of the time from
+            then on.
     """
 
-    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
+    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, machine_code: bool = False) -> None:
         super().__init__()
-        control, geometry = part.vehicle.control, part.vehicle.geometry
+        control, spec = part.vehicle.control, part.vehicle.spec
         self._period = 1.0 / control.rate
-        self._control = control
-        steering, believes = part.vehicle.spec.steering, control.believes
-        front, rear = [believes.wheel_radius or radius for radius in part.rolling_radii(plant)]
-        self._radii = (front, front, rear, rear)
-        self._ackermann = make_steering_law(believed_geometry(geometry, believes), steering.law, factor=steering.factor)
-        self._index = _Indices(plant, part)
-        count = self._index.actuators
-        self._turned: Sequence[int] = () if part.parked else self._index.driven
-        self._wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
-        self._steering_pid = control.steering if control.steering.kind == "pid" else None
-        mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
-        self._push = [mass * radius / len(self._index.driven) for radius in self._radii]  # torque per acceleration
-        torque_share = part.vehicle.spec.powertrain.max_torque / len(self._index.driven)
-        correction = control.speed.max_correction
-        self._speed_limits = PidLimits(-correction, correction)
-        self._command_limits = CommandLimits(timeout=control.dead_man)
-        self._wheel_limits = PidLimits(-torque_share, torque_share)
-        if self._wheel_pid is not None and self._wheel_pid.max_torque is not None:
-            self._wheel_limits = PidLimits(-self._wheel_pid.max_torque, self._wheel_pid.max_torque)
+        self._ackermann = make_steering_law(
+            believed_geometry(part.vehicle.geometry, control.believes), spec.steering.law, factor=spec.steering.factor
+        )
+        self._actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
         self._pedal_law = None
         if control.wheel_speed.kind == "pedals" and not part.parked:
-            self._pedal_law = PedalLaw(control.wheel_speed, make_law(plant, part), part.vehicle.spec, self._period)
-        self._steering_actuator = ActuatorLaw(part.vehicle.spec.actuators.steering, period=self._period)
-        self._steering_limits = PidLimits()
-        if self._steering_pid is not None and self._steering_pid.max_torque is not None:
-            self._steering_limits = PidLimits(-self._steering_pid.max_torque, self._steering_pid.max_torque)
+            self._pedal_law = PedalLaw(control.wheel_speed, make_law(plant, part), spec, self._period)
+        setup, memory = self._set_up(plant, part)
+        self._setup = setup
 
         self.command = declare_vector_input(self, "command", COMMAND)
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-
         self._gains = [self.DeclareNumericParameter(_vector([control.speed.kp, control.speed.ki]))]
+        self._filter_times = [0.0]
+        self._tables: list[GainTable | None] = [None]
         for loop in (control.wheel_speed, control.steering):
             gains = [0.0, 0.0, 0.0]
             if loop.kind != "servo":
                 gains = [loop.kp, loop.ki, loop.kd if loop.kind == "pid" else 0.0]
             self._gains.append(self.DeclareNumericParameter(_vector(gains)))
-        self._filter_times = [0.0, *(loop.filter if loop else 0.0 for loop in (self._wheel_pid, self._steering_pid))]
-        schedules = [getattr(loop, "schedule", None) for loop in (control.wheel_speed, control.steering)]
-        self._tables = (None, *map(read_schedule, schedules))
-        self._known_gains: dict[int, tuple[list[float], PidGains]] = {}
-        self._wheels: dict[float, tuple[tuple[float, float], WheelRates]] = {}
+            self._filter_times.append(loop.filter if loop.kind == "pid" else 0.0)
+            self._tables.append(read_schedule(getattr(loop, "schedule", None)))
+        self._known_gains: dict[int, tuple[list[float], PidNumbers]] = {}
+        in_use = {SPEED_LOOP: not setup.pedals, WHEEL_LOOP: setup.wheel_pid, STEERING_LOOP: setup.steering_pid}
+        self._in_use = [group for group, used in in_use.items() if used]
+
+        self._count = count = plant.num_actuators(part.instance)
         self._desired = self.DeclareDiscreteState(2 * count)
         self._actuation = self.DeclareDiscreteState(count)
         self._status = self.DeclareDiscreteState(3)
-        # Memory: last message, last speed and steering set-point, steering on its way, pedals, loops.
-        memory = [*CommandState(), 0.0, 0.0]
-        self._late = _append(memory, self._steering_actuator.rest(0.0))
         if self._pedal_law is not None:
             self._foot = _append(memory, PedalState().flat())
-        self._speed_loop = _append(memory, PidState())
-        self._wheel_loops = {i: _append(memory, PidState()) for i in self._turned if self._wheel_pid is not None}
-        self._steering_loops = [_append(memory, PidState()) for _ in range(2) if self._steering_pid is not None]
         self._memory = self.DeclareDiscreteState(memory)
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
         self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
@@ -126,167 +121,133 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
         if self._pedal_law is not None:
             self._pedals = self.DeclareDiscreteState(len(PEDALS))
             self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
+
+        law, numbers = self._ackermann.wheels, [PidNumbers() for _ in in_use]
+        self._setups: Any = (setup,)
+        self._gain_numbers: Any = numbers
+        self._run: Callable[..., float] = partial(control_step, law)
+        self._machine_code = machine_code
+        if machine_code:
+            self._setups, self._gain_numbers = records(ControlSetup, [setup]), records(PidNumbers, numbers)
+            self._run = compiled(control_step, law, parts=CONTROL_PARTS)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
+
+    def _set_up(self, plant: MultibodyPlant, part: "VehicleInPlant") -> tuple[ControlSetup, list[float]]:
+        """The unit in numbers, and its memory at the start but for the pedals."""
+        control, spec = part.vehicle.control, part.vehicle.spec
+        positions, driven = plant.num_positions(), [WHEELS.index(wheel) for wheel in spec.driven_wheels()]
+        turned = [not part.parked and i in driven for i in range(len(WHEELS))]
+        front, rear = [control.believes.wheel_radius or radius for radius in part.rolling_radii(plant)]
+        radii = (front, front, rear, rear)
+        mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
+        wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
+        steering_pid = control.steering if control.steering.kind == "pid" else None
+        torque = spec.powertrain.max_torque / len(driven)
+        if wheel_pid is not None and wheel_pid.max_torque is not None:
+            torque = wheel_pid.max_torque
+        steering_limits = PidLimits()
+        if steering_pid is not None and steering_pid.max_torque is not None:
+            steering_limits = PidLimits(-steering_pid.max_torque, steering_pid.max_torque)
+        correction = control.speed.max_correction
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        inputs = [int(one.input_start()) - first for one in (*part.wheel_actuators, *part.steering_actuators)]
+        memory = [*CommandState(), 0.0, 0.0, *self._actuator.rest(0.0)]
+        speed_loop = _append(memory, PidState()).start
+        wheel_loops = [_append(memory, PidState()).start if wheel_pid and turns else -1 for turns in turned]
+        steering_loops = [_append(memory, PidState()).start if steering_pid else -1 for _ in part.steering]
+        setup = ControlSetup(
+            period=self._period,
+            acceleration=control.speed.max_acceleration,
+            deceleration=control.speed.max_deceleration,
+            command=CommandLimits(timeout=control.dead_man),
+            steering=self._ackermann.numbers,
+            actuator=self._actuator.numbers,
+            late=self._actuator.size,
+            speed_limits=PidLimits(-correction, correction),
+            wheel_limits=PidLimits(-torque, torque),
+            steering_limits=steering_limits,
+            radii=radii,
+            push=tuple(mass * radius / len(driven) for radius in radii),
+            pedals=self._pedal_law is not None,
+            wheel_pid=wheel_pid is not None,
+            steering_pid=steering_pid is not None,
+            turned=tuple(turned),  # type: ignore[arg-type]
+            speed_loop=speed_loop,
+            wheel_loops=tuple(wheel_loops),  # type: ignore[arg-type]
+            steering_loops=tuple(steering_loops),  # type: ignore[arg-type]
+            wheel_inputs=tuple(inputs[: len(WHEELS)]),
+            steering_inputs=tuple(inputs[len(WHEELS) :]),
+            wheel_velocities=tuple(positions + joint.velocity_start() for joint in part.wheels),
+            steering_positions=tuple(joint.position_start() for joint in part.steering),
+            quaternion=part.base.floating_positions_start(),
+            velocity=positions + part.base.floating_velocities_start_in_v() + 3,
+        )
+        return setup, memory
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
         """Start from the speed and steering angle that the vehicle has, so that nothing jerks.
 
         The first outputs are shown; the update at the same time is the first that counts.
         """
-        x = self.plant_state.Eval(context).tolist()
-        left, right = (x[index] for index in self._index.steering_positions)
-        speed, steering = self._index.forward_speed(x), self._ackermann.bicycle_angle(left, right)
-        memory = context.get_discrete_state(self._memory).value().tolist()
-        memory[_LAST] = speed, steering
-        memory[self._late] = self._steering_actuator.rest(steering)
-        self._step(context, state, x, list(memory))
+        x = self.plant_state.Eval(context)
+        left, right = (float(x[index]) for index in self._setup.steering_positions)
+        speed, steering = self._forward_speed(x), self._ackermann.bicycle_angle(left, right)
+        memory = context.get_discrete_state(self._memory).value().copy()
+        memory[LAST : LAST + 2] = speed, steering
+        memory[LATE : LATE + self._setup.late] = steering
+        self._step(context, state, x, memory.copy())
         state.set_value(self._status, [speed, steering, 0.0])
         state.set_value(self._memory, memory)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        memory = context.get_discrete_state(self._memory).value().tolist()
-        self._step(context, state, self.plant_state.Eval(context).tolist(), memory)
+        memory = context.get_discrete_state(self._memory).value().copy()
+        self._step(context, state, self.plant_state.Eval(context), memory)
 
-    def _step(self, context: Context, state: DiscreteValues, x: list[float], memory: list[float]) -> None:
-        """One step of everything; the memory is changed."""
-        period, loops, index = self._period, self._control.speed, self._index
-        last_speed, last_steering = memory[_LAST]
-        speed, steering, stamp = self.command.Eval(context).tolist()
-        memory[_MESSAGE], (wanted, _) = command_step(
-            CommandState(*memory[_MESSAGE]),
-            speed,
-            steering,
-            stamp=stamp,
-            time=context.get_time(),
-            limits=self._command_limits,
-        )
-
-        # Set-points: the slope of the speed and the rate of the steering are limited.
-        up, down = loops.max_acceleration * period, loops.max_deceleration * period
-        slower, faster = (down, up) if last_speed >= 0.0 else (up, down)
-        speed = min(max(wanted.speed, last_speed - slower), last_speed + faster)
-        steering = self._ackermann.approach(last_steering, wanted.steering, period=period)
-        last_angle = memory[self._late][-1]
-        memory[self._late], angle = self._steering_actuator.step(memory[self._late], steering)
-        angles, ratios = self._wheels_at(angle)
-        slope = (speed - last_speed) / period
-        memory[_LAST] = speed, steering
-
-        # Speed loop: the pedals, or trimmed wheel speeds until the vehicle has the speed.
-        desired = [0.0] * (2 * index.actuators)
-        actuation = [0.0] * index.actuators
-        trimmed = speed
+    def _step(self, context: Context, state: DiscreteValues, x: Vector, memory: Vector) -> None:
+        """One step of everything; the memory may be changed."""
+        count = self._count
+        given: tuple[Any, ...] = (x, self.command.Eval(context))
+        changed: tuple[Any, ...] = (memory, np.zeros(2 * count), np.zeros(count), np.zeros(3))
+        if not self._machine_code:  # lists are quicker in Python
+            given, changed = tuple(one.tolist() for one in given), tuple(one.tolist() for one in changed)
+        for group in self._in_use:
+            self._gain_numbers[group] = self._read_gains(context, group, x)
+        slope = self._run(*given, context.get_time(), self._setups, self._gain_numbers, *changed)
+        after, desired, actuation, status = changed
         if self._pedal_law is not None:
             foot, pedals = self._pedal_law.step(
-                PedalState.read(memory[self._foot]),
-                speed,
+                PedalState.read(after[self._foot]),
+                float(status[0]),
                 slope,
-                index.forward_speed(x),
-                gains=self._read_gains(context, 1, x),
+                self._forward_speed(x),
+                gains=self._read_gains(context, WHEEL_LOOP, x),
             )
-            memory[self._foot] = foot.flat()
+            after[self._foot] = foot.flat()
             state.get_mutable_value(self._pedals)[:] = pedals
-        else:
-            trimmed = self._turn_wheels(context, x, memory, speed, slope, ratios, desired, actuation)
-        if self._steering_pid is None:
-            old_angles, _ = self._wheels_at(last_angle)
-            for at, angle, old in zip(index.steering_inputs, angles, old_angles, strict=True):
-                desired[at] = angle
-                desired[index.actuators + at] = (angle - old) / period
-        else:
-            gains = self._read_gains(context, 2, x)
-            for i, loop in enumerate(self._steering_loops):
-                actuation[index.steering_inputs[i]] = self._pid(
-                    memory, loop, angles[i], x[index.steering_positions[i]], gains, self._steering_limits
-                )
         state.get_mutable_value(self._desired)[:] = desired
         state.get_mutable_value(self._actuation)[:] = actuation
-        state.get_mutable_value(self._status)[:] = speed, steering, trimmed - speed
-        state.get_mutable_value(self._memory)[:] = memory
+        state.get_mutable_value(self._status)[:] = status
+        state.get_mutable_value(self._memory)[:] = after
 
-    def _turn_wheels(
-        self,
-        context: Context,
-        x: list[float],
-        memory: list[float],
-        speed: float,
-        slope: float,
-        ratios: WheelRates,
-        desired: list[float],
-        actuation: list[float],
-    ) -> float:
-        """Speed loop and loops of the wheels; memory and outputs are changed, the trimmed speed is returned [m/s]."""
-        index = self._index
-        memory[self._speed_loop], trimmed = cruise_step(
-            memory[self._speed_loop],
-            speed,
-            index.forward_speed(x),
-            period=self._period,
-            gains=self._read_gains(context, 0, x),
-            limits=self._speed_limits,
-        )
-        rates = wheel_speed_setpoints(trimmed, ratios, radii=self._radii)
-        if self._wheel_pid is None:
-            for i in self._turned:
-                actuation[index.wheel_inputs[i]] = self._push[i] * slope
-                desired[index.actuators + index.wheel_inputs[i]] = rates[i]
-        else:
-            gains = self._read_gains(context, 1, x)
-            for i, loop in self._wheel_loops.items():
-                measured, push = x[index.wheel_velocities[i]], self._push[i] * slope
-                actuation[index.wheel_inputs[i]] = self._pid(
-                    memory, loop, rates[i], measured, gains, self._wheel_limits, push
-                )
-        return trimmed
+    def _forward_speed(self, x: Sequence[float] | Vector) -> float:
+        return float(forward_speed(x, self._setup.quaternion, self._setup.velocity))  # type: ignore[arg-type]
 
-    def _wheels_at(self, steering: float) -> tuple[tuple[float, float], WheelRates]:
-        """Wheel angles and speed ratios of a steering angle; the last few are remembered, as most are asked twice."""
-        known = self._wheels.get(steering)
-        if known is None:
-            if len(self._wheels) > 8:
-                self._wheels.clear()
-            known = self._ackermann.wheel_angles(steering), self._ackermann.wheel_speed_ratios(steering)
-            self._wheels[steering] = known
-        return known
-
-    def _pid(
-        self,
-        memory: list[float],
-        loop: slice,
-        reference: float,
-        measurement: float,
-        gains: PidGains,
-        limits: PidLimits,
-        feedforward: float = 0.0,
-    ) -> float:
-        """One step of the PID kept at a place of the memory, which is changed."""
-        memory[loop], control = pid_step(
-            memory[loop],
-            reference,
-            measurement,
-            gains=gains,
-            period=self._period,
-            limits=limits,
-            feedforward=feedforward,
-        )
-        return control
-
-    def _read_gains(self, context: Context, group: int, x: Sequence[float]) -> PidGains:
+    def _read_gains(self, context: Context, group: int, x: Vector) -> PidNumbers:
         """Gains of a loop from the Context, and from its table at the speed now; those read last are not made anew."""
         values = context.get_numeric_parameter(self._gains[group]).value().tolist()
         table = self._tables[group]
         if table is not None:
-            for name, value in table.at(abs(self._index.forward_speed(x))).items():
+            for name, value in table.at(abs(self._forward_speed(x))).items():
                 values[GAINS.index(name)] = value
         known = self._known_gains.get(group)
         if known is None or known[0] != values:
             kp, ki, kd = values if group else (*values, 0.0)
-            if group == 1 and self._pedal_law is not None:
+            if group == WHEEL_LOOP and self._pedal_law is not None:
                 gains = self._pedal_law.gains(kp, ki)
             else:
                 gains = PidGains(kp, ki, kd, filter_time=self._filter_times[group])
-            known = self._known_gains[group] = values, gains
+            known = self._known_gains[group] = values, gains.numbers()
         return known[1]
 
 
@@ -308,31 +269,6 @@ def _append(memory: list[float], values: Sequence[float]) -> slice:
     """Make room in the memory for values, and put them there; their place."""
     memory.extend(values)
     return slice(len(memory) - len(values), len(memory))
-
-
-class _Indices:
-    """Where a vehicle's joints stand in the plant's state and in the ports of its model instance."""
-
-    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
-        positions = plant.num_positions()
-        self.actuators = plant.num_actuators(part.instance)
-        self.wheel_inputs = [int(actuator.input_start()) for actuator in part.wheel_actuators]
-        self.steering_inputs = [int(actuator.input_start()) for actuator in part.steering_actuators]
-        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
-        self.wheel_inputs = [i - first for i in self.wheel_inputs]
-        self.steering_inputs = [i - first for i in self.steering_inputs]
-        self.wheel_velocities = [positions + joint.velocity_start() for joint in part.wheels]
-        self.steering_positions = [joint.position_start() for joint in part.steering]
-        self.driven: Sequence[int] = [WHEELS.index(wheel) for wheel in part.vehicle.spec.driven_wheels()]
-        self.quaternion = part.base.floating_positions_start()
-        self.velocity = positions + part.base.floating_velocities_start_in_v() + 3
-
-    def forward_speed(self, x: Sequence[float]) -> float:
-        """Speed of the base frame's origin along its x axis [m/s]."""
-        w, i, j, k = x[self.quaternion : self.quaternion + 4]
-        vx, vy, vz = x[self.velocity : self.velocity + 3]
-        half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the quaternion's norm drift from 1
-        return vx * (1.0 - (j * j + k * k) / half) + (vy * (i * j + w * k) + vz * (i * k - w * j)) / half
 
 
 def _vector(values: Sequence[float]) -> BasicVector:

@@ -35,7 +35,8 @@ def add_vehicle_systems(
     plant, name, tracks = parts.plant, part.name, parts.world.tracks
     driver_spec = spec.control.get(name)
     track = getattr(driver_spec, "track", None) or _track_at(start, tracks)
-    control, truth = VehicleControl(plant, part), GroundTruth(plant, part, track=tracks.get(track or ""))
+    control = VehicleControl(plant, part, machine_code=spec.plant.machine_code)
+    truth = GroundTruth(plant, part, track=tracks.get(track or ""))
     split, join = Demultiplexer(len(COMMAND), 1), Multiplexer(len(COMMAND))
     wiring.add(f"{name}.control", control)
     wiring.add(f"{name}.truth", truth)

@@ -5,11 +5,21 @@ constant and R the largest rate, dy/dt = (u - y) / τ within ± R. While |u - y|
 then on the rest decays with exp(-t/τ). Without a time constant the output follows at once, within the rate.
 """
 
+from collections.abc import MutableSequence
 from math import exp, inf
+from typing import NamedTuple
 
 from mirdrake.errors import ConfigError
 from mirdrake.vehicles.powertrain_spec import Actuator
 from mirdrake.yaml_io import where
+
+
+class ActuatorNumbers(NamedTuple):
+    """Of an actuator behind its delay: time between steps [s], time constant [s], largest change a second."""
+
+    period: float
+    time_constant: float
+    rate: float
 
 
 class ActuatorLaw:
@@ -17,6 +27,7 @@ class ActuatorLaw:
 
     Attributes:
         size: numbers to remember: the inputs on their way, then the output.
+        numbers: what happens behind the delay.
 
     Args:
         actuator: delay, time constant and rate.
@@ -34,8 +45,8 @@ class ActuatorLaw:
                 f"{where(actuator, 'delay')}: {actuator.delay:g} s is not a multiple of the {period:g} s between two "
                 f"set-points; write for example {near:g}"
             )
-        self._period, self._time = period, actuator.time_constant
-        self._rate = inf if actuator.rate is None else actuator.rate
+        rate = inf if actuator.rate is None else actuator.rate
+        self.numbers = ActuatorNumbers(period, actuator.time_constant, rate)
         self.size = self._steps + 1
 
     def rest(self, value: float) -> list[float]:
@@ -48,12 +59,35 @@ class ActuatorLaw:
         Returns:
             The memory for the next step, and the output at the end of the period; without delay and lag the value.
         """
-        line = [*memory[:-1], value]
-        output = follow(memory[-1], line[0], period=self._period, time_constant=self._time, rate=self._rate)
-        return [*line[1:], output], output
+        line = list(memory)
+        output = actuator_step(line, 0, self.size, value, self.numbers)
+        return line, output
 
 
-def follow(output: float, wanted: float, *, period: float, time_constant: float, rate: float = inf) -> float:
+def actuator_step(memory: MutableSequence[float], at: int, size: int, value: float, numbers: ActuatorNumbers) -> float:
+    """:meth:`ActuatorLaw.step` at a place of a longer memory, which is changed.
+
+    Args:
+        memory: of everything.
+        at: where the actuator's begins.
+        size: of it.
+        value: asked for now.
+        numbers: of the actuator.
+
+    Returns:
+        The output at the end of the period.
+    """
+    last = at + size - 1
+    due = memory[at] if size > 1 else value
+    for i in range(at, last - 1):
+        memory[i] = memory[i + 1]
+    if size > 1:
+        memory[last - 1] = value
+    memory[last] = follow(memory[last], due, numbers.period, numbers.time_constant, numbers.rate)
+    return memory[last]
+
+
+def follow(output: float, wanted: float, period: float, time_constant: float, rate: float = inf) -> float:
     """Output of a lag with a limited rate after a period in which `wanted` stands still; exact.
 
     Args:

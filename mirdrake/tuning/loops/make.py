@@ -210,4 +210,5 @@ def _plant(spec: TuningSpec, rate: float) -> dict[str, Any]:
     actuators are late by half a period at least: half a period more or less of delay would be seen.
     """
     steps = 2 if spec.loop == "steering" or spec.test.delay < 0.5 / rate else 1
-    return {"contact": "point", "time_step": 1.0 / rate / steps} | spec.plant.model_dump(exclude_unset=True)
+    usual = {"contact": "point", "time_step": 1.0 / rate / steps, "machine_code": True}
+    return usual | spec.plant.model_dump(exclude_unset=True)
