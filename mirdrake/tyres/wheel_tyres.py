@@ -141,7 +141,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
     ) -> None:
         super().__init__()
         law = steady_law(part.vehicle)
-        self._laws, self._law = [laws[index >= 2] for index in range(len(wheels))], law
+        self._laws = [laws[index >= 2] for index in range(len(wheels))]
         self._step = compiled(tyre_step, law.forces, parts=(*STEP_PARTS, *law.parts))
         self._wheels = records(SpinningWheel, wheels)
         self._curves = np.zeros(len(wheels), _curve_type(law))
