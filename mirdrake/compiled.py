@@ -61,15 +61,15 @@ def plain(value: Any) -> Any:
 
 
 def compiled(
-    function: Callable[..., Any], law: Callable[..., Any], *, parts: Sequence[Callable[..., Any]]
+    function: Callable[..., Any], law: Callable[..., Any] | None = None, *, parts: Sequence[Callable[..., Any]]
 ) -> Callable[..., Any]:
-    """A function in machine code; its first argument is given here.
+    """A function in machine code.
 
     The first call for arguments of new types loads the code, or makes it.
 
     Args:
         function: to compile.
-        law: its first argument, a function.
+        law: its first argument if that is a function; the compiled one goes without.
         parts: what both call, and what those call.
     """
     return _compiled(function, law, tuple(parts))
@@ -77,24 +77,29 @@ def compiled(
 
 @cache
 def _compiled(
-    function: Callable[..., Any], law: Callable[..., Any], parts: tuple[Callable[..., Any], ...]
+    function: Callable[..., Any], law: Callable[..., Any] | None, parts: tuple[Callable[..., Any], ...]
 ) -> Callable[..., Any]:
     from numba import njit
     from numba.extending import register_jitable
 
-    everything = (function, law, *parts)
+    everything = [one for one in (function, law, *parts) if one is not None]
     for part in everything:
         _register(part, register_jitable)
-    version = _version(everything)
+    version = _version(everything)  # a part of the key under which Numba keeps code: it looks at one source file only
 
     def call(*arguments: Any) -> Any:
-        _ = version  # a part of the key under which Numba keeps the code: it looks at one source file only
+        _ = version
+        return function(*arguments)
+
+    def call_with_law(*arguments: Any) -> Any:
+        _ = version
         return function(law, *arguments)
 
+    calling = call if law is None else call_with_law
     try:
-        compiling: Callable[..., Any] = njit(cache=True)(call)
+        compiling: Callable[..., Any] = njit(cache=True)(calling)
     except RuntimeError:  # nowhere to write
-        compiling = njit(call)
+        compiling = njit(calling)
     return compiling
 
 

@@ -3,6 +3,7 @@
 from math import atan, radians, tan
 
 import numpy as np
+import pandas as pd
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -214,3 +215,19 @@ def test_grip_does_not_fade_with_speed(contact):
     speed = braking["ego.vx"]
     slope = (speed.loc[3.0] - speed.loc[1.5]) / 1.5
     assert slope == pytest.approx(-5.0, rel=0.05)  # max_deceleration of the Bolt's control.yaml
+
+
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+def test_machine_code_drives_as_python_does(contact):
+    drives = []
+    for machine_code in (False, True):
+        plant = {"contact": contact, "machine_code": machine_code}
+        spec = {
+            "world": "empty",
+            "vehicles": {"ego": {"model": "bolt", "start": {"x": 0, "y": 0}}},
+            "control": {"ego": {"kind": "constant", "speed": 4.0, "steering": 0.2}},
+            "plant": plant,
+        }
+        drives.append(Simulation(assemble(spec)).run(duration=2.0).signals)
+    assert drives[0]["ego.wz"].abs().max() > 0.1
+    pd.testing.assert_frame_equal(drives[0], drives[1], check_exact=True)

@@ -19,14 +19,16 @@ def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec)
     wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
     raw = spec.plant.rolling_resistance == "raw"
     cancel = not raw and spec.plant.contact == "hydroelastic"
+    tyre_models = any(part.tyre_model for part in parts.vehicles.values())
     system = RollingResistance(
         plant,
         [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
         ground=parts.ground,
         scenery=parts.props.owners,
         bumps=parts.props.bumps,
-        period=1.0 / rate if cancel or any(part.tyre_model for part in parts.vehicles.values()) else LOAD_PERIOD,
+        period=1.0 / rate if cancel or tyre_models else LOAD_PERIOD,
         cancel_numerical=cancel,
+        machine_code=tyre_models or spec.plant.machine_code,
     )
     wiring.add("rolling_resistance", system)
     wiring.link(plant.get_contact_results_output_port(), system.contact_results)

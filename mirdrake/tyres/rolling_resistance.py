@@ -28,20 +28,21 @@ The tyre's own moment is -Crr N Re tanh(ω/ω_0), with Re the effective rolling 
 back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, MutableSequence, Sequence
 from math import exp, tanh
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
+from mirdrake.compiled import compiled, records
 from mirdrake.errors import ConfigError
 from mirdrake.plant import VehicleInPlant
 from mirdrake.signals import Signal, declare_state_output
-from mirdrake.tyres.wheel_motion import WheelMotion, WheelPlace, base_motion, wheel_motion, wheel_places
+from mirdrake.tyres.wheel_motion import STEP_PARTS, WheelPlace, base_motion, wheel_motion, wheel_places
 from mirdrake.vehicles import WHEELS
 
 FILTER_TIME = 0.1
@@ -89,6 +90,123 @@ def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
     ]
 
 
+class RollingSetup(NamedTuple):
+    """What the wheels share.
+
+    Attributes:
+        positions: number of the plant's positions.
+        cancel: whether the numerical resistance is taken out.
+        blend: part of a new measurement that a filter takes up.
+    """
+
+    positions: int
+    cancel: bool
+    blend: float
+
+
+class TurningWheel(NamedTuple):
+    """A :class:`RollingWheel` in numbers."""
+
+    place: WheelPlace
+    coefficient: float
+    turning: bool
+
+
+class Touch(NamedTuple):
+    """A contact of a wheel with the road.
+
+    Attributes:
+        wheel: number of the wheel.
+        patch: 1: a patch, 0: a point, of which the load only is of interest.
+        tx: torque of the road about the centroid of the patch, in the world [N m].
+        ty: the same.
+        tz: the same.
+        fx: force of the road [N].
+        fy: the same.
+        fz: the same; the road only pushes.
+        x: of the centroid in the world [m].
+        y: the same.
+    """
+
+    wheel: float
+    patch: float
+    tx: float
+    ty: float
+    tz: float
+    fx: float
+    fy: float
+    fz: float
+    x: float
+    y: float
+
+
+def rolling_step(
+    x: Sequence[float],
+    touches: Sequence[Sequence[float]],
+    setups: Sequence[RollingSetup],
+    wheels: Sequence[TurningWheel],
+    filters: MutableSequence[float],
+    force: MutableSequence[float],
+    loads: MutableSequence[float],
+    torques: MutableSequence[float],
+) -> None:
+    """Rolling resistance of all wheels, for Python and for machine code; equations in the head of the module.
+
+    Args:
+        x: state of the plant, positions and velocities.
+        touches: :class:`Touch` of each contact, or its numbers.
+        setups: one.
+        wheels: all of them.
+        filters: per wheel: filtered M, N·ω, moment about the vertical; changed.
+        force: generalised forces of the plant (num_velocities) [N, N m]; zeros, changed.
+        loads: of the road on each wheel [N]; overwritten.
+        torques: about each axle [N m]; overwritten.
+    """
+    setup = setups[0]
+    for i in range(len(wheels)):
+        wheel = wheels[i]
+        place = wheel.place
+        pose = wheel_motion(x, place, base_motion(x, place.base, setup.positions), setup.positions)
+        ax, ay, spin = pose.axle[0], pose.axle[1], pose.spin
+        load = along = across = moment = yaw = 0.0
+        cancelling = setup.cancel and wheel.turning
+        for k in range(len(touches)):
+            touch = touches[k]
+            if touch[0] != i:
+                continue
+            tx, ty, tz, fx, fy, fz = touch[2], touch[3], touch[4], touch[5], touch[6], touch[7]
+            load += fz
+            if touch[1] != 0.0:
+                along += fx
+                across += fy
+                if cancelling:
+                    rx, ry = touch[8] - pose.x, touch[9] - pose.y
+                    yaw += rx * fy - ry * fx + tz
+                    moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
+        torque = -wheel.coefficient * load * pose.rolling * tanh(spin / SMOOTH_SPEED)
+        base = place.base[1]
+        if cancelling:
+            row, blend = 3 * i, setup.blend
+            filters[row] += blend * (moment - filters[row])
+            filters[row + 1] += blend * (load * spin - filters[row + 1])
+            slowly, flow = filters[row], filters[row + 1]
+            fading, quick = SMOOTH_SPEED * load, spin / SMOOTH_SPEED
+            ratio = slowly * flow / (flow * flow + fading * fading + 1.0)
+            slow = 1.0 / (1.0 + quick * quick * quick * quick)
+            taken = slow * moment + (1.0 - slow) * ratio * load * spin
+            torque -= taken
+            lever = (ay * across + ax * along) / load if load > 0.0 else 0.0  # (f × F)·n / N
+            filters[row + 2] += blend * (yaw + moment * lever - filters[row + 2])
+            turn = taken * lever - (1.0 - slow) * filters[row + 2]
+            force[base + 2] += turn
+            if place.steering[0] >= 0:
+                force[place.steering[1]] += turn
+        force[place.spin] += torque
+        force[base] += torque * ax
+        force[base + 1] += torque * ay
+        loads[i], torques[i] = load, torque
+
+
 class RollingResistance(LeafSystem):
     """Rolling resistance of all wheels of a plant on its ground plane.
 
@@ -112,6 +230,7 @@ class RollingResistance(LeafSystem):
         period: time between updates [s], a multiple of the plant's step.
         cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place; then, as in point
             contact, :data:`LOAD_PERIOD` is enough.
+        machine_code: whether :func:`rolling_step` is compiled.
 
     Raises:
         ConfigError: the period is not positive.
@@ -127,18 +246,24 @@ class RollingResistance(LeafSystem):
         bumps: Collection[GeometryId] = (),
         period: float,
         cancel_numerical: bool = True,
+        machine_code: bool = False,
     ) -> None:
         super().__init__()
         if not period > 0.0:
             raise ConfigError(f"RollingResistance: period {period} is not allowed; it must be a positive time in s")
-        self._wheels = tuple(wheels)
+        setup = RollingSetup(plant.num_positions(), cancel_numerical, 1.0 - exp(-period / FILTER_TIME))
+        turning = [TurningWheel(wheel.place, wheel.coefficient, wheel.turning) for wheel in wheels]
+        self._machine_code = machine_code
+        self._known: Any = ((setup,), turning)
+        self._step: Any = rolling_step
+        if machine_code:
+            self._known = records(RollingSetup, [setup]), records(TurningWheel, turning)
+            self._step = compiled(rolling_step, parts=STEP_PARTS)
         self._ground, self._bumps = frozenset(ground), frozenset(bumps)
         self._scenery = self._ground | frozenset(scenery)
         self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
-        self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
-        self._cancel = cancel_numerical
-        self._blend = 1.0 - exp(-period / FILTER_TIME)
-        count = len(wheels)
+        self._velocities, self._count = plant.num_velocities(), len(wheels)
+        count = self._count
         self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._force = self.DeclareDiscreteState(self._velocities)
@@ -158,52 +283,31 @@ class RollingResistance(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        x = self.plant_state.Eval(context).tolist()
-        poses = self._wheel_motions(x)
-        contacts, others = self._measure(context, poses)
-        filters = context.get_discrete_state(self._filters).value().tolist()
-        force, torques = [0.0] * self._velocities, []
-        for i, (wheel, contact, pose) in enumerate(zip(self._wheels, contacts, poses, strict=True)):
-            place, load, spin = wheel.place, contact.load, pose.spin
-            ax, ay, _ = pose.axle
-            torque = -wheel.coefficient * load * pose.rolling * tanh(spin / SMOOTH_SPEED)
-            base = place.base[1]
-            if self._cancel and wheel.turning:
-                row = 3 * i
-                filters[row] += self._blend * (contact.moment - filters[row])
-                filters[row + 1] += self._blend * (load * spin - filters[row + 1])
-                moment, flow = filters[row], filters[row + 1]
-                ratio = moment * flow / (flow * flow + (SMOOTH_SPEED * load) ** 2 + 1.0)
-                slow = 1.0 / (1.0 + (spin / SMOOTH_SPEED) ** 4)
-                moment = slow * contact.moment + (1.0 - slow) * ratio * load * spin
-                torque -= moment
-                lever = (ay * contact.fy + ax * contact.fx) / load if load > 0.0 else 0.0  # (f × F)·n / N
-                filters[row + 2] += self._blend * (contact.yaw + contact.moment * lever - filters[row + 2])
-                yaw = moment * lever - (1.0 - slow) * filters[row + 2]
-                force[base + 2] += yaw
-                if place.steering[0] >= 0:
-                    force[place.steering[1]] += yaw
-            force[place.spin] += torque
-            force[base] += torque * ax
-            force[base + 1] += torque * ay
-            torques.append(torque)
-        state.get_mutable_value(self._load)[:] = [contact.load for contact in contacts]
+        touches, others = self._measure(context)
+        x = self.plant_state.Eval(context)
+        filters = context.get_discrete_state(self._filters).value().copy()
+        changed: tuple[Any, ...] = (filters, np.zeros(self._velocities), np.zeros(self._count), np.zeros(self._count))
+        if self._machine_code:
+            self._step(x, np.reshape(touches, (-1, len(Touch._fields))), *self._known, *changed)
+        else:  # lists are quicker in Python
+            changed = tuple(one.tolist() for one in changed)
+            self._step(x.tolist(), touches, *self._known, *changed)
+        places = (self._filters, self._force, self._load, self._torque)
+        for place, values in zip(places, changed, strict=True):
+            state.get_mutable_value(place)[:] = values
         state.get_mutable_value(self._others)[:] = others
-        state.get_mutable_value(self._force)[:] = force
-        state.get_mutable_value(self._torque)[:] = torques
-        if self._cancel:
-            state.get_mutable_value(self._filters)[:] = filters
 
-    def _measure(self, context: Context, poses: Sequence[WheelMotion]) -> tuple[list["_Contact"], int]:
-        """The road's contact with each wheel in the last step, and the number of other contacts."""
+    def _measure(self, context: Context) -> tuple[list[Sequence[float]], int]:
+        """The road's contacts with wheels in the last step, and the number of other contacts."""
         results, others = self.contact_results.Eval(context), 0
-        contacts = [_Contact() for _ in self._wheels]
+        touches: list[Sequence[float]] = []
         for k in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(k)
             pair = info.point_pair()
             row = self._wheel_on_road(pair.id_A, pair.id_B)
             if row is not None:
-                contacts[row].load += abs(float(info.contact_force()[2]))
+                load = abs(float(info.contact_force()[2]))
+                touches.append((row, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, load, 0.0, 0.0))
             elif self._counts(pair.id_A, pair.id_B):
                 others += 1
         for k in range(results.num_hydroelastic_contacts()):
@@ -213,21 +317,10 @@ class RollingResistance(LeafSystem):
             if row is None:
                 others += self._counts(surface.id_M(), surface.id_N())
                 continue
-            contact, pose = contacts[row], poses[row]
             wrench = info.F_Ac_W().get_coeffs().tolist()
-            tx, ty, tz, fx, fy, fz = (
-                wrench if wrench[5] >= 0.0 else [-value for value in wrench]
-            )  # the road only pushes
-            contact.load += fz
-            contact.fx += fx
-            contact.fy += fy
-            if self._cancel and self._wheels[row].turning:
-                cx, cy, _ = surface.centroid().tolist()
-                rx, ry = cx - pose.x, cy - pose.y
-                contact.yaw += rx * fy - ry * fx + tz
-                ax, ay, _ = pose.axle
-                contact.moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
-        return contacts, others
+            upwards = wrench if wrench[5] >= 0.0 else [-value for value in wrench]
+            touches.append((row, 1.0, *upwards, *surface.centroid().tolist()[:2]))
+        return touches, others
 
     def _wheel_on_road(self, first: GeometryId, second: GeometryId) -> int | None:
         """Number of the wheel of a pair of geometries that is a wheel on the road, else None."""
@@ -240,20 +333,3 @@ class RollingResistance(LeafSystem):
         if first in self._scenery and second in self._scenery:
             return False
         return not (first in self._bumps and second in self._row) and not (second in self._bumps and first in self._row)
-
-    def _wheel_motions(self, x: Sequence[float]) -> list[WheelMotion]:
-        """Where every wheel is and how it moves, from the plant's state."""
-        places = [wheel.place for wheel in self._wheels]
-        bases = {base: base_motion(x, base, self._positions) for base in {place.base for place in places}}
-        return [wheel_motion(x, place, bases[place.base], self._positions) for place in places]
-
-
-@dataclass(slots=True)
-class _Contact:
-    """The road on one wheel: force in the world [N], pressure moment about the axle, yaw moment [N m]."""
-
-    load: float = 0.0
-    fx: float = 0.0
-    fy: float = 0.0
-    moment: float = 0.0
-    yaw: float = 0.0
