@@ -95,7 +95,7 @@ class PlantSpec(Schema):
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
     machine_code: bool = Field(
         False,
-        description="compile control units and rolling resistance, too: half a second at the start, which pays in many runs [-]",
+        description="compile control units, too: half a second at the start, which pays in many runs [-]",
     )
 
 
