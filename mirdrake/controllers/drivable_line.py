@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solveh_banded
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.errors import ConfigError
@@ -290,7 +290,7 @@ def _solve(weight: Array, rise: Array, h: float) -> Array:
         right[i : i + rows] -= third[i] * weight * rise
         for j in range(i + 1):
             band[i - j, j : j + rows] += third[i] * third[j] * weight
-    return np.asarray(solveh_banded(band, right, lower=True, check_finite=False))
+    return np.asarray(scipy.linalg.solveh_banded(band, right, lower=True, check_finite=False))
 
 
 def _at_points(inner: Array) -> Array:

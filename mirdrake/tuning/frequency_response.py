@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.errors import ConfigError, RunError, did_you_mean
@@ -66,8 +66,8 @@ class FrequencyResponse:
                 f"{wanted.min():.4g} to {wanted.max():.4g}"
             )
         place = np.log(np.clip(wanted, low, high))
-        size = PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(place)
-        phase = PchipInterpolator(np.log(self.frequencies), np.unwrap(np.angle(self.values)))(place)
+        size = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(place)
+        phase = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.unwrap(np.angle(self.values)))(place)
         return np.asarray(np.exp(size + 1j * phase), dtype=complex)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # which imports its parts when they are first named
 
 from mirdrake.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_response
@@ -287,7 +287,7 @@ def _fit_inertial_step(record: StepRecord, start: tuple[float, ...]) -> tuple[Tr
 
     data = record.measurement - record.measurement[0]
     size = max(float(np.abs(data).max()), 1e-12)
-    fit = least_squares(lambda x: (follow(x) - data) / size, np.log(start), max_nfev=60)
+    fit = scipy.optimize.least_squares(lambda x: (follow(x) - data) / size, np.log(start), max_nfev=60)
     return model(fit.x), _percent(follow(fit.x), data)
 
 
@@ -328,7 +328,9 @@ def fit_response(found: FrequencyResponse, start: tuple[float, ...], *, order: i
     if order == 1:
         first[0] = start[0] / 2.0
     begin = np.log(np.maximum(first, 1e-6))
-    fit = least_squares(gap, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400)
+    fit = scipy.optimize.least_squares(
+        gap, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400
+    )
     best = model(fit.x)
     return best, _percent(best.response(found.frequencies), found.values)
 

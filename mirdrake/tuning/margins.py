@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+import scipy  # which imports its parts when they are first named
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.pid import PidGains
@@ -239,12 +239,14 @@ def _rational(plant: Plant) -> TransferFunction:
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
     if function(a) * function(b) > 0.0:
         return math.sqrt(a * b)
-    return float(brentq(function, a, b, xtol=1e-13 * b, rtol=1e-13))
+    return float(scipy.optimize.brentq(function, a, b, xtol=1e-13 * b, rtol=1e-13))
 
 
 def _largest(function: Callable[[float], float], values: Floats, w: Floats) -> tuple[float, float]:
     """(largest value, its frequency), refined between the neighbours of the largest on the grid."""
     k = int(np.argmax(values))
     a, b = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
-    found = minimize_scalar(lambda x: -function(x), bounds=(a, b), method="bounded", options={"xatol": 1e-9 * b})
+    found = scipy.optimize.minimize_scalar(
+        lambda x: -function(x), bounds=(a, b), method="bounded", options={"xatol": 1e-9 * b}
+    )
     return max((float(values[k]), float(w[k])), (-float(found.fun), float(found.x)))

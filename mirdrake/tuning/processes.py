@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.pid import NO_LIMITS, PidGains, PidLimits, PidState, pid_step
@@ -54,7 +54,7 @@ class LinearProcess:
         periods = plant.delay / self.period
         whole = math.floor(periods + 1e-9)
         late = max(periods - whole, 0.0) * self.period
-        first, second = expm(extended * late), expm(extended * (self.period - late))
+        first, second = scipy.linalg.expm(extended * late), scipy.linalg.expm(extended * (self.period - late))
         self._step = second[:order, :order] @ first[:order, :order]
         self._old = second[:order, :order] @ first[:order, order]
         self._new = second[:order, order]

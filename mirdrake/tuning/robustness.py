@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest
+import scipy  # which imports its parts when they are first named
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.studies.calls import open_executor
@@ -287,7 +287,7 @@ def failure_rate(failures: int, runs: int) -> Failures:
     """
     if runs < 1:
         return Failures(0, 0, math.nan, 0.0, 1.0)
-    interval = binomtest(failures, runs).proportion_ci(0.95, "exact")
+    interval = scipy.stats.binomtest(failures, runs).proportion_ci(0.95, "exact")
     return Failures(runs, failures, failures / runs, float(interval.low), float(interval.high))
 
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq, minimize, minimize_scalar
+import scipy  # which imports its parts when they are first named
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.pid import PidGains
@@ -159,7 +159,7 @@ def design_for_phase_margin(
     top = int(np.argmax(angles))
     if not angles[0] < needed < angles[top]:
         raise _out_of_reach(needed, "PID", float(angles[0]), float(angles[top]))
-    x = brentq(lambda x: float(np.angle(shape(x))) - needed, trial[0], trial[top])
+    x = scipy.optimize.brentq(lambda x: float(np.angle(shape(x))) - needed, trial[0], trial[top])
     kp, derivative_time = size / abs(shape(x)), x / crossover
     return PidGains(kp, kp / (4.0 * derivative_time), kp * derivative_time, filter_time=derivative_time / filter_ratio)
 
@@ -182,7 +182,7 @@ def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[floa
     values = largest(trial)
     k = int(np.argmax(values))
     a, b = trial[max(k - 1, 0)], trial[min(k + 1, len(trial) - 1)]
-    found = minimize_scalar(lambda kp: -float(largest(np.array(kp))), bounds=(a, b), method="bounded")
+    found = scipy.optimize.minimize_scalar(lambda kp: -float(largest(np.array(kp))), bounds=(a, b), method="bounded")
     return max((float(trial[k]), float(values[k])), (float(found.x), -float(found.fun)), key=lambda pair: pair[1])
 
 
@@ -219,7 +219,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
     if not best[0] > 0.0:
         return best[1], best[0], best[2]
     if best[2] > 0.0:
-        polished = minimize(
+        polished = scipy.optimize.minimize(
             lambda x: -max(largest(math.exp(x[0]), math.exp(x[1])), -1e300) / best[0],
             np.log([best[1], best[2]]),
             method="Nelder-Mead",

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.integrate import trapezoid
-from scipy.optimize import least_squares
+import scipy  # which imports its parts when they are first named
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.errors import ConfigError, RunError, did_you_mean
@@ -116,7 +115,9 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
 
     start = np.array([1.0, 1.0, delay / scale[2]])
     limits = ([-np.inf, 1e-3, 0.0], [np.inf, np.inf, time[-1] / scale[2]])
-    fit = least_squares(residual, np.clip(start, limits[0], limits[1]), bounds=limits, x_scale=[1.0, 1.0, 1.0])
+    fit = scipy.optimize.least_squares(
+        residual, np.clip(start, limits[0], limits[1]), bounds=limits, x_scale=[1.0, 1.0, 1.0]
+    )
     best = fit.x * scale
     return FirstOrder(float(best[0]), float(best[1]), float(best[2]))
 
@@ -152,9 +153,9 @@ def _by_tangent(time: Floats, unit: Floats) -> tuple[float, float]:
 
 def _by_areas(time: Floats, unit: Floats) -> tuple[float, float]:
     """(T, L) by areas: T + L is the area above the response, T/e the area below it up to T + L."""
-    total = float(trapezoid(1.0 - unit, time))
+    total = float(scipy.integrate.trapezoid(1.0 - unit, time))
     fine = np.linspace(0.0, max(total, 0.0), 2000)
-    time_constant = float(np.e * trapezoid(np.interp(fine, time, unit), fine))
+    time_constant = float(np.e * scipy.integrate.trapezoid(np.interp(fine, time, unit), fine))
     return time_constant, total - time_constant
 
 

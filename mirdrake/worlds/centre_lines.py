@@ -10,12 +10,11 @@ Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression 
 """
 
 import math
+from typing import Any
 
 import numpy as np
+import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from mirdrake.errors import WorldError
 from mirdrake.worlds.clothoids import distances, solve
@@ -155,12 +154,12 @@ def _chords(places: Array, closed: bool) -> Array:
     return np.asarray(np.hypot(*(ahead - places[: len(ahead)]).T))
 
 
-def _spline(places: Array, closed: bool) -> tuple[CubicSpline, Array]:
+def _spline(places: Array, closed: bool) -> tuple[Any, Array]:
     """A cubic spline through the points, and its parameter at each: the length of the chords up to there [m]."""
     t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
     if closed:
         places = np.vstack((places, places[:1]))
-    return CubicSpline(t, places, bc_type="periodic" if closed else "not-a-knot"), t
+    return scipy.interpolate.CubicSpline(t, places, bc_type="periodic" if closed else "not-a-knot"), t
 
 
 def _refine(places: Array, closed: bool, parts: int) -> Array:
@@ -185,7 +184,7 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
     h = _chords(places, closed)
     node = np.arange(count) if closed else np.arange(1, count - 1)
     before, after, row = h[node - 1], h[node], np.arange(len(node))
-    q = coo_array(
+    q = scipy.sparse.coo_array(
         (
             np.concatenate((1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after)),
             (np.concatenate(((node - 1) % count, node, (node + 1) % count)), np.tile(row, 3)),
@@ -194,16 +193,16 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
     ).tocsc()
     here, there = (row, (row + 1) % len(row)) if closed else (row[:-1], row[1:])
     side = after[here] / 6.0
-    r = coo_array(
+    r = scipy.sparse.coo_array(
         (
             np.concatenate(((before + after) / 3.0, side, side)),
             (np.concatenate((row, here, there)), np.concatenate((row, there, here))),
         )
     ).tocsc()
-    squared, target = csc_array(q.T @ q), q.T @ places
+    squared, target = scipy.sparse.csc_array(q.T @ q), q.T @ places
 
     def moved(a: float) -> Array:
-        return np.asarray(a * (q @ splu(csc_array(r + a * squared)).solve(target)))
+        return np.asarray(a * (q @ scipy.sparse.linalg.splu(scipy.sparse.csc_array(r + a * squared)).solve(target)))
 
     low, high, best = -6.0, 15.0, np.zeros_like(places)
     scale = float(np.median(h)) ** 3

@@ -7,12 +7,11 @@ matrix is sparse.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from mirdrake.worlds.pieces import Array
 
@@ -81,7 +80,7 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
     rest, arcs = residual(yaw, k, length)
     chain = length.sum()
     for _ in range(40):
-        step = splu(_jacobian(k, length, arcs, size, closed)).solve(-rest)
+        step = scipy.sparse.linalg.splu(_jacobian(k, length, arcs, size, closed)).solve(-rest)
         if not np.isfinite(step).all():
             return None
         by_yaw, by_k, by_length = step[:nodes], step[nodes : 2 * nodes] / size, step[2 * nodes :] * size
@@ -106,7 +105,7 @@ def _ends(nodes: int) -> tuple[tuple[int, int, int, int, int], ...]:
     return (0, 1, 2, 0, 1), (nodes - 3, nodes - 2, nodes - 1, nodes - 3, nodes - 2)
 
 
-def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -> csc_array:
+def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -> Any:
     """Derivatives of the residual in :func:`solve` by headings, curvatures times `size` and lengths over `size`."""
     nodes, parts = len(k), len(length)
     i = np.arange(parts)
@@ -140,13 +139,15 @@ def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -
             )
             put([at] * 2, [2 * nodes + two, 2 * nodes + one], np.array([k[b] - k[a], k[b] - k[c]]) * size)
     shape = (2 * nodes + parts,) * 2
-    return coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape).tocsc()
+    return scipy.sparse.coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+    ).tocsc()
 
 
 def _guess(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array]:
     """Headings and curvatures at the joints, of a closed curve also at the end of the lap, and lengths: of a spline."""
     ring = np.vstack((places, places[:1])) if closed else places
-    spline = CubicSpline(t, ring, bc_type="periodic" if closed else "not-a-knot")
+    spline = scipy.interpolate.CubicSpline(t, ring, bc_type="periodic" if closed else "not-a-knot")
     fine = np.interp(np.arange((len(t) - 1) * _SAMPLES + 1) / _SAMPLES, np.arange(len(t)), t)
     velocity = spline(fine, 1)
     speed = np.hypot(*velocity.T)

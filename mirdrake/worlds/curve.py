@@ -9,11 +9,11 @@
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
+import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from mirdrake.worlds.pieces import NODES, WEIGHTS, Array, Piece, Placement, advance, cells_of, displace
 
@@ -76,7 +76,7 @@ class Curve:
         self._end = pose
         turn = pose[2] - start[2]
         self.gap = (math.hypot(pose[0] - start[0], pose[1] - start[1]), math.remainder(turn, 2.0 * math.pi))
-        self._tree: cKDTree | None = None
+        self._tree: Any = None
 
     # --- along the curve ------------------------------------------------------------------------------------------
 
@@ -269,7 +269,7 @@ class Curve:
     def _nearest_cell(self, x: Array, y: Array) -> Array:
         """Where [m] the cell nearest to each point starts."""
         if self._tree is None:
-            self._tree = cKDTree(np.column_stack((self._x, self._y)))
+            self._tree = scipy.spatial.cKDTree(np.column_stack((self._x, self._y)))
         return np.asarray(self._s[self._tree.query(np.column_stack((x, y)))[1]])
 
     def _descend_many(self, x: Array, y: Array, s: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -4,7 +4,7 @@ from math import ceil, tan
 from typing import Any
 
 import numpy as np
-import scipy.sparse
+import scipy
 from numpy.typing import NDArray
 
 from mirdrake.vehicles.mounts import PictureMount

@@ -9,8 +9,8 @@ between two pictures.
 from functools import cache, lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from mirdrake.vehicles.mounts import DepthCameraMount
 
@@ -101,7 +101,7 @@ def _bits(stream: int, index: int, count: int) -> NDArray[np.uint16]:
 @cache
 def _quantiles() -> Depths:
     """Equally likely numbers that are normally distributed, of standard deviation 1."""
-    values = ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS)
+    values = scipy.special.ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS)
     found: Depths = (values / values.std()).astype(np.float32)
     found.setflags(write=False)
     return found
