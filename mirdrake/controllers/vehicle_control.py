@@ -74,8 +74,8 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         plant: the finalised plant.
         part: the vehicle in it.
-        machine_code: whether the step is compiled; half a second to begin with, and less than half of the time from
-            then on.
+        machine_code: whether the step is compiled; half a second more to begin with, and about half of the time from
+            then on. Pedals stay in Python, so there nothing is gained.
     """
 
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, machine_code: bool = False) -> None:
