@@ -1,5 +1,7 @@
 """Models of identification: their integration against scipy, their derivatives against differences, filters, errors."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -111,7 +113,7 @@ def test_relaxation_and_roll_are_those_of_the_reduced_model():
         other.GetInputPort("forces").FixValue(context, [0.0, 0.0])
         rates = dict(zip(other.state_names, other.EvalTimeDerivatives(context).CopyToVector(), strict=True))
         p_all = {info.name: info.guess for info in model.parameters} | values
-        found = model.rates(ours, np.array([delta, vx, 0.0]), p_all)
+        found = model.rates(ours, np.array([delta, vx, 0.0, 0.0, 0.0]), p_all)
         theirs = [rates[name] for name in names]
         assert found == pytest.approx(theirs, rel=0.01, abs=0.02)
 
@@ -138,7 +140,7 @@ def test_a_steering_gives_way_to_the_moments_of_its_wheels():
     force = -9e4 * (0.01 + 0.07 * 0.02)
     moment = -0.036 * force - 1200.0 * 0.02 - 0.5 * 13.0 * 20.0 * 0.1
     state = np.array([0.0, 0.0, 0.02, 0.1, 0.01, 0.0, 0.0004])
-    found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0]), p), strict=True))
+    found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
     assert found["steering_give"] == pytest.approx((2e-5 * moment - 0.0004) / 0.02)
     # The tyres slip by where the wheels are.
     assert found["slip_front"] == pytest.approx(20.0 * (-0.0004 - 0.01) / 0.4)
@@ -150,7 +152,7 @@ def test_understeer_gradient_is_that_of_the_equations_at_rest(kind):
     speed, angle = 20.0, 1e-4
 
     def rest(x):
-        return model.rates(x, np.array([angle, speed, 0.0]), p) * np.array(model.state_scales)
+        return model.rates(x, np.array([angle, speed, 0.0, 0.0, 0.0]), p) * np.array(model.state_scales)
 
     x = root(rest, np.zeros(len(model.states)), tol=1e-13).x
     turn = x[model.states.index("yaw_rate")]
@@ -162,11 +164,67 @@ def test_understeer_gradient_is_that_of_the_equations_at_rest(kind):
 def test_spinning_wheels_resist_yawing():
     model, p = yielding()
     p["spin_inertia"] = 0.0
-    state, inputs = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0]), np.array([0.0, 20.0, 0.0])
+    state, inputs = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0]), np.array([0.0, 20.0, 0.0, 0.0, 0.0])
     plain, heavy = (
         model.rates(state, inputs, p | {"spin_inertia": extra})[1] for extra in (0.0, 0.1 * p["yaw_inertia"])
     )
     assert heavy == pytest.approx(plain / 1.1)
+
+
+def test_wheels_that_are_steered_turn_the_car_the_other_way():
+    """A moment of 1.5 kg m² times 4 rad/s² on 2500 + 24 kg m²."""
+    model, p = yielding()
+    p |= {"steering_inertia": 1.5, "yaw_inertia": 2500.0, "spin_inertia": 24.0}
+    plain, quick = (model.rates(np.zeros(7), np.array([0.0, 20.0, 0.0, 0.0, rate]), p)[1] for rate in (0.0, 4.0))
+    assert quick - plain == pytest.approx(-1.5 * 4.0 / 2524.0)
+
+
+def test_wheels_that_yaw_and_are_steered_roll_the_body():
+    """Gyroscopes of 13 kg m times 20 m/s: 260 N m s times 0.2 rad/s and, for the front half, 0.1 rad/s.
+
+    In a turn without side force that is (52 + 13) N m of the moment with which m h ay + H vx r = (720 + 13) kg m times
+    1 m/s² would roll the body by the gain.
+    """
+    model, p = yielding()
+    p |= {"mass": 1500.0, "roll_arm": 0.48, "roll_gain": 0.009, "roll_frequency": 10.0, "wheel_momentum": 13.0}
+    state = np.zeros(7)
+    state[model.states.index("yaw_rate")] = 0.2
+    found = model.rates(state, np.array([0.0, 20.0, 0.0, 0.1, 0.0]), p)[model.states.index("roll_rate")]
+    assert found == pytest.approx(10.0**2 * 0.009 * (52.0 + 13.0) / 733.0)
+
+
+def test_a_damper_behind_a_tyre_works_late():
+    """It brakes with the rate that it has itself, which follows that of the roll within its time."""
+    given = YIELDING | {"roll_damper_time": 0.01}
+    model = make_model(ModelSpec("single_track_roll"), lateral_data(), given)
+    p = {info.name: info.guess for info in model.parameters} | {"roll_frequency": 10.0, "roll_damping": 0.3}
+    p |= {"roll_damper_time": 0.01}
+    state = np.zeros(len(model.states))
+    state[[model.states.index("roll_rate"), model.states.index("damper_rate")]] = 0.5, 0.2
+    found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
+    assert found["roll_rate"] == pytest.approx(-2.0 * 0.3 * 10.0 * 0.2)
+    assert found["damper_rate"] == pytest.approx((0.5 - 0.2) / 0.01)
+
+
+def test_the_air_moves_load_to_the_rear():
+    """0.5 N s²/m² at 20 m/s are 200 N; 0.3 m high they move 60 N m, over the static moments of the loads."""
+    model, p = yielding()
+    p |= {"load_transfer": 0.3, "drag": 0.5, "mass": 1500.0}
+    state, inputs = np.zeros(7), np.array([0.0, 20.0, 0.0, 0.0, 0.0])
+    state[4:6] = -0.01, -0.01  # slips
+    calm, windy = (model._forces(state, inputs, (0.0, 0.0), p | {"drag": drag}) for drag in (0.0, 0.5))
+    weight = 1500.0 * 9.80665
+    assert windy[0] / calm[0] == pytest.approx(1.0 - 60.0 / (weight * REAR))
+    assert windy[1] / calm[1] == pytest.approx(1.0 + 60.0 / (weight * FRONT))
+
+
+def test_front_wheels_that_drive_pull_to_where_they_point():
+    """0.5 N s²/m² at 20 m/s and 0.2 m/s² of 1500 kg are 500 N, of which 0.05 rad turn 25 N to the left."""
+    model, p = yielding()
+    p |= {"drag": 0.5, "mass": 1500.0}
+    inputs = np.array([0.05, 20.0, 0.2, 0.0, 0.0])
+    rear, front = (model._motion(np.zeros(7), inputs, p | {"front_drive": f}, (0.0, 0.0))[0] for f in (0.0, 1.0))
+    assert front - rear == pytest.approx(500.0 * math.sin(0.05) / 1500.0)
 
 
 def test_a_sideways_speed_measured_on_the_roof_sways_with_the_body():
@@ -174,7 +232,7 @@ def test_a_sideways_speed_measured_on_the_roof_sways_with_the_body():
     model = make_model(ModelSpec("single_track_roll", {"outputs": ["vy"]}), lateral_data(channels=["vy"]), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | {"velocity_ahead": 1.2, "velocity_height": 0.9}
     vy, spin, roll, roll_rate = 0.3, 0.2, 0.01, -0.15
-    found = model.observe(np.array([vy, spin, roll, roll_rate]), np.array([0.02, 20.0, 0.0]), p)
+    found = model.observe(np.array([vy, spin, roll, roll_rate]), np.array([0.02, 20.0, 0.0, 0.0, 0.0]), p)
     theirs = np.array([20.0, vy, 0.0]) + np.cross([roll_rate, 0.0, spin], [1.2, 0.0, 0.9])
     assert found == pytest.approx(theirs[1:2])
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.multibody.tree import BodyIndex
 
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
@@ -17,6 +18,7 @@ from mirdrake.identification.online import filter_log
 from mirdrake.identification.parameters import Choice, choose
 from mirdrake.single_track import SingleTrackParameters
 from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.parse import parse_urdf
 from tests.bolt_drives import DELAY, LAG, RATE, SUNK, Bolt, noisy, truth
 from tests.bolt_drives import lateral_data as bolt_data
 from tests.commonroad_budget import effective_stiffnesses, tyre_stiffnesses
@@ -141,11 +143,20 @@ def test_a_log_of_90_s_at_200_hz_takes_less_than_20_s_and_the_filter_runs_50_tim
 
 SENSORS = ("vx", "vy", "yaw_rate", "roll_rate", "lateral_acceleration")
 KNOWN = (
-    "mass", "front_length", "rear_length", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", "roll_steer",
-    "roll_steer_rear", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front", "trail_rear",
-    "roll_moment", "spin_inertia",
+    "mass", "front_length", "rear_length", "roll_gain", "roll_frequency", "roll_damping", "roll_damper_time",
+    "roll_arm", "roll_steer", "roll_steer_rear", "wheel_momentum", "relaxation_front", "relaxation_rear", "trail_front",
+    "trail_rear", "roll_moment", "spin_inertia", "steering_inertia", "load_transfer", "drag",
+    "front_drive",
 )  # fmt: skip
-"""What a study of a vehicle takes from its files; gain, frequency and damping of roll are where a fit starts only."""
+GIVING = ("steering_compliance", "steering_compliance_time", "camber_moment")
+"""What a study of a vehicle takes from its files, and what more where the steering's command is recorded; gain,
+frequency, damping and lateness of the dampers of roll are where a fit starts only."""
+
+
+COMMANDED = {"steering_ratio": Choice(fixed=1.0), "steering_lag": Choice(free=True, guess=0.03)}
+LATE = DELAY + 1.5 / RATE
+"""Delay of a command behind the actuator of vehicle.yaml: the lag of the first half of a period is that of the hold, a
+whole one that between two discrete updates [s]."""
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +172,7 @@ def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
     values = vehicle_values(load_vehicle(model), "single_track_roll", measured=measured)
     places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Choice(fixed=-values["rear_length"]))
     places |= dict.fromkeys(("velocity_height", "accelerometer_height"), Choice(fixed=-SUNK))
-    known = KNOWN if measured else (*KNOWN, "steering_compliance", "steering_compliance_time", "camber_moment")
+    known = KNOWN if measured else (*KNOWN, *GIVING)
     choices = {name: Choice(given=values[name]) for name in known} | places | more
     data = bolt_data(drives, (*SENSORS, steer), seed)
     return fit(data, ModelSpec("single_track_roll", {"relaxation": True}), parameters=choices)
@@ -174,10 +185,7 @@ def half(one):
 
 @pytest.mark.slow
 def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
-    """Truth: the tyre's own stiffness at the load of the drives, and the inertia of all bodies.
-
-    What the model leaves out is half a percent, which is not in the intervals: four of five hold the truth.
-    """
+    """Truth: the tyre's own stiffness at the load of the drives, and the inertia of all bodies."""
     so = truth()
     wanted = {
         "cornering_stiffness_front": so.driven_stiffness[0],
@@ -190,10 +198,28 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
         for name, value in wanted.items():
             off = found[name].value / value - 1.0
             assert abs(off) < 0.02, (name, seed, off)
-            assert abs(off) < 1.75 * half(found[name]), (name, seed, off)
             inside += abs(off) < half(found[name])
         assert abs(found["steering_delay"].value) < 1e-3
-    assert inside >= 19  # of 24
+    assert inside >= 20  # of 24; at 95 % each, one try in 40 has less
+
+
+@pytest.mark.slow
+def test_intervals_of_a_full_plant_hold_the_truth_in_90_to_99_of_100_seeds(bolt):
+    so = truth()
+    wanted = {
+        "cornering_stiffness_front": so.driven_stiffness[0],
+        "cornering_stiffness_rear": so.driven_stiffness[1],
+        "yaw_inertia": so.yaw_inertia,
+        "steering_delay": LATE,
+        "steering_lag": LAG,
+    }
+    counts: dict[str, int] = {}
+    for seed in range(100):
+        found: Any = fit_bolt(bolt[0], seed, "steering_command", **COMMANDED)
+        _inside(found, wanted, counts)
+        for name, value in wanted.items():
+            assert found[name].value == pytest.approx(value, rel=0.02), (name, seed)
+    assert all(90 <= count <= 99 for count in counts.values()), counts
 
 
 @pytest.mark.slow
@@ -225,25 +251,15 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("firm", [1, 10])
-def test_a_full_plant_gives_lag_and_delay_of_its_steering_within_2_percent(bolt, tmp_path, firm):
-    """The command passes the actuator of vehicle.yaml, is held for a period of the control unit, and waits for a step.
-
-    The lag of the first half of a period is that of the hold, a whole one that between two discrete updates. The
-    steering gives way to the moments of its wheels, as it is shipped by 4 % of the slip; or it is ten times as firm.
-    """
-    model = "bolt@handling" if firm == 1 else Bolt.copy(tmp_path, firm=firm).model
-    drives = bolt[0] if firm == 1 else Bolt(model).lateral()
-    late = DELAY + 1.5 / RATE
-    fixed = {"steering_ratio": Choice(fixed=1.0), "steering_lag": Choice(free=True, guess=0.03)}
-    held = 0
+def test_a_steering_that_is_ten_times_as_firm_has_the_same_lag_and_delay(tmp_path):
+    """As it is shipped it gives way to the moments of its wheels, by 4 % of their slip."""
+    model = Bolt.copy(tmp_path, firm=10).model
+    drives = Bolt(model).lateral()
     for seed in range(4):
-        found: Any = fit_bolt(drives, seed, "steering_command", model, **fixed)
+        found: Any = fit_bolt(drives, seed, "steering_command", model, **COMMANDED)
         assert found["steering_lag"].value == pytest.approx(LAG, rel=0.02), seed
-        assert found["steering_delay"].value == pytest.approx(late, rel=0.02), seed
+        assert found["steering_delay"].value == pytest.approx(LATE, rel=0.02), seed
         assert found["yaw_inertia"].value == pytest.approx(truth().yaw_inertia, rel=0.02), seed
-        held += found["steering_delay"].low < late < found["steering_delay"].high
-    assert held >= 2
 
 
 @pytest.mark.slow
@@ -271,6 +287,37 @@ def test_what_a_plain_single_track_makes_of_a_full_plant(bolt):
     plain: Any = fit(data, ModelSpec("single_track"), parameters=choices)
     assert plain["yaw_inertia"].value < 0.9 * so.yaw_inertia
     assert plain["steering_delay"].value > 0.01
+
+
+def test_roll_of_a_vehicle_is_that_of_body_and_wheels_on_springs_and_tyres():
+    """Body and wheels of the Bolt as 6 states, against the equations of the model: a shape, nothing is fitted here."""
+    so = truth()
+    plant, _, _ = parse_urdf(
+        load_vehicle("bolt@handling").urdf, packages=load_vehicle("bolt@handling").packages, where_line=str
+    )
+    values = vehicle_values(load_vehicle("bolt@handling"), "single_track_roll")
+    height, half, gravity = values["roll_arm"], 0.5 * 1.501, 9.80665
+    # Bodies lean about their common centre; wheels, knuckles and carriers do not go up and down with their side.
+    lean = 0.0
+    for number in range(1, plant.num_bodies()):
+        body = plant.get_body(BodyIndex(number))
+        inertia = body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
+        lean += inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[0, 0]
+    swinging = 2.0 * (40.0 + 30.0)
+    lean += (so.mass - swinging) * (0.5168 - 0.5) ** 2 + swinging * (0.3234 - 0.5) ** 2
+    rates = 2.0 * np.pi * np.linspace(0.2, 3.0, 29)
+    s = 1j * rates
+    resisting = lean * s**2 - so.mass * gravity * height
+    for stiffness, damping, mass in ((28e3 + 2.0 * 12e3, 2000.0, 40.0), (27e3 + 2.0 * 17e3, 1800.0, 30.0)):
+        spring, tyre = stiffness + damping * s, 2e5 + mass * s**2
+        resisting = resisting + 2.0 * half**2 * spring * tyre / (spring + tyre)
+    moment = so.mass * height + values["wheel_momentum"]
+    natural, late = values["roll_frequency"], values["roll_damper_time"]
+    damped = 2.0 * values["roll_damping"] * natural * s / (1.0 + late * s)
+    found = values["roll_gain"] * natural**2 / (s**2 + natural**2 + damped)
+    assert np.abs(s * (found - moment / resisting)).max() < 2e-3 * np.abs(s * moment / resisting).max()
+    # Without wheels that swing it would be c / (k + kt), 7 and 8 ms.
+    assert 0.010 < late < 0.014
 
 
 def test_values_of_a_vehicle_are_those_of_its_tyres():

@@ -74,6 +74,7 @@ class Body(NamedTuple):
         rear: from the rear axle [m].
         height: of the centre of mass [m].
         tyre_stiffness: of a tyre of each axle, vertical [N/m].
+        unsprung: mass that goes up and down with a wheel of each axle [kg].
     """
 
     mass: float
@@ -81,6 +82,7 @@ class Body(NamedTuple):
     rear: float
     height: float
     tyre_stiffness: tuple[float, float]
+    unsprung: tuple[float, float] = (0.0, 0.0)
 
 
 def find_axles(
@@ -168,7 +170,7 @@ def find_leaning(vehicle: Vehicle, body: Body, frequency: float = 0.0) -> Leanin
     """Roll stiffness and damping of a vehicle's springs, bars and dampers with its tyres behind them.
 
     A damper behind a tyre gives way with it, so that both depend on the frequency: dampers stiffen the car, by 4 % at
-    2 Hz.
+    2 Hz. Wheels that swing make their tyres softer, by m ω².
 
     Args:
         vehicle: the vehicle.
@@ -179,7 +181,7 @@ def find_leaning(vehicle: Vehicle, body: Body, frequency: float = 0.0) -> Leanin
     omega = max(frequency, _SLOW)
     stiffness, damping = [], 0.0
     for axle, (track, tyre) in enumerate(zip(tracks, body.tyre_stiffness, strict=True)):
-        softness: complex = 1.0 / tyre
+        softness: complex = 1.0 / (tyre - body.unsprung[axle] * omega**2)
         if springs is not None:
             spring = (springs.front, springs.rear)[axle]
             # Both wheels move, one up and one down.

@@ -154,7 +154,8 @@ def estimate_parameters(
         most += float(motor.effort_limit()) / radius
         if vehicle.control.wheel_speed.kind == "servo":
             gain += vehicle.control.wheel_speed.gain / radius**2
-    body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]))
+    hanging = _unsprung(vehicle, plant)
+    body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]), hanging)
     axles = find_axles(vehicle, body, friction=friction, roll=roll)
     if axles is None:
         grip = min(frictions, default=1.0) if friction is None else friction
@@ -194,6 +195,18 @@ def estimate_parameters(
         front_roll_slip=axles[0].roll_slip,
         rear_roll_slip=axles[1].roll_slip,
     )
+
+
+def _unsprung(vehicle: Vehicle, plant: MultibodyPlant) -> tuple[float, float]:
+    """Mass that hangs on a front and on a rear suspension joint [kg]; nothing without them."""
+    names = vehicle.spec.joints.suspension
+    if names is None:
+        return 0.0, 0.0
+    front, rear = (
+        sum(plant.get_body(body).default_mass() for body in plant.GetBodiesKinematicallyAffectedBy([joint.index()]))
+        for joint in (plant.GetJointByName(name) for name in (names.front_left, names.rear_left))
+    )
+    return front, rear
 
 
 def _roll_parameters(

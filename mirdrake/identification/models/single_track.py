@@ -10,12 +10,19 @@ known. Velocities vy and yaw rate r are of the centre of mass, δ the angle of t
     fiala           F = -C tan α (1 - s + s²/3), s = C |tan α| / (3 μ N); -μ N sign α where s > 1
     magic_formula   F = -μ N sin(c atan(B α - E (B α - atan B α))), B = C / (c μ N)
 
-J is what spinning wheels resist, since those outside of a bend turn faster: 1 % of Iz, where it is known.
+J is what spinning wheels resist, since those outside of a bend turn faster: 1 % of Iz, where it is known. So is the
+inertia I of what is steered; the moment that turns it, I δ̈, the car has in the other direction.
 
 Roll, an option, follows the lateral acceleration; the front wheels may steer with it, and an accelerometer on the body
-sees a part of gravity and of its own sway::
+sees a part of gravity and of its own sway. A damper c between spring and bar k and the tyres' own kt behind them works
+late, by τd = c / (k + kt) and more where wheels swing, on a rate p; τd = 0 if it is not given::
 
-    φ̈ = ω² (g_φ ay - φ) - 2 ζ ω φ̇        ay_seen = ay + l ṙ + (h - z) φ̈ + i g φ
+    φ̈ = ω² (g_φ q - φ) - 2 ζ ω p        τd ṗ = φ̇ - p        ay_seen = ay + l ṙ + (h - z) φ̈ + i g φ
+
+Spinning wheels that yaw, and those in front that are steered, are gyroscopes that roll the body beside the forces of
+the tyres. With their angular momentum H vx, half of it in front, what rolls it is, as an acceleration::
+
+    q = (m h ay + H vx (r + δ̇ / 2)) / (m h + H)
 
 The centre of mass is h above the roll axis, the accelerometer z. vy is that of the point below the centre of mass on
 the axis, near the road, where the tyres are: with ay = (Ff + Fr) / m of the centre of mass itself it is
@@ -26,20 +33,23 @@ Relaxation, another option: what the force of an axle answers is not its slip α
 rolls over its relaxation length σ: α̇' = vx (α - α') / σ. At 20 m/s that is some 20 ms. Without it the fit of a quick
 steering takes it for yaw inertia and a delay of the steering. The forces then act behind the wheels by the tyres'
 pneumatic trail t: a - t and b + t stand for a and b. Where there is roll, the moment has N φ - H vx φ̇ more: leaning
-wheels have a moment beside that of their thrust, those outside of a bend have more rolling resistance, and with their
-angular momentum H vx they are a gyroscope.
+wheels have a moment beside that of their thrust, those outside of a bend have more rolling resistance, and wheels that
+roll with the body are a gyroscope as well.
 
 What steers the wheels gives way to their moments, which counts where its command is recorded and not their angle. With
-the compliance s of a spring and a damper whose time is τ, and the moment M φ of leaning, the front wheels are at
-δ + y::
+the compliance s of a spring and a damper whose time is τ, the moment M φ of leaning and the inertia I of what is
+steered, the front wheels are at δ + y::
 
-    τ ẏ = s (-t Ff + M φ - H vx φ̇ / 2) - y
+    τ ẏ = s (-t Ff + M φ - H vx φ̇ / 2 - I (δ̈ + ṙ)) - y
 
 Where the vehicle brakes its front tyres carry more, and turn it in more: stiffness and largest force of each axle go
 with its load. The load transfer h, an option, is the height of the centre of mass if they are proportional to it, and
 less if they grow more slowly::
 
-    Nf = m g b / L - m h dvx/dt / L        Nr = m g a / L + m h dvx/dt / L
+    Nf = m g b / L - h (m dvx/dt + D vx²) / L        Nr = m g a / L + h (m dvx/dt + D vx²) / L
+
+with the drag D vx² that pulls at the centre of mass, where it is known. Front wheels that drive pull against both to
+where they point, by f (m dvx/dt + D vx²) sin δ to the side, f of the drive being theirs.
 
 Below the speed v1 = 0.2 sqrt(g L) the car goes where its wheels point, from 3 v1 on as above, between them mixed.
 Without a mass, stiffnesses and inertia are per kilogram: that is all that motion tells.
@@ -138,6 +148,10 @@ class SingleTrackModel(Model):
             self.states += ("roll", "roll_rate")
             self.state_scales += (0.05, 0.3)
             possible += ["roll", "roll_rate"]
+        self._damped_late = bool(roll and given.get("roll_damper_time"))
+        if self._damped_late:
+            self.states += ("damper_rate",)
+            self.state_scales += (0.3,)
         self._slips = len(self.states)
         if relaxation:
             self.states += ("slip_front", "slip_rear")
@@ -150,7 +164,7 @@ class SingleTrackModel(Model):
         self.through = NAMES
         self.parameters = single_track_parameters(
             given, wheelbase, self._steer, outputs=self.outputs, tyres=tyres, roll=self._roll,
-            relaxation=self._lengths if relaxation else (), yields=self._yields,
+            relaxation=self._lengths if relaxation else (), yields=self._yields, damped_late=self._damped_late,
         )  # fmt: skip
         self._no_wheelbase = wheelbase is None and not (given.get("front_length") and given.get("rear_length"))
         p = {info.name: info.guess for info in self.parameters}
@@ -160,10 +174,12 @@ class SingleTrackModel(Model):
         self.fine = min(self.fine, _FINE * (length / GRAVITY) ** 0.5)
 
     def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
-        """Angle of the wheels [rad], speed [m/s] and its rate [m/s²]."""
+        """Angle of the wheels [rad], speed [m/s], its rate [m/s²] and those of the angle [rad/s, rad/s²]."""
         speed, step = drive.at(self._speed, times), float(times[1] - times[0])
         smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
-        return np.stack((steering_angle(p, drive, self._steer, times), speed, np.gradient(smooth, step)))
+        angle = steering_angle(p, drive, self._steer, times)
+        turning = np.gradient(angle, step)
+        return np.stack((angle, speed, np.gradient(smooth, step), turning, np.gradient(turning, step)))
 
     def _slip_angles(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
         """Of the wheels as they move, front and rear [rad]."""
@@ -186,7 +202,7 @@ class SingleTrackModel(Model):
             self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), alpha, loads, strict=True)
         )
         if np.any(p["load_transfer"]):
-            moved = m * p["load_transfer"] / (a + b) * u[2]
+            moved = p["load_transfer"] / (a + b) * (m * u[2] + p["drag"] * u[1] ** 2)
             front = front * np.maximum(1.0 - moved / loads[0], _LIGHTEST)
             rear = rear * np.maximum(1.0 + moved / loads[1], _LIGHTEST)
         return front, rear
@@ -213,6 +229,9 @@ class SingleTrackModel(Model):
         front, rear = forces
         delta = self._angle(x, u)
         front = front * np.cos(delta)
+        if np.any(p["front_drive"]):
+            pull = np.maximum(p["drag"] * u[1] ** 2 + p["mass"] * u[2], 0.0)
+            front = front + p["front_drive"] * pull * np.sin(delta)
         ahead, behind, inertia = p["front_length"], p["rear_length"], p["yaw_inertia"] + p["spin_inertia"]
         if self._relaxation:
             ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
@@ -226,13 +245,15 @@ class SingleTrackModel(Model):
             slow_turn, slow_vy = (spin - x[1]) / _BLEND, (p["rear_length"] * spin - x[0]) / _BLEND
             slow_side = slow_vy + x[1] * vx
             side, turn = slow_side + weigh * (side - slow_side), slow_turn + weigh * (turn - slow_turn)
+        if np.any(p["steering_inertia"]):
+            turn = turn - p["steering_inertia"] * u[4] / inertia
         if not self._roll:
             return side, turn, side
         turn = turn + (p["roll_moment"] * x[2] - p["wheel_momentum"] * vx * x[3]) / inertia
-        return side, turn, self._roll_acceleration(x, side, p)
+        return side, turn, self._roll_acceleration(x, u, side, p)
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Of vy, yaw rate, roll, slips, give of the steering."""
+        """Of vy, yaw rate, roll, rate of the dampers, slips, give of the steering."""
         slips = self._slip_angles(x, u, p)
         forces = self._forces(x, u, slips, p)
         side, turn, sway = self._motion(x, u, p, forces)
@@ -240,22 +261,27 @@ class SingleTrackModel(Model):
         if self._roll:
             found[0] = found[0] + p["roll_arm"] * sway
             found += [x[3], sway]
+        if self._damped_late:
+            found.append((x[3] - x[4]) / np.maximum(p["roll_damper_time"], _SLIPPING * self.fine))
         if self._relaxation:
             v = np.maximum(u[1], self._v1)
             for i, (length, slip) in enumerate(zip(self._lengths, slips, strict=True)):
                 time = np.maximum(p[length] / v, _SLIPPING * self.fine)
                 found.append((slip - x[self._slips + i]) / time)
         if self._yields:
-            moment = -p["trail_front"] * forces[0]
+            moment = -p["trail_front"] * forces[0] - p["steering_inertia"] * (u[4] + turn)
             if self._roll:
                 moment = moment + p["camber_moment"] * x[2] - 0.5 * p["wheel_momentum"] * u[1] * x[3]
             time = np.maximum(p["steering_compliance_time"], _SLIPPING * self.fine)
             found.append((p["steering_compliance"] * moment - x[-1]) / time)
         return np.stack(found)
 
-    def _roll_acceleration(self, x: Array, side: Array, p: Values) -> Array:
-        natural = p["roll_frequency"]
-        return np.asarray(natural * (natural * (p["roll_gain"] * side - x[2]) - 2.0 * p["roll_damping"] * x[3]))
+    def _roll_acceleration(self, x: Array, u: Array, side: Array, p: Values) -> Array:
+        natural, rate = p["roll_frequency"], x[4 if self._damped_late else 3]
+        if np.any(p["wheel_momentum"]):
+            share = p["wheel_momentum"] / (p["mass"] * p["roll_arm"] + p["wheel_momentum"])
+            side = side + share * (u[1] * (x[1] + 0.5 * u[3]) - side)
+        return np.asarray(natural * (natural * (p["roll_gain"] * side - x[2]) - 2.0 * p["roll_damping"] * rate))
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """The outputs in their order."""
@@ -294,7 +320,7 @@ class SingleTrackModel(Model):
         side = b * spin - m * a * v * v * spin / ((a + b) * p["cornering_stiffness_rear"])
         found = [side, spin]
         if self._roll:
-            found += [p["roll_gain"] * v * spin, np.zeros(len(rows))]
+            found += [p["roll_gain"] * v * spin, *np.zeros((1 + self._damped_late, len(rows)))]
         if self._relaxation:
             held = m * v * spin / (a + b)
             found += [-held * b / p["cornering_stiffness_front"], -held * a / p["cornering_stiffness_rear"]]

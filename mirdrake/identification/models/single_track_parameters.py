@@ -28,6 +28,7 @@ def single_track_parameters(
     roll: bool,
     relaxation: Sequence[str],
     yields: bool,
+    damped_late: bool,
 ) -> tuple[Parameter, ...]:
     """Parameters of a single track.
 
@@ -40,6 +41,7 @@ def single_track_parameters(
         roll: whether the body rolls.
         relaxation: names of the lengths over which slip builds up, front and rear; none: at once.
         yields: whether the steering gives way.
+        damped_late: whether the tyres give way to the dampers.
     """
     lengths = [given.get("front_length"), given.get("rear_length")]
     total = wheelbase or given.get("assumed_wheelbase", 2.7)
@@ -110,6 +112,16 @@ def single_track_parameters(
             scale=0.01 * mass * front * rear,
             usual=2.0,
         ),
+        Parameter(
+            "steering_inertia",
+            inert,
+            "of what is steered, about its axes" + per,
+            0.0,
+            0.0,
+            mass * front * rear,
+            scale=1e-3 * mass * front * rear,
+            usual=2.0,
+        ),
         *steering_parameters(steer),
         Parameter(
             "accelerometer_ahead",
@@ -144,6 +156,23 @@ def single_track_parameters(
             0.6 * (front + rear),
             scale=0.2 * (front + rear),
             usual=2.0,
+        )
+    )
+    found.append(
+        Parameter(
+            "drag",
+            "1/m" if bare else "N s^2/m^2",
+            "of the air over the square of the speed, which moves load to the rear" + per,
+            0.0,
+            0.0,
+            mass,
+            scale=1e-4 * mass,
+            usual=2.0,
+        )
+    )
+    found.append(
+        Parameter(
+            "front_drive", "1", "part of the drive that the front wheels have", 0.0, 0.0, 1.0, scale=0.5, usual=2.0
         )
     )
     if tyres != "linear":
@@ -215,6 +244,13 @@ def single_track_parameters(
                     usual=2.0,
                 )
             )
+    if damped_late:
+        found.append(
+            Parameter(
+                "roll_damper_time", "s", "how late the dampers work, with tyres behind them", 0.0, 0.0, 1.0,
+                scale=0.01, usual=2.0,
+            )
+        )  # fmt: skip
     return (*found, *(_roll_parameters(given, outputs, mass, front + rear) if roll else ()))
 
 

@@ -16,19 +16,24 @@ moments of both wheels by 1 / 2 k, late by d / k. A single track without relaxat
 import math
 from collections.abc import Sequence
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 
+from mirdrake.identification.models.base import Array
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters
 from mirdrake.tyres.wheel_laws import TyreAtLoad, TyreLaw, make_tyre_laws
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.worlds.world import GRAVITY
 
 _LATERAL = 0.02 * GRAVITY  # of the turn [m/s²]: the limit of small ones
 _SPEED = 20.0  # at which the laws are asked [m/s]
 _LARGEST = 0.3  # slip angle [rad]
-_ROUNDS = 2  # to the frequency of roll, within 0.1 %
+_ROLLING = (0.1, 1.4, 14)  # frequencies at which roll is asked, over the natural one: first, last, number
+_LATE = 0.01  # about what dampers are late by [s]
+_CHANGE = 0.02  # of a load, to see what the stiffness does
 _AXLES = ("front", "rear")
 
 
@@ -57,6 +62,7 @@ def vehicle_values(
         "cornering_stiffness_rear": p.rear_stiffness,
         "rolling_resistance": p.rolling_resistance,
         "drag": p.drag,
+        "front_drive": p.front_drive,
         "rotating_mass": p.rotating_mass,
         "hand_wheel_ratio": vehicle.spec.steering.ratio,
     }
@@ -67,7 +73,7 @@ def vehicle_values(
     rolls = {} if vehicle.spec.suspension is None else _of_roll(vehicle, wheels["wheel_momentum"])
     leaning = kind == "single_track_roll" and bool(rolls)
     if kind.startswith("single_track"):
-        found |= (rolls | wheels) if leaning else {"spin_inertia": wheels["spin_inertia"]}
+        found |= (rolls | wheels) if leaning else {one: wheels[one] for one in ("spin_inertia", "steering_inertia")}
     laws = make_tyre_laws(vehicle)
     if laws is not None and relaxation and kind.startswith("single_track"):
         gain = rolls.get("roll_gain", 0.0)
@@ -83,23 +89,40 @@ def vehicle_values(
 def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
     """Roll of the body, with the force of the tyres as its input, and what it does to the car.
 
+    Frequency, damping and lateness of the dampers are those with which the equations of the model come closest to how
+    the body rolls on springs, tyres and wheels that swing between them.
+
     Args:
         vehicle: with a suspension.
         momentum: of the wheels over the speed [kg m]; yawed with ay / vx, they roll the body.
     """
-    p = swing = estimate_parameters(vehicle, roll=True)
+    p = estimate_parameters(vehicle, roll=True)
     arm = p.roll_mass * p.roll_height
     righting = p.roll_stiffness - arm * GRAVITY
     inertia = p.roll_inertia + p.roll_mass * p.roll_height**2 - arm * arm / p.mass
     frequency = math.sqrt(righting / inertia)
-    for _ in range(_ROUNDS):  # dampers stiffen a body that swings
-        swing = estimate_parameters(vehicle, roll=True, roll_frequency=frequency)
-        frequency = math.sqrt((swing.roll_stiffness - arm * GRAVITY) / inertia)
-    gain = (arm + momentum) / righting
+    damping = 0.5 * p.roll_damping / (frequency * inertia)
+    rates = frequency * np.linspace(*_ROLLING)
+    swings = [estimate_parameters(vehicle, roll=True, roll_frequency=float(rate)) for rate in rates]
+    resisting = np.array([
+        complex(one.roll_stiffness - arm * GRAVITY - inertia * rate**2, rate * one.roll_damping)
+        for one, rate in zip(swings, rates, strict=True)
+    ])  # fmt: skip
+    wanted = rates * righting / resisting  # roll rate over what a force would lean the body by if it stayed
+
+    def misses(z: Array) -> Array:
+        gain, natural, ratio, late = z * (1.0, frequency, damping, _LATE)
+        damped = 2.0 * ratio * natural * 1j * rates / (1.0 + 1j * rates * late)
+        missed = rates * gain * natural**2 / (natural**2 - rates**2 + damped) - wanted
+        return np.concatenate((missed.real, missed.imag)) / frequency
+
+    found = least_squares(misses, np.ones(4)).x * (1.0, frequency, damping, _LATE)
+    gain, natural, ratio, late = found.tolist()
     return {
-        "roll_gain": gain,
-        "roll_frequency": frequency,
-        "roll_damping": 0.5 * swing.roll_damping / (frequency * inertia),
+        "roll_gain": gain * (arm + momentum) / righting,
+        "roll_frequency": natural,
+        "roll_damping": ratio,
+        "roll_damper_time": max(late, 0.0),
         "roll_arm": arm / p.mass,
         "roll_steer": -p.front_roll_slip,
         "roll_steer_rear": -p.rear_roll_slip,
@@ -108,16 +131,23 @@ def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
 
 
 def _of_wheels(vehicle: Vehicle) -> dict[str, float]:
-    """What spinning wheels do: their angular momentum over the speed of the car, and how they resist yawing."""
+    """What wheels do: their angular momentum over the speed of the car, how they resist yawing and being steered.
+
+    A motor adds to the inertia of each wheel that it drives, as it does in the plant.
+    """
     plant, _, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     geometry = vehicle.geometry
     tracks = (geometry.front_track, geometry.front_track, geometry.rear_track, geometry.rear_track)
     momentum = resisting = 0.0
-    for name, radius, track in zip(vehicle.spec.joints.wheels.names(), geometry.wheel_radii, tracks, strict=True):
+    names, spec = vehicle.spec.joints.wheels.names(), vehicle.spec
+    for index, (name, radius, track) in enumerate(zip(names, geometry.wheel_radii, tracks, strict=True)):
         inertia = spin_inertia(plant, name)
         momentum += inertia / radius
-        resisting += inertia * (0.5 * track / radius) ** 2  # those outside of a bend turn faster
-    return {"wheel_momentum": momentum, "spin_inertia": resisting}
+        rotor = rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
+        resisting += (inertia + rotor) * (0.5 * track / radius) ** 2  # those outside of a bend turn faster
+    inertias = plant.CalcMassMatrix(plant.CreateDefaultContext()).diagonal()
+    steered = sum(float(inertias[plant.GetJointByName(name).velocity_start()]) for name in spec.joints.steering.names())
+    return {"wheel_momentum": momentum, "spin_inertia": resisting, "steering_inertia": steered}
 
 
 def spin_inertia(plant: MultibodyPlant, joint: str) -> float:
@@ -151,7 +181,10 @@ def _of_tyres(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *,
         upright: whether the stiffness is that of upright wheels.
     """
     found: dict[str, float] = {}
+    growths = []
     for axle, law, (force, load) in zip(_AXLES, laws, _turn(p), strict=True):
+        less, more = (_slip(law(factor * load, 0.0, 1.0), force) for factor in (1.0 - _CHANGE, 1.0 + _CHANGE))
+        growths.append(math.log(less / more) / math.log((1.0 + _CHANGE) / (1.0 - _CHANGE)))
         tyre = law(load, 0.0 if upright else gain * _LATERAL, 1.0)
         slip = _slip(tyre, force)
         found |= {
@@ -159,7 +192,8 @@ def _of_tyres(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *,
             f"relaxation_{axle}": tyre.contact.length_y,
             f"trail_{axle}": abs(_moment(tyre, slip)) / force,
         }
-    return found
+    # Stiffness grows more slowly than the load.
+    return found | {"load_transfer": p.com_height * sum(growths) / len(growths)}
 
 
 def _camber_moments(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float) -> tuple[float, float]:
