@@ -35,6 +35,9 @@ SUNK = 0.019
 """The origin of the car's frame is so far below the road in the drives [m]: its tyres are round in the files, and have
 2e5 N/m each in point contact."""
 
+ROLLING = 0.9694
+"""Rolling radius over that of the unloaded wheel [1]: variants/handling.yaml."""
+
 DRIVES = {
     "sweep": (25.0, 22.0, {"kind": "sweep", "amplitude": 0.006, "first": 0.2, "last": 3.0, "length": 20.0}),
     "slow": (12.0, 22.0, {"kind": "random", "amplitude": 0.015, "first": 0.1, "last": 3.0, "length": 20.0}),
@@ -194,6 +197,6 @@ def truth():
             load = 0.5 * moment / length
             found.append(2.0 * abs(k1) * nominal * math.sin(k4 * math.atan(load / (k2 * nominal))))
     return Truth(
-        mass, length - ahead, ahead, turn, turning * (half / radius) ** 2, turning / radius**2,
+        mass, length - ahead, ahead, turn, turning * (half / (ROLLING * radius)) ** 2, turning / radius**2,
         (resting[0], resting[1]), (driven[0] + pull, driven[1]),
     )  # fmt: skip

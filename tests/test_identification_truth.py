@@ -19,7 +19,7 @@ from mirdrake.identification.parameters import Choice, choose
 from mirdrake.single_track import SingleTrackParameters
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.parse import parse_urdf
-from tests.bolt_drives import DELAY, LAG, RATE, SUNK, Bolt, noisy, truth
+from tests.bolt_drives import DELAY, LAG, RATE, ROLLING, SUNK, Bolt, noisy, truth
 from tests.bolt_drives import lateral_data as bolt_data
 from tests.commonroad_budget import effective_stiffnesses, tyre_stiffnesses
 from tests.commonroad_rig import CARS, car, manoeuvre, reference_trace
@@ -328,7 +328,7 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     assert values["yaw_inertia"] == pytest.approx(so.yaw_inertia)
     assert values["rotating_mass"] == pytest.approx(so.rotating_mass)
     radius = vehicle.geometry.front_wheel_radius
-    assert values["wheel_momentum"] == pytest.approx(4 * 0.5 * 20.0 * radius)  # solid cylinders of 20 kg
+    assert values["wheel_momentum"] == pytest.approx(4 * 0.5 * 20.0 * radius / ROLLING)  # solid cylinders of 20 kg
     # Pacejka, 3rd ed., equation 4.E42, of the .tir file: Dt0 = Fz R0 / Fz0 (qDz1 + qDz2 dfz).
     for axle, arm in (("front", so.rear_length), ("rear", so.front_length)):
         load = 0.5 * so.mass * 9.80665 * arm / (so.front_length + so.rear_length)

@@ -140,8 +140,9 @@ def _of_wheels(vehicle: Vehicle) -> dict[str, float]:
     tracks = (geometry.front_track, geometry.front_track, geometry.rear_track, geometry.rear_track)
     momentum = resisting = 0.0
     names, spec = vehicle.spec.joints.wheels.names(), vehicle.spec
-    for index, (name, radius, track) in enumerate(zip(names, geometry.wheel_radii, tracks, strict=True)):
-        inertia = spin_inertia(plant, name)
+    rolling = 1.0 if spec.tyres.kind == "coulomb" else spec.tyres.rolling_ratio
+    for index, (name, unloaded, track) in enumerate(zip(names, geometry.wheel_radii, tracks, strict=True)):
+        inertia, radius = spin_inertia(plant, name), rolling * unloaded
         momentum += inertia / radius
         rotor = rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
         resisting += (inertia + rotor) * (0.5 * track / radius) ** 2  # those outside of a bend turn faster
