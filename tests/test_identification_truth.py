@@ -178,6 +178,13 @@ def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
     return fit(data, ModelSpec("single_track_roll", {"relaxation": True}), parameters=choices)
 
 
+def tyres_and_inertia():
+    """What is so, by name of the parameter."""
+    so = truth()
+    front, rear = so.driven_stiffness
+    return {"cornering_stiffness_front": front, "cornering_stiffness_rear": rear, "yaw_inertia": so.yaw_inertia}
+
+
 def half(one):
     """Half of the width of an interval over its value."""
     return 0.5 * (one.high - one.low) / one.value
@@ -186,12 +193,7 @@ def half(one):
 @pytest.mark.slow
 def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
     """Truth: the tyre's own stiffness at the load of the drives, and the inertia of all bodies."""
-    so = truth()
-    wanted = {
-        "cornering_stiffness_front": so.driven_stiffness[0],
-        "cornering_stiffness_rear": so.driven_stiffness[1],
-        "yaw_inertia": so.yaw_inertia,
-    }
+    wanted = tyres_and_inertia()
     inside = 0
     for seed in range(8):
         found: Any = fit_bolt(bolt[0], seed, "road_wheel_angle")
@@ -205,14 +207,7 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
 
 @pytest.mark.slow
 def test_intervals_of_a_full_plant_hold_the_truth_in_90_to_99_of_100_seeds(bolt):
-    so = truth()
-    wanted = {
-        "cornering_stiffness_front": so.driven_stiffness[0],
-        "cornering_stiffness_rear": so.driven_stiffness[1],
-        "yaw_inertia": so.yaw_inertia,
-        "steering_delay": LATE,
-        "steering_lag": LAG,
-    }
+    wanted = tyres_and_inertia() | {"steering_delay": LATE, "steering_lag": LAG}
     counts: dict[str, int] = {}
     for seed in range(100):
         found: Any = fit_bolt(bolt[0], seed, "steering_command", **COMMANDED)
