@@ -320,5 +320,5 @@ def test_an_axle_that_carries_more_holds_more():
     front, rear = (50.0 * (1.0 - 0.08 * push / (9.80665 * half)), 60.0 * (1.0 + 0.08 * push / (9.80665 * half)))
     turn = speed * angle / (0.32 + (half / front - half / rear) / 0.32 * speed**2 * 0.32 / 0.32)
     side = turn * (half - half * speed**2 / (0.32 * rear))
-    rates = model.rates(np.array([[side], [turn]]), np.array([[angle], [speed], [push]]), p)
+    rates = model.rates(np.array([[side], [turn]]), np.array([[angle], [speed], [push], [0.0], [0.0]]), p)
     assert np.abs(rates).max() < 1e-5 * speed * turn

@@ -82,7 +82,7 @@ class Body(NamedTuple):
     rear: float
     height: float
     tyre_stiffness: tuple[float, float]
-    unsprung: tuple[float, float] = (0.0, 0.0)
+    unsprung: tuple[float, float]
 
 
 def find_axles(

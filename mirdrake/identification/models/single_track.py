@@ -235,7 +235,8 @@ class SingleTrackModel(Model):
         ahead, behind, inertia = p["front_length"], p["rear_length"], p["yaw_inertia"] + p["spin_inertia"]
         if self._relaxation:
             ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
-        side, turn = (front + rear) / p["mass"], (ahead * front - behind * rear) / inertia
+        side = (front + rear) / p["mass"]
+        turn = (ahead * front - behind * rear - p["steering_inertia"] * u[4]) / inertia
         vx, low = u[1], self._v1
         part = (vx * vx - low * low) / (8.0 * low * low)
         if np.min(part) < 1.0:
@@ -245,8 +246,6 @@ class SingleTrackModel(Model):
             slow_turn, slow_vy = (spin - x[1]) / _BLEND, (p["rear_length"] * spin - x[0]) / _BLEND
             slow_side = slow_vy + x[1] * vx
             side, turn = slow_side + weigh * (side - slow_side), slow_turn + weigh * (turn - slow_turn)
-        if np.any(p["steering_inertia"]):
-            turn = turn - p["steering_inertia"] * u[4] / inertia
         if not self._roll:
             return side, turn, side
         turn = turn + (p["roll_moment"] * x[2] - p["wheel_momentum"] * vx * x[3]) / inertia
