@@ -105,6 +105,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
         fingers.until(lambda told: told["time"] > 2.0)
         fingers.fall_silent()
         fingers.until(lambda told: told["lost"] and abs(told["speed"]) < 0.02)
+        halted = fingers.until(lambda told: True)["time"]
+        fingers.until(lambda told: told["time"] > halted + 1.0)  # it rocks back on its springs and tyres
         cockpit.order({"do": "record"})
         fingers.until(lambda told: told["recording"] is None)
     return folder, said
