@@ -30,6 +30,16 @@ def speed(t):
     return 20.0 + 7.0 * np.sin(0.2 * t)
 
 
+def pull(push, angle):
+    """What front wheels pull to the side: half of the drive and 0.6 of the braking are theirs.
+
+    Args:
+        push: force along the vehicle, or acceleration.
+        angle: of the wheels [rad].
+    """
+    return (0.5 if push > 0.0 else 0.6) * push * np.sin(angle)
+
+
 def steps(t):
     """Steps to both sides, each within 0.1 s: 4 m/s² at 25 m/s, as in ISO 7401 [rad]."""
     return 0.024 * np.tanh(50.0 * np.sin(2.0 * pi * t / 5.0) / (2.0 * pi))
@@ -67,12 +77,16 @@ def exact(duration=30.0, step=0.01, manoeuvre=None):
         def pace(t):
             return constant + 0.0 * t
 
+    def push(t):
+        return MASS * (pace(t + 1e-4) - pace(t - 1e-4)) / 2e-4
+
     late, lag = p["steering_delay"], p["steering_lag"]
 
     def rates(t, x):
         vy, r, delta = x
         v, angle = pace(t), delta + p["steering_offset"]
         front = -p["cornering_stiffness_front"] * (np.arctan((vy + FRONT * r) / v) - angle) * np.cos(angle)
+        front = front + pull(push(t), angle)
         rear = -p["cornering_stiffness_rear"] * np.arctan((vy - REAR * r) / v)
         asked = steer(max(t - late, 0.0))
         return [

@@ -112,6 +112,8 @@ def test_a_mass_that_is_not_sure_is_in_the_stiffness_and_not_in_the_delay():
         "steering_lag": Choice(free=True),
         "load_transfer": Choice(fixed=0.0),
         "accelerometer_ahead": Choice(free=False),
+        "front_drive": Choice(fixed=0.5),
+        "front_brake": Choice(fixed=0.6),
     }
     found: Any = fit(lateral_data(), spec, parameters={**known, **rest, "mass": Choice(fixed=MASS, sigma=0.02 * MASS)})
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):

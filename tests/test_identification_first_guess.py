@@ -18,6 +18,7 @@ from mirdrake.identification.findings import DataReport, Finding
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.first_guess import guess_steering
 from mirdrake.identification.refusal import refuse_faults
+from tests.identification_rigs import pull
 
 TIME = np.arange(0.0, 60.0, 0.02)
 
@@ -268,13 +269,14 @@ def braking(height, seed=0):
     angle = 0.12 * np.sin(0.8 * fine) + 0.05 * np.sin(2.3 * fine + 1.0)
     vy = turn = 0.0
     seen = []
-    for now, moved, steer in zip(v.tolist(), (height / (9.81 * 0.16) * push).tolist(), angle.tolist(), strict=True):
+    for now, ax, steer in zip(v.tolist(), push.tolist(), angle.tolist(), strict=True):
         seen.append((vy, turn))
-        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer)
+        moved = height / (9.81 * 0.16) * ax
+        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer) + pull(ax, steer)
         two = -60.0 * (1.0 + moved) * math.atan((vy - rear * turn) / now)
         vy, turn = (
-            vy + 1e-3 * (one * math.cos(steer) + two - now * turn),
-            turn + 1e-3 * (front * one * math.cos(steer) - rear * two) / 0.02,
+            vy + 1e-3 * (one + two - now * turn),
+            turn + 1e-3 * (front * one - rear * two) / 0.02,
         )
     v, angle, seen = v[::20], angle[::20], seen[::20]
     side, rate = np.array(seen).T
@@ -314,7 +316,12 @@ def test_an_axle_that_carries_more_holds_more():
     data = braking(0.0)
     model = make_model(ModelSpec("single_track", {"tyres": "linear"}), data, {})
     known = {one.name: one.guess for one in model.parameters}
-    known |= {"cornering_stiffness_front": 50.0, "cornering_stiffness_rear": 60.0, "load_transfer": 0.08}
+    known |= {
+        "cornering_stiffness_front": 50.0,
+        "cornering_stiffness_rear": 60.0,
+        "load_transfer": 0.08,
+        "front_brake": 0.0,
+    }
     p = {name: np.array([value]) for name, value in known.items()}
     speed, push, angle, half = 3.0, -2.0, 1e-3, 0.16
     front, rear = (50.0 * (1.0 - 0.08 * push / (9.80665 * half)), 60.0 * (1.0 + 0.08 * push / (9.80665 * half)))

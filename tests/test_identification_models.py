@@ -218,13 +218,21 @@ def test_the_air_moves_load_to_the_rear():
     assert windy[1] / calm[1] == pytest.approx(1.0 + 60.0 / (weight * FRONT))
 
 
-def test_front_wheels_that_drive_pull_to_where_they_point():
-    """0.5 N s²/m² at 20 m/s and 0.2 m/s² of 1500 kg are 500 N, of which 0.05 rad turn 25 N to the left."""
+def test_front_wheels_that_drive_or_brake_pull_to_where_they_point():
+    """0.5 N s²/m² at 20 m/s and 0.2 m/s² of 1500 kg are 500 N, of which 0.05 rad turn 25 N to the left.
+
+    Braking with 1 m/s² takes 1300 N beside the air, the part of the front wheels of which pulls to the right.
+    """
     model, p = yielding()
     p |= {"drag": 0.5, "mass": 1500.0}
-    inputs = np.array([0.05, 20.0, 0.2, 0.0, 0.0])
-    rear, front = (model._motion(np.zeros(7), inputs, p | {"front_drive": f}, (0.0, 0.0))[0] for f in (0.0, 1.0))
-    assert front - rear == pytest.approx(500.0 * math.sin(0.05) / 1500.0)
+
+    def side(rate, **shares):
+        inputs = np.array([0.05, 20.0, rate, 0.0, 0.0])
+        return model._motion(np.zeros(7), inputs, p | shares, (0.0, 0.0))[0]
+
+    drives, brakes = {"front_drive": 1.0, "front_brake": 0.0}, {"front_drive": 0.0, "front_brake": 0.6}
+    assert side(0.2, **drives) - side(0.2, **brakes) == pytest.approx(500.0 * math.sin(0.05) / 1500.0)
+    assert side(-1.0, **brakes) - side(-1.0, **drives) == pytest.approx(-0.6 * 1300.0 * math.sin(0.05) / 1500.0)
 
 
 def test_a_sideways_speed_measured_on_the_roof_sways_with_the_body():

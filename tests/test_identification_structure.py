@@ -12,7 +12,7 @@ from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.structure import additions, choose_structure
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.parameters import Choice
-from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, lateral_data, speed, steering
+from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, lateral_data, pull, speed, steering
 
 CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
 SPEC = ModelSpec("single_track", {"roll": False, "tyres": "linear"})
@@ -29,7 +29,8 @@ def relaxing(length, seed=0, duration=20.0):
         slips = np.arctan((vy + FRONT * r) / v) - angle, np.arctan((vy - REAR * r) / v)
         if length == 0.0:
             front, rear = slips
-        side = -p["cornering_stiffness_front"] * front * np.cos(angle), -p["cornering_stiffness_rear"] * rear
+        ahead = pull(MASS * 1.4 * np.cos(0.2 * t), angle)  # 1.4 cos 0.2 t is the rate of the speed
+        side = ahead - p["cornering_stiffness_front"] * front * np.cos(angle), -p["cornering_stiffness_rear"] * rear
         late = [v * (slip - now) / length if length else 0.0 for slip, now in zip(slips, (front, rear), strict=True)]
         return [sum(side) / MASS - v * r, (FRONT * side[0] - REAR * side[1]) / p["yaw_inertia"], *late]
 

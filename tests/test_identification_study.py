@@ -63,7 +63,9 @@ def do(folder, text=STUDY, overrides=(), change=None):
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    return do(tmp_path_factory.mktemp("study"), STUDY + "estimator: {loss: linear}\nabout: A <car>.\n")
+    known = [f"parameters.{name}.fixed={getattr(CAR, name)}" for name in ("front_drive", "front_brake")]
+    known.append("model.relaxation=false")
+    return do(tmp_path_factory.mktemp("study"), STUDY + "estimator: {loss: linear}\nabout: A <car>.\n", known)
 
 
 def test_the_truth_comes_back_and_the_given_value_is_contradicted(result):

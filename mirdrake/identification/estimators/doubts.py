@@ -109,6 +109,7 @@ def effects_of(solution: Solution, options: EstimatorOptions, remake: Remake) ->
         answer = ask.answer(doubt)
         if answer is not None:
             size = expected_square(answer.estimate, ask.variance(answer)) ** 0.5 if doubt.left_out else 1.0
+            size = min(size, doubt.most)
             found.append(Effect(doubt, size * answer.shift[: len(solution.problem.free)], size))
     return tuple(found)
 

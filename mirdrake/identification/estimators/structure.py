@@ -7,6 +7,7 @@ The plain model is fitted first, then each addition in turn, from where the best
 first. What makes the residuals clearly smaller, and has values with a meaning, is kept.
 """
 
+from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -27,9 +28,10 @@ from mirdrake.identification.models.base import Model, ModelSpec
 from mirdrake.identification.models.registry import TURNING, make_model
 from mirdrake.identification.models.steer import AHEAD
 from mirdrake.identification.parameters import Choice, choose
+from mirdrake.worlds.world import GRAVITY
 
-LIMIT = 3.0
-"""Lateral acceleration from which on tyres may be seen to saturate [m/s²]."""
+LIMIT, GRIP = 3.0, 0.9
+"""Lateral acceleration from which on tyres may be seen to saturate [m/s²]; friction of a dry road [1]."""
 
 ALONG = 2.0
 """From braking to acceleration, where a drive has so much of both that load transfer can be told [m/s²]."""
@@ -47,11 +49,16 @@ MOST = 15
 PROMISE = 0.1
 """Part of what an addition must save that the slope of the cost has to promise, before it is tried."""
 
+PASSES = 2
+"""Each addition is asked so often, as long as the model changes: what hid it may be in by then."""
+
 LAGS = (2e-3, 0.9)
 """Between which values a lag is one [s]."""
 
 EARLY = -0.01
 """Dead time beside a lag: what is earlier is no steering, but a lag that makes up for something else [s]."""
+
+_FREE = Choice(free=True)
 
 
 class Addition(NamedTuple):
@@ -59,7 +66,7 @@ class Addition(NamedTuple):
 
     Attributes:
         words: what it is.
-        free: parameters that are estimated then.
+        choices: of parameters that are estimated then.
         options: of the model.
         worth: part of the cost that it must save; load transfer, which goes with the speed as much else does, more than
             others, and roll, four numbers, most.
@@ -67,7 +74,7 @@ class Addition(NamedTuple):
     """
 
     words: str
-    free: tuple[str, ...] = ()
+    choices: Mapping[str, Choice] = MappingProxyType({})
     options: Mapping[str, Any] = MappingProxyType({})
     worth: float = 0.01
     delay: float = -np.inf
@@ -107,8 +114,8 @@ def choose_structure(
     least = first = _solve(data, best, options, None)
     notes: list[str] = []
     asked: dict[str, Structure] = {}
-    for added in left_open:
-        if asked.get(added.words) is best or (added.free and set(added.free) <= set(best.choices)):
+    for added in left_open * PASSES:
+        if asked.get(added.words) is best or _has(best, added):
             continue
         if not least.problem.values(least.z)["steering_delay"] > added.delay:
             continue
@@ -117,7 +124,7 @@ def choose_structure(
             continue
         tried = best._replace(
             model=replace(model, options={**best.model.options, **added.options}),
-            choices={**best.choices, **{name: Choice(free=True) for name in added.free}},
+            choices={**best.choices, **added.choices},
         )
         try:
             found = _solve(data, tried, few, least)
@@ -133,6 +140,12 @@ def choose_structure(
     return best._replace(start=least.problem.values(least.z), notes=tuple(notes))
 
 
+def _has(best: Structure, added: Addition) -> bool:
+    """Whether a structure has an addition."""
+    options = best.model.options
+    return {*added.choices} <= {*best.choices} and all(options.get(name) == one for name, one in added.options.items())
+
+
 def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, options: EstimatorOptions) -> bool:
     """Whether the residuals have something of an addition, so that it is worth a fit: the score test of Rao."""
     known = {name: value for name, choice in best.choices.items() if (value := known_value(choice)) is not None}
@@ -140,11 +153,17 @@ def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, o
     def remake(more: Mapping[str, Any]) -> Model:
         return make_model(replace(best.model, options={**best.model.options, **more}), data, known)
 
-    for doubt in doubts_of(least.problem, least.z):
-        if doubt.left_out and doubt.options == added.options and (added.options or {*doubt.changes} == {*added.free}):
-            answer = Questions(least.problem, least.z, options, remake).answer(doubt)
-            return answer is None or 0.5 * answer.estimate**2 * answer.known > PROMISE * added.worth * least.cost
-    return True
+    questions = [
+        doubt
+        for doubt in doubts_of(least.problem, least.z)
+        if doubt.left_out and doubt.options == added.options and (added.options or {*doubt.changes} == {*added.choices})
+    ]
+    if not questions:
+        return True
+    ask = Questions(least.problem, least.z, options, remake)
+    answers = [ask.answer(doubt) for doubt in questions]
+    most = PROMISE * added.worth * least.cost
+    return any(one is None or 0.5 * one.estimate**2 * one.known > most for one in answers)
 
 
 def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) -> Iterator[Addition]:
@@ -152,15 +171,17 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
 
     Load transfer first: what it does to the bends before which a vehicle brakes looks like a delay. The steering before
     the tyres: relaxation makes the rear axle late, too. Once more behind roll, which may hide it.
+
+    What part of drive and braking the front wheels have is never tried: freed, the two make up for tyres that saturate.
     """
     if model.kind not in TURNING:
         return
     slips = model.kind.startswith("single_track")
     if slips and "load_transfer" not in choices and _most_along(data) > ALONG:
-        yield Addition("load transfer in braking", ("load_transfer",), worth=0.03)
+        yield Addition("load transfer in braking", {"load_transfer": _FREE}, worth=0.03)
     # A measured angle of the wheels has the lag of the steering in it, if it is one.
     late, measured = "steering_lag" not in choices, all("road_wheel_angle" in log.channels for log in data.logs)
-    lag = Addition("a lag of the steering", ("steering_lag",), delay=AHEAD if measured else -np.inf)
+    lag = Addition("a lag of the steering", {"steering_lag": _FREE}, delay=AHEAD if measured else -np.inf)
     if late and not measured:
         yield lag
     if not slips:
@@ -176,12 +197,21 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
         if name in {"lateral_acceleration", "vy"} and all(name in log.channels for log in data.logs)
     ]
     if model.kind == "single_track" and "roll" not in model.options and seen and not told:
-        places = {"lateral_acceleration": "accelerometer_tilt", "vy": "velocity_height"}
-        yield Addition("roll of the body", tuple(places[name] for name in seen), {"roll": True}, worth=0.1)
+        # A sensor leans with what it is bolted to.
+        of_sensor = {
+            "lateral_acceleration": {"accelerometer_tilt": Choice(free=True, guess=1.0)},
+            "vy": {"velocity_height": _FREE},
+        }
+        places = dict(ChainMap(*(of_sensor[name] for name in seen)))
+        yield Addition("roll of the body", places, {"roll": True}, worth=0.1)
     if late:
         yield lag
-    if "tyres" not in model.options and _most(data) > LIMIT:
-        yield Addition("tyres: fiala", options={"tyres": "fiala"})
+    most = _most(data)
+    if "tyres" not in model.options and most > LIMIT:
+        # A start below what the vehicle did lets the model spin.
+        grip = Choice(free=True, guess=max(GRIP, 1.5 * most / GRAVITY))
+        frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in choices}
+        yield Addition("tyres: fiala", frictions, {"tyres": "fiala"})
 
 
 def _has_meaning(found: Minimum, first: Minimum) -> bool:

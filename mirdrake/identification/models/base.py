@@ -1,5 +1,6 @@
 """What the estimators ask of a model: states, rates, and what sensors would show, for many parameter sets at once."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -116,6 +117,7 @@ class Doubt:
         part: which part: small, since estimates move by its first order, but such that the model can show it [1].
         options: of the model, where what is in doubt is left out of it.
         left_out: it may as well be nothing, and the log is asked; else it is an assumption that is surely off.
+        most: standard deviations that it cannot go beyond, whatever a log seems to say [1].
     """
 
     words: str
@@ -124,6 +126,7 @@ class Doubt:
     part: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
     left_out: bool = False
+    most: float = math.inf
 
 
 class Effect(NamedTuple):

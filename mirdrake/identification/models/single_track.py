@@ -48,13 +48,15 @@ less if they grow more slowly::
 
     Nf = m g b / L - h (m dvx/dt + D vx²) / L        Nr = m g a / L + h (m dvx/dt + D vx²) / L
 
-with the drag D vx² that pulls at the centre of mass, where it is known. Front wheels that drive pull against both to
-where they point, by f (m dvx/dt + D vx²) sin δ to the side, f of the drive being theirs.
+with the drag D vx² that pulls at the centre of mass, where it is known. Front wheels pull to where they point, with
+f (m dvx/dt + D vx²) sin δ to the side, f being their part of the drive, or of the braking. At full lock that is a third
+of it: left out, it looks like a steering that is late, and a small yaw inertia.
 
 Below the speed v1 = 0.2 sqrt(g L) the car goes where its wheels point, from 3 v1 on as above, between them mixed.
 Without a mass, stiffnesses and inertia are per kilogram: that is all that motion tells.
 """
 
+import math
 import warnings
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
@@ -90,8 +92,9 @@ _CENTRE = 0.05  # standard deviation of the centre of mass that is not known, ov
 _SIZE = 0.1  # of the wheelbase that is not known, over itself [1]
 _TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
 _FRICTION = 0.9  # of a dry road [1]
-_HEIGHT = 0.2  # of the centre of mass over the wheelbase [1]
+_HEIGHT, _HIGHEST = 0.2, 0.5  # of the centre of mass over the wheelbase, usual and most [1]
 _LAG = 0.05  # of a steering [s]
+_DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of what part of drive and braking front wheels have [1]
 _GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
 _SLIPPING = 0.4
 """Least time in which slip builds up, over the step of the integration [1]."""
@@ -229,9 +232,10 @@ class SingleTrackModel(Model):
         front, rear = forces
         delta = self._angle(x, u)
         front = front * np.cos(delta)
-        if np.any(p["front_drive"]):
-            pull = np.maximum(p["drag"] * u[1] ** 2 + p["mass"] * u[2], 0.0)
-            front = front + p["front_drive"] * pull * np.sin(delta)
+        if np.any(p["front_drive"]) or np.any(p["front_brake"]):
+            along = p["drag"] * u[1] ** 2 + p["mass"] * u[2]
+            pull = p["front_drive"] * np.maximum(along, 0.0) + p["front_brake"] * np.minimum(along, 0.0)
+            front = front + pull * np.sin(delta)
         ahead, behind, inertia = p["front_length"], p["rear_length"], p["yaw_inertia"] + p["spin_inertia"]
         if self._relaxation:
             ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
@@ -363,13 +367,13 @@ class SingleTrackModel(Model):
             "yaw_inertia": (0.3 * m * a * b, 3.0 * m * a * b),
             "friction_front": (0.1, 2.0),
             "friction_rear": (0.1, 2.0),
-            "load_transfer": (0.0, 0.4 * (a + b)),
+            "load_transfer": (0.0, _HIGHEST * (a + b)),
             "roll_gain": (0.001, 0.03),
             "roll_frequency": (4.0, 40.0),
             "roll_damping": (0.03, 2.0),
-            "accelerometer_tilt": (-0.5, 1.5),
+            "accelerometer_tilt": (-0.5, 2.5),
             "velocity_height": (-0.5 * (a + b), a + b),
-            **dict.fromkeys(self._lengths, (0.02 * (a + b), 0.5 * (a + b))),
+            **dict.fromkeys(self._lengths, (-np.inf, 0.5 * (a + b))),
         }
         return ranges.get(name, (-np.inf, np.inf))
 
@@ -387,9 +391,11 @@ class SingleTrackModel(Model):
                 moved = {name: p[name] + SMALL * size for name, size in off.items()}
                 found.append(Doubt(words, remedy, moved, SMALL))
 
-        def lack(words: str, remedy: str, off: Mapping[str, float], options: Mapping[str, Any]) -> None:
+        def lack(
+            words: str, remedy: str, off: Mapping[str, float], options: Mapping[str, Any], most: float = math.inf
+        ) -> None:
             if not set(options) - self._open:
-                found.append(Doubt(words, remedy, off, PART, options, left_out=True))
+                found.append(Doubt(words, remedy, off, PART, options, left_out=True, most=most))
 
         lengths = ("front_length", "rear_length")
         moved = {"front_length": _CENTRE * length, "rear_length": -_CENTRE * length}
@@ -410,11 +416,19 @@ class SingleTrackModel(Model):
         lack("whether the tyres relax", "give the vehicle, or its relaxation length", moved, {"relaxation": "shared"})
         if {"lateral_acceleration", "vy"} & set(self.outputs):
             lack("whether the body rolls", "fit a single_track_roll", {"roll_gain": PART * _GAIN}, {"roll": True})
+        if "lateral_acceleration" in self.outputs:
+            moved = {"roll_gain": PART * _GAIN, "accelerometer_tilt": 1.0}
+            lack("whether a body that rolls leans the accelerometer", "fit a single_track_roll", moved, {"roll": True})
         moved = dict.fromkeys(("friction_front", "friction_rear"), _FRICTION / PART)
         lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "fiala"})
         if "load_transfer" in assumed:
-            lack("load transfer in braking", "give load_transfer", {"load_transfer": PART * _HEIGHT * length}, {})
+            moved = {"load_transfer": PART * _HEIGHT * length}
+            lack("load transfer in braking", "give load_transfer", moved, {}, _HIGHEST / _HEIGHT)
         asked = self._steer != "road_wheel_angle"
+        for name, size, words in (("front_drive", _DRIVE, "drive"), ("front_brake", _BRAKE, "brake")):
+            if name in assumed:
+                most = max(p[name], 1.0 - p[name]) / size
+                lack(f"how much the front wheels {words}", f"give {name}", {name: p[name] + PART * size}, {}, most)
         if "steering_lag" in assumed and (asked or p["steering_delay"] > AHEAD):
             remedy = "record road_wheel_angle" if asked else "record where the wheels are, not what they were asked for"
             lack("a lag of the steering", remedy, {"steering_lag": PART * _LAG}, {})

@@ -170,11 +170,20 @@ def single_track_parameters(
             usual=2.0,
         )
     )
-    found.append(
+    found += [
         Parameter(
-            "front_drive", "1", "part of the drive that the front wheels have", 0.0, 0.0, 1.0, scale=0.5, usual=2.0
+            name,
+            "1",
+            f"part of the {words} that the front wheels have",
+            usual,
+            0.0,
+            1.0,
+            scale=0.5,
+            usual=1.0,
+            source="" if name in given else f"assumed: {usual:g}",
         )
-    )
+        for name, words, usual in (("front_drive", "drive", 0.5), ("front_brake", "braking", 0.6))
+    ]
     if tyres != "linear":
         found += [
             Parameter(f"friction_{axle}", "1", f"largest force over load, {axle}", 0.9, 0.05, 3.0, True, usual=0.7)

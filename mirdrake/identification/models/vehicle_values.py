@@ -63,6 +63,7 @@ def vehicle_values(
         "rolling_resistance": p.rolling_resistance,
         "drag": p.drag,
         "front_drive": p.front_drive,
+        "front_brake": p.front_brake,
         "rotating_mass": p.rotating_mass,
         "hand_wheel_ratio": vehicle.spec.steering.ratio,
     }
