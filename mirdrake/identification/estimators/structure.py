@@ -211,7 +211,8 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
         # A start below what the vehicle did lets the model spin.
         grip = Choice(free=True, guess=max(GRIP, 1.5 * most / GRAVITY))
         frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in choices}
-        yield Addition("tyres: fiala", frictions, {"tyres": "fiala"})
+        for law in ("magic_formula", "fiala"):  # the former is straight for longer, as measured tyres are
+            yield Addition(f"tyres: {law}", frictions, {"tyres": law})
 
 
 def _has_meaning(found: Minimum, first: Minimum) -> bool:

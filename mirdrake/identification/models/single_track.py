@@ -420,7 +420,7 @@ class SingleTrackModel(Model):
             moved = {"roll_gain": PART * _GAIN, "accelerometer_tilt": 1.0}
             lack("whether a body that rolls leans the accelerometer", "fit a single_track_roll", moved, {"roll": True})
         moved = dict.fromkeys(("friction_front", "friction_rear"), _FRICTION / PART)
-        lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "fiala"})
+        lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "magic_formula"})
         if "load_transfer" in assumed:
             moved = {"load_transfer": PART * _HEIGHT * length}
             lack("load transfer in braking", "give load_transfer", moved, {}, _HIGHEST / _HEIGHT)
