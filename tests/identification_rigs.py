@@ -30,14 +30,15 @@ def speed(t):
     return 20.0 + 7.0 * np.sin(0.2 * t)
 
 
-def pull(push, angle):
-    """What front wheels pull to the side: half of the drive and 0.6 of the braking are theirs.
+def pull(push, angle, drive=0.5):
+    """What front wheels pull to the side: 0.6 of the braking is theirs.
 
     Args:
         push: force along the vehicle, or acceleration.
         angle: of the wheels [rad].
+        drive: part of the drive that is theirs [1].
     """
-    return (0.5 if push > 0.0 else 0.6) * push * np.sin(angle)
+    return (drive if push > 0.0 else 0.6) * push * np.sin(angle)
 
 
 def steps(t):

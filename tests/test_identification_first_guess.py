@@ -12,11 +12,13 @@ from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.data import hold_out
 from mirdrake.identification.default_study import default_study
+from mirdrake.identification.estimators import fit
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport, Finding
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.first_guess import guess_steering
+from mirdrake.identification.parameters import Choice
 from mirdrake.identification.refusal import refuse_faults
 from tests.identification_rigs import pull
 
@@ -234,7 +236,6 @@ def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
 def test_what_a_study_says_is_left_as_it_is(monkeypatch):
     data = lagging(0.15)
     from mirdrake.identification.estimators import structure
-    from mirdrake.identification.parameters import Choice
 
     monkeypatch.setattr(structure, "_solve", lambda *_: pytest.fail("nothing is open"))
     fixed = {"steering_lag": Choice(fixed=0.1)}
@@ -260,7 +261,7 @@ def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
         assert output_error.best_manoeuvre(empty) == []  # type: ignore[arg-type]
 
 
-def braking(height, seed=0):
+def braking(height, seed=0, drive=0.5):
     """A single track whose stiffness goes with the load of its axles, braking and turning for 60 s; Euler, 1 ms."""
     random = np.random.default_rng(seed)
     front = rear = 0.16
@@ -272,7 +273,9 @@ def braking(height, seed=0):
     for now, ax, steer in zip(v.tolist(), push.tolist(), angle.tolist(), strict=True):
         seen.append((vy, turn))
         moved = height / (9.81 * 0.16) * ax
-        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer) + pull(ax, steer)
+        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer) + pull(
+            ax, steer, drive
+        )
         two = -60.0 * (1.0 + moved) * math.atan((vy - rear * turn) / now)
         vy, turn = (
             vy + 1e-3 * (one + two - now * turn),
@@ -309,6 +312,21 @@ def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
         assert found.start is not None
         assert found.start["load_transfer"] == pytest.approx(height, rel=0.05)
         assert found.start["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize("drive", [0.0, 1.0])
+def test_which_wheels_drive_is_in_the_intervals(drive):
+    """Half of the drive at the front is assumed, which moves the load transfer by far more than the noise does."""
+    spec = ModelSpec("single_track", {"tyres": "linear", "relaxation": False})
+    data, truth, held = braking(0.08, drive=drive), 0.08, {"load_transfer": Choice(free=True)}
+    assumed = fit(data, spec, parameters=held)["load_transfer"]
+    assert abs(assumed.value - truth) > 5.0 * assumed.of_noise
+    assert assumed.low is not None
+    assert assumed.high is not None
+    assert assumed.low < truth < assumed.high
+    assert "how much the front wheels drive: give front_drive" in assumed.words
+    known = fit(data, spec, parameters={**held, "front_drive": Choice(fixed=drive)})["load_transfer"]
+    assert known.value == pytest.approx(truth, rel=0.02)
 
 
 def test_an_axle_that_carries_more_holds_more():
