@@ -235,9 +235,9 @@ def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
 
 
 def test_what_a_study_says_is_left_as_it_is(monkeypatch):
-    data = lagging(0.15)
     from mirdrake.identification.estimators import structure
 
+    data = lagging(0.15)
     monkeypatch.setattr(structure, "_solve", lambda *_: pytest.fail("nothing is open"))
     fixed = {"steering_lag": Choice(fixed=0.1)}
     found = choose_structure(data, ModelSpec("kinematic"), fixed, EstimatorOptions())
@@ -274,9 +274,8 @@ def braking(height, seed=0, drive=0.5):
     for now, ax, steer in zip(v.tolist(), push.tolist(), angle.tolist(), strict=True):
         seen.append((vy, turn))
         moved = height / (9.81 * 0.16) * ax
-        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer) + pull(
-            ax, steer, drive
-        )
+        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer)
+        one += pull(ax, steer, drive)
         two = -60.0 * (1.0 + moved) * math.atan((vy - rear * turn) / now)
         vy, turn = (
             vy + 1e-3 * (one + two - now * turn),
