@@ -348,3 +348,20 @@ def test_all_faults_of_the_choices_come_together():
         choose(single_track().parameters, {"yaw_inertai": Choice(), "mass": Choice(fixed=-1.0)})
     assert "did you mean 'yaw_inertia'" in str(caught.value)
     assert "parameters.mass" in str(caught.value)
+
+
+def test_what_nobody_gave_of_a_magic_formula_is_doubted():
+    """Its curvature, and what part of drive and braking is the front wheels', which cannot be less than nothing."""
+    model = single_track(tyres="magic_formula")
+    values = {info.name: info.guess for info in model.parameters}
+    shares, curves = {"front_drive", "front_brake"}, {"curvature_front", "curvature_rear"}
+    told = {frozenset(one.changes): one for one in model.doubts(values, frozenset(shares | curves))}
+    asked = {frozenset({"front_drive"}), frozenset({"front_brake"}), frozenset(curves)}
+    assert asked <= told.keys()
+    for name in shares:
+        one = told[frozenset({name})]
+        sigma = (one.changes[name] - values[name]) / one.part
+        assert one.most * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
+    known = {frozenset(one.changes) for one in model.doubts(values, frozenset())}
+    assert not known & asked
+    assert model.remedy(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"

@@ -92,10 +92,12 @@ _CENTRE = 0.05  # standard deviation of the centre of mass that is not known, ov
 _SIZE = 0.1  # of the wheelbase that is not known, over itself [1]
 _TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
 _FRICTION = 0.9  # of a dry road [1]
+_CURVATURE = -1.0  # factor E at no slip of a 205/60R15: Pacejka, Tyre and Vehicle Dynamics, 2nd ed., table A3.1 [1]
 _HEIGHT, _HIGHEST = 0.2, 0.5  # of the centre of mass over the wheelbase, usual and most [1]
 _LAG = 0.05  # of a steering [s]
 _DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of what part of drive and braking front wheels have [1]
 _GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
+_OF_ROLL = {"roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "velocity_height"}
 _SLIPPING = 0.4
 """Least time in which slip builds up, over the step of the integration [1]."""
 
@@ -421,6 +423,10 @@ class SingleTrackModel(Model):
             lack("whether a body that rolls leans the accelerometer", "fit a single_track_roll", moved, {"roll": True})
         moved = dict.fromkeys(("friction_front", "friction_rear"), _FRICTION / PART)
         lack("whether the tyres saturate", "drive gentle bends", moved, {"tyres": "magic_formula"})
+        bends = ("curvature_front", "curvature_rear")
+        if set(bends) <= assumed:
+            moved = {name: p[name] + PART * _CURVATURE for name in bends}
+            lack("how straight the curve of the tyres is", "give curvature_front and curvature_rear", moved, {})
         if "load_transfer" in assumed:
             moved = {"load_transfer": PART * _HEIGHT * length}
             lack("load transfer in braking", "give load_transfer", moved, {}, _HIGHEST / _HEIGHT)
@@ -441,6 +447,8 @@ class SingleTrackModel(Model):
             name.startswith(("shape", "curvature")) for name in names
         ):
             return "drive a ramp of the steering to the limit of the tyres"
+        if names & _OF_ROLL:
+            return "record the roll rate"
         if "steering_ratio" in names:
             return "do slow turns and fast turns: the ratio shows at walking pace, the stiffness at speed"
         if names & {"steering_delay", "steering_lag"}:
