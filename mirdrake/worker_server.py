@@ -81,11 +81,21 @@ def _environment() -> Iterator[None]:
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
+    """A Ctrl-C comes behind it: what starts has the mask of this thread, and other threads may take the signal."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    late: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    mine = threading.current_thread() is threading.main_thread() and handler is not None
+    if mine:
+        signal.signal(signal.SIGINT, lambda number, _: late.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
+        if mine:
+            signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if late:
+            signal.raise_signal(signal.SIGINT)

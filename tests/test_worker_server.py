@@ -1,0 +1,42 @@
+"""How workers start: what a Ctrl-C at that moment does."""
+
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from mirdrake.worker_server import worker_start
+
+
+def test_a_ctrl_c_comes_behind_the_start_of_a_worker():
+    """Whichever thread takes it; a worker whose parent is interrupted half way ends with a traceback."""
+    go, done = threading.Event(), threading.Event()
+
+    def take_it() -> None:
+        go.wait()
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+        done.set()
+
+    threading.Thread(target=take_it, daemon=True).start()
+    handler, steps = signal.getsignal(signal.SIGINT), []
+
+    def start() -> None:
+        with worker_start():
+            go.set()
+            done.wait()
+            steps.extend(range(1000))
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert len(steps) == 1000
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_a_worker_does_not_know_ctrl_c():
+    ask = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    with worker_start():
+        told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "True"
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
