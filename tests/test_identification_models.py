@@ -365,3 +365,19 @@ def test_what_nobody_gave_of_a_magic_formula_is_doubted():
     known = {frozenset(one.changes) for one in model.doubts(values, frozenset())}
     assert not known & asked
     assert model.remedy(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
+
+
+@pytest.mark.parametrize("tyres", ["fiala", "magic_formula"])
+def test_tyres_that_brake_hold_less_to_the_side(tyres):
+    """Braking with 5 m/s² takes 7500 N, 4500 of them in front: √(1 - X² / μ² N²) is left of the force to the side, but at least 0.3."""
+    model = single_track(tyres=tyres)
+    p = {info.name: info.guess for info in model.parameters} | {"front_drive": 1.0, "front_brake": 0.6}
+    p |= {"friction_front": 0.9, "friction_rear": 0.8, "shape_front": 1.0, "shape_rear": 1.0, "mass": 1500.0}
+    loads = [1500.0 * 9.80665 * arm / (FRONT + REAR) for arm in (REAR, FRONT)]
+    slips = (np.array(-1.5), np.array(-1.5))  # all of the contact slides
+    inputs = np.array([0.0, 20.0, -5.0, 0.0, 0.0])
+    found = model._forces(np.zeros(2), inputs, slips, p)
+    wanted = [math.sqrt((0.9 * loads[0]) ** 2 - 4500.0**2), math.sqrt((0.8 * loads[1]) ** 2 - 3000.0**2)]
+    assert found == pytest.approx(wanted, rel=0.02 if tyres == "magic_formula" else 1e-9)
+    locked = model._forces(np.zeros(2), inputs * 10.0, slips, p)
+    assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)

@@ -20,7 +20,8 @@ def test_a_ctrl_c_comes_behind_the_start_of_a_worker():
         done.set()
 
     threading.Thread(target=take_it, daemon=True).start()
-    handler, steps = signal.getsignal(signal.SIGINT), []
+    handler = signal.getsignal(signal.SIGINT)
+    steps: list[int] = []
 
     def start() -> None:
         with worker_start():

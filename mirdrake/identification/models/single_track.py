@@ -50,7 +50,8 @@ less if they grow more slowly::
 
 with the drag D vx² that pulls at the centre of mass, where it is known. Front wheels pull to where they point, with
 f (m dvx/dt + D vx²) sin δ to the side, f being their part of the drive, or of the braking. At full lock that is a third
-of it: left out, it looks like a steering that is late, and a small yaw inertia.
+of it: left out, it looks like a steering that is late, and a small yaw inertia. The force X along a wheel takes its
+share of the friction first: lateral forces are √(1 - X² / μ² N²) of those above, and at least 0.3.
 
 Below the speed v1 = 0.2 sqrt(g L) the car goes where its wheels point, from 3 v1 on as above, between them mixed.
 Without a mass, stiffnesses and inertia are per kilogram: that is all that motion tells.
@@ -82,12 +83,14 @@ from mirdrake.identification.models.single_track_parameters import RELAXATION, s
 from mirdrake.identification.models.steer import AHEAD, NAMES, STEERING, steering_angle
 from mirdrake.worlds.world import GRAVITY
 
+AXLES = ("front", "rear")
 TYRES = ("linear", "fiala", "magic_formula")
 SPEED = ("vx", "speed")
 _FROUDE, _BLEND = 0.2, 0.05
 _FINE = 0.03  # step of the integration over sqrt(L / g) [1]
 _SMOOTHING = 0.1  # of the speed, before it is differentiated [s]
 _LIGHTEST = 0.1  # an axle keeps so much of its load [1]
+_LEAST_GRIP = 0.3  # and so much of its friction to the side, however it drives or brakes [1]
 _CENTRE = 0.05  # standard deviation of the centre of mass that is not known, over the wheelbase [1]
 _SIZE = 0.1  # of the wheelbase that is not known, over itself [1]
 _TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
@@ -202,29 +205,41 @@ class SingleTrackModel(Model):
         alpha = (x[self._slips], x[self._slips + 1]) if self._relaxation else slips
         if self._roll:
             alpha = (alpha[0] - p["roll_steer"] * x[2], alpha[1] - p["roll_steer_rear"] * x[2])
-        loads = (m * (GRAVITY / (a + b)) * b, m * (GRAVITY / (a + b)) * a)
+        loads = [m * (GRAVITY / (a + b)) * arm for arm in (b, a)]
+        moved = p["load_transfer"] / (a + b) * self._push(u, p)
+        carried = (np.maximum(1.0 - moved / loads[0], _LIGHTEST), np.maximum(1.0 + moved / loads[1], _LIGHTEST))
         front, rear = (
-            self._force(axle, slip, load, p) for axle, slip, load in zip(("front", "rear"), alpha, loads, strict=True)
+            more * self._force(axle, slip, load, p, pull / more)
+            for axle, slip, load, pull, more in zip(AXLES, alpha, loads, self._pulls(u, p), carried, strict=True)
         )
-        if np.any(p["load_transfer"]):
-            moved = p["load_transfer"] / (a + b) * (m * u[2] + p["drag"] * u[1] ** 2)
-            front = front * np.maximum(1.0 - moved / loads[0], _LIGHTEST)
-            rear = rear * np.maximum(1.0 + moved / loads[1], _LIGHTEST)
         return front, rear
 
-    def _force(self, axle: str, slip: Array, load: Any, p: Values) -> Array:
+    @staticmethod
+    def _push(u: Array, p: Values) -> Array:
+        """What the wheels push ahead with against inertia and the air [N]."""
+        return np.asarray(p["mass"] * u[2] + p["drag"] * u[1] ** 2)
+
+    def _pulls(self, u: Array, p: Values) -> tuple[Array, Array]:
+        """The same by axle, front and rear [N]."""
+        push = self._push(u, p)
+        front = p["front_drive"] * np.maximum(push, 0.0) + p["front_brake"] * np.minimum(push, 0.0)
+        return front, push - front
+
+    def _force(self, axle: str, slip: Array, load: Any, p: Values, pull: Array | float = 0.0) -> Array:
         stiffness = p[f"cornering_stiffness_{axle}"]
         if self._tyres == "linear":
             return np.asarray(-stiffness * slip)
         peak = p[f"friction_{axle}"] * load
+        left = np.sqrt(np.maximum(1.0 - (pull / peak) ** 2, _LEAST_GRIP**2))
         if self._tyres == "fiala":
             tangent = np.tan(slip)
             share = stiffness * np.abs(tangent) / (3.0 * peak)
             stuck = np.minimum(share, 1.0)
-            return np.asarray(-stiffness * tangent * (1.0 - stuck + stuck * stuck / 3.0) / np.maximum(share, 1.0))
+            grip = left * stiffness * (1.0 - stuck + stuck * stuck / 3.0)
+            return np.asarray(-grip * tangent / np.maximum(share, 1.0))
         shape, bend = p[f"shape_{axle}"], p[f"curvature_{axle}"]
         slope = stiffness / (shape * peak) * slip
-        return np.asarray(-peak * np.sin(shape * np.arctan(slope - bend * (slope - np.arctan(slope)))))
+        return np.asarray(-left * peak * np.sin(shape * np.arctan(slope - bend * (slope - np.arctan(slope)))))
 
     def _accelerations(self, x: Array, u: Array, p: Values) -> tuple[Array, Array, Array]:
         """Lateral acceleration of the centre of mass [m/s²], yaw and roll acceleration [rad/s²]."""
@@ -234,10 +249,7 @@ class SingleTrackModel(Model):
         front, rear = forces
         delta = self._angle(x, u)
         front = front * np.cos(delta)
-        if np.any(p["front_drive"]) or np.any(p["front_brake"]):
-            along = p["drag"] * u[1] ** 2 + p["mass"] * u[2]
-            pull = p["front_drive"] * np.maximum(along, 0.0) + p["front_brake"] * np.minimum(along, 0.0)
-            front = front + pull * np.sin(delta)
+        front = front + self._pulls(u, p)[0] * np.sin(delta)
         ahead, behind, inertia = p["front_length"], p["rear_length"], p["yaw_inertia"] + p["spin_inertia"]
         if self._relaxation:
             ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
