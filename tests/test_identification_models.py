@@ -369,7 +369,7 @@ def test_what_nobody_gave_of_a_magic_formula_is_doubted():
 
 @pytest.mark.parametrize("tyres", ["fiala", "magic_formula"])
 def test_tyres_that_brake_hold_less_to_the_side(tyres):
-    """Braking with 5 m/s² takes 7500 N, 4500 of them in front: √(1 - X² / μ² N²) is left of the force to the side, but at least 0.3."""
+    """Braking with 5 m/s² takes 7500 N, 4500 of them in front; √(1 - X² / μ² N²) is left, but at least 0.3."""
     model = single_track(tyres=tyres)
     p = {info.name: info.guess for info in model.parameters} | {"front_drive": 1.0, "front_brake": 0.6}
     p |= {"friction_front": 0.9, "friction_rear": 0.8, "shape_front": 1.0, "shape_rear": 1.0, "mass": 1500.0}
