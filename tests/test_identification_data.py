@@ -461,14 +461,47 @@ def test_a_fault_of_the_data_file_names_its_line(tmp_path, text, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_clock_of_steps_is_summed_up(tmp_path):
+    steps = np.random.default_rng(0).uniform(9e6, 11e6, 50).round()
+    mapped = "time: {column: time, unit: ns}\n" + MAPPED
+    log = dataset(tmp_path, mapped, a=table(rows=50, row=lambda i: f"{steps[i]},{i}")).logs[0]
+    assert np.diff(log.time) == pytest.approx(1e-9 * steps[1:])
+    assert log.time[0] == 0.0
+    assert "steps from row to row" in log.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("time,{}\nv,{}\n", MAPPED),
+        ("{}\n{}\n", MAPPED + "csv: {columns: [time, v]}\n"),
+        ("{}\n{}\n", MAPPED.replace("column: v", "column: '2'") + "time: {column: '1'}\n"),
+    ],
+)
+def test_a_file_with_a_channel_in_each_line_is_turned(tmp_path, text, names):
+    lines = [",".join(f"{value:.6g}" for value in values) for values in (0.1 * np.arange(250), np.sin(np.arange(250)))]
+    log = dataset(tmp_path, names, a=text.format(*lines)).logs[0]
+    assert log.time == pytest.approx(0.1 * np.arange(250))
+    assert log.channels["vx"] == pytest.approx(np.sin(np.arange(250)), abs=1e-5)
+    assert "a channel in each of its 2 lines" in log.notes[0]
+
+
 BAD_LOGS = [
     ("", "a.csv: is empty"),
     ("# nothing\n\n", "a.csv: is empty"),
     ("time,v\n", "has a header and no rows"),
     (table(row=lambda i: f"{0.1 * i},{'x7' if i == 4 else i}"), r"a.csv:6: column 'v': 'x7' is not a number"),
-    ("# one\n" + table(row=lambda i: f"{0.1 * i},{i}{',1' if i == 4 else ''}"), "a.csv:7: does not have the 2 cells"),
+    (
+        "# one\n" + table(row=lambda i: f"{0.1 * i},{i}{',1' if i == 4 else ''}"),
+        "a.csv:7: has 3 cells, and .* 2 names of the header in line 2",
+    ),
+    (table(rows=90, row=lambda i: f"{0.1 * i},{i}{',1' if i == 70 else ''}"), "a.csv:72: does not have the 2 cells"),
     (table(row=lambda i: f"{0.1 * (i % 15)},{i}"), "a.csv:17: time goes back from 1.4 s to 0 s, and 14 of 30 rows"),
-    (table(row=lambda i: f"1.5,{i}"), "time stands still at 1.5 s"),
+    (table(row=lambda i: f"1.5,{i}"), "time stands still at 1.5 s$"),
+    (
+        table(row=lambda i: f"0.01,{i}"),
+        "stands still at 0.01 s; if that is the step of its rows, write time: {step: 0.01",
+    ),
     (table(row=lambda i: f"{0.1 * i},nan"), "2: channels.vx: column 'v' of .* has no numbers"),
     (table("time,v [km/h]"), "unit 'm/s', but .* says 'km/h'"),
 ]

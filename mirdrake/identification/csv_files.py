@@ -1,7 +1,8 @@
 """CSV files as people and instruments write them.
 
 Comment lines and lines of text before the header are passed over; the delimiter, the decimal mark, and units in the
-header (``speed [km/h]``, ``speed (km/h)``) or in a row of their own below it are found. What was found is noted.
+header (``speed [km/h]``, ``speed (km/h)``) or in a row of their own below it are found, and files with a channel in
+each line. What was found is noted.
 """
 
 import gzip
@@ -28,6 +29,8 @@ _MISSING = [
     "", "-", "--", "---", "n/a", "N/A", "#N/A", "NA", "<NA>", "NaN", "nan", "NAN", "-nan", "-nan(ind)", "1.#QNAN",
     "null", "NULL", "None",
 ]  # fmt: skip
+_MOST_LYING, _LEAST_LYING = 60, 200
+"""At most so many lines, of at least so many cells, are channels and not rows."""
 _CODES = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _OTHERS = {
     b"PK\x03\x04": "a workbook or another zip file",
@@ -51,7 +54,7 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
         layout: what the user says of the file.
 
     Raises:
-        ConfigError: the file cannot be read, is empty, or a row has more cells than the header.
+        ConfigError: the file cannot be read, is empty, or rows have other cells than the header.
     """
     name = shown(path)
     notes: list[str] = []
@@ -61,6 +64,10 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
     kept = [at for at, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
     if not kept:
         raise ConfigError(f"{name}: is empty; a header and rows of numbers are expected")
+    if len(kept) <= _MOST_LYING:
+        rows = [_cells(lines[at], layout.delimiter or _delimiter(lines[at])) for at in kept]
+        if _lies(rows):
+            return _stand_up(name, rows, layout.columns, notes)
     head = 0 if layout.columns else _header(lines, kept, wanted, layout)
     delimiter = layout.delimiter or _delimiter(lines[kept[head]])
     names = layout.columns or _cells(lines[kept[head]], delimiter)
@@ -83,6 +90,13 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
     if decimal == "," and layout.decimal is None:
         notes.append("has decimal commas")
     numbers = np.array(kept[first:]) + 1
+    for at in kept[first : first + 50]:
+        cells = _cells(lines[at], delimiter)
+        if len(cells) > len(names) and any(cells[len(names) :]):
+            asked = (
+                "names of 'csv: {columns: […]}'" if layout.columns else f"names of the header in line {kept[head] + 1}"
+            )
+            raise ConfigError(f"{name}:{at + 1}: has {len(cells)} cells, and there are {len(names)} {asked}")
     try:
         frame = pd.read_csv(
             StringIO("\n".join(lines[at] for at in kept[first:])),
@@ -97,11 +111,36 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
             low_memory=False,
             engine="c",
         )
-    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError) as error:
+    except (pd.errors.ParserError, ValueError) as error:
         match = re.search(r"line (\d+)", str(error))
         line = f":{numbers[min(int(match.group(1)), len(numbers)) - 1]}" if match else ""
         raise ConfigError(f"{name}{line}: does not have the {len(names)} cells of the header") from None
     return Table(name, names, {title: frame[index] for index, title in enumerate(names)}, units, numbers, notes)
+
+
+def _lies(rows: list[list[str]]) -> bool:
+    """Whether each line is a channel: few lines of many numbers each, after a name or none."""
+    width = len(rows[0])
+    if width < _LEAST_LYING or any(len(row) != width for row in rows):
+        return False
+    return all(_NUMBER.fullmatch(cell) for row in rows for cell in row[1:])
+
+
+def _stand_up(name: str, rows: list[list[str]], columns: list[str] | None, notes: list[str]) -> Table:
+    """The table of lines that are channels; without names they are counted from 1."""
+    named = not all(_NUMBER.fullmatch(row[0]) for row in rows)
+    names = columns or [row[0] if named else str(at) for at, row in enumerate(rows, start=1)]
+    if len(names) != len(rows):
+        raise ConfigError(
+            f"{name}: has {len(rows)} lines, each a channel, and 'csv: {{columns: […]}}' {len(names)} names"
+        )
+    notes.append(
+        f"has a channel in each of its {len(rows)} lines: turned" + ("" if named or columns else ", and counted from 1")
+    )
+    values = {title: np.array(row[named:], dtype=object) for title, row in zip(names, rows, strict=True)}
+    return Table(
+        name, names, {title: pd.Series(cells).replace("", np.nan) for title, cells in values.items()}, {}, None, notes
+    )
 
 
 def _text(raw: bytes, name: str, notes: list[str]) -> str:

@@ -24,6 +24,9 @@ LEAST_ROWS = 20
 MOST_BACKWARDS = 0.01
 """Part of the rows whose time may lie before that of an earlier row; more is an error."""
 
+_LONG = 1.0
+"""Steps from row to row are shorter [s]."""
+
 _FINE_UNITS = {"us": 1e-6, "ns": 1e-9}
 
 
@@ -177,7 +180,12 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
             faults.append(str(error))
     if faults:
         raise ConfigError("\n".join(faults))
+    notes = list(table.notes)
     time = _time(table, clock, asked, len(next(iter(values.values()))))
+    if _are_steps(time):
+        usual = float(np.median(time))
+        notes.append(f"column '{clock.column}' has the steps from row to row, {usual:.4g} s, and no times: summed up")
+        time = np.cumsum(time) - time[0]
     for name, numbers in values.items():
         if len(numbers) != len(time):
             place = channels[name][1]
@@ -193,7 +201,6 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     if keep.sum() < LEAST_ROWS:
         place = where(spec, "logs", index)
         raise ConfigError(f"{place}: {table.name} has {int(keep.sum())} rows to use; at least {LEAST_ROWS} are needed")
-    notes = list(table.notes)
     if np.isnan(time).any():
         notes.append(f"{int(np.isnan(time).sum())} rows without a time are left out")
     _check_forward(table, time, keep)
@@ -234,6 +241,15 @@ def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
     return np.asarray(numbers * factor, dtype=np.float64)
 
 
+def _are_steps(time: Array) -> bool:
+    """Whether a clock says how long each row took: short, and as often less than the one before as more."""
+    if not np.isfinite(time).all() or len(time) < LEAST_ROWS:
+        return False
+    changes = np.diff(time)
+    less, more = float(np.mean(changes < 0.0)), float(np.mean(changes > 0.0))
+    return bool(time.min() >= 0.0 and 0.0 < np.median(time) < _LONG and less > max(MOST_BACKWARDS, 0.3 * more))
+
+
 def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     """Refuse a clock that stands still or often goes back."""
     rows = np.flatnonzero(keep)
@@ -241,7 +257,8 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     latest = np.maximum.accumulate(used)
     back = used < latest
     if used.max() == used.min():
-        raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s")
+        mend = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < _LONG else ""
+        raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s{mend}")
     if back.mean() > MOST_BACKWARDS:
         at = int(np.argmax(back))
         raise ConfigError(
