@@ -486,6 +486,25 @@ def test_a_file_with_a_channel_in_each_line_is_turned(tmp_path, text, names):
     assert "a channel in each of its 2 lines" in log.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("head", "mark", "names"),
+    [
+        ("# time(s),v(km/h)", ",", ("time", "v")),
+        ("# time(s),v(km/h)", ",", ("time(s)", "v(km/h)")),
+        ("%time,v (km/h)", ",", ("%time", "v (km/h)")),
+        ("# made by hand\n# time v(km/h)", " ", ("time", "v")),
+        ("# time, v(km/h)\n# 1, 1", " ", ("time", "v(km/h)")),
+        ("time(s);v(km/h)", ";", ("time(s)", "v(km/h)")),
+    ],
+)
+def test_a_header_may_be_a_comment_and_a_column_is_asked_for_with_its_unit_or_without(tmp_path, head, mark, names):
+    rows = [f"{0.1 * i:.1f}{mark}{3.6 * i:.1f}" for i in range(30)]
+    mapped = f"time: {{column: '{names[0]}'}}\nchannels: {{vx: '{names[1]}'}}\nlogs: [{{file: a.csv}}]\n"
+    log = dataset(tmp_path, mapped, a="\n".join([head, *rows])).logs[0]
+    assert log.time == pytest.approx(0.1 * np.arange(30))
+    assert log.channels["vx"] == pytest.approx(np.arange(30.0))
+
+
 BAD_LOGS = [
     ("", "a.csv: is empty"),
     ("# nothing\n\n", "a.csv: is empty"),
@@ -541,4 +560,6 @@ def test_every_unit_of_a_channel_is_one_of_the_project():
         CHANNELS, 1.0
     )
     assert unit_factor("%", "1") == 0.01
+    assert unit_factor("knots", "m/s") == pytest.approx(0.514444, rel=1e-5)
+    assert unit_factor("mG", "m/s^2") == unit_factor("mg", "m/s^2") == pytest.approx(1e-3 * unit_factor("g", "m/s^2"))
     assert unit_factor("1/min", "rad/s") == pytest.approx(2 * pi / 60)

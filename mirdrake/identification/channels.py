@@ -63,15 +63,20 @@ CHANNELS: dict[str, Channel] = {
 
 _MORE_UNITS: dict[str, dict[str, float]] = {
     "1": {"1": 1.0, "-": 1.0, "": 1.0, "%": 0.01},
-    "rad/s": {"1/min": 0.10471975511965977},
+    "rad": {"mrad": 1e-3},
+    "rad/s": {"1/min": 0.10471975511965977, "mrad/s": 1e-3},
+    "m/s": {"ft/s": 0.3048, "kn": 1852.0 / 3600.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "m/s^2": {"mg": 9.80665e-3, "ft/s^2": 0.3048},
 }
 
-_ANY_CASE = {"deg", "rad", "km/h", "m/s", "mph", "deg/s", "rad/s", "rpm", "1/min", "m/s^2", "m/s²", "ms"}
+_ANY_CASE = {"deg", "rad", "km/h", "m/s", "mph", "deg/s", "rad/s", "rpm", "1/min", "m/s^2", "m/s²", "ms", "g", "mg"}
 
 
 _SPELLINGS = {
     "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "m s-2": "m/s^2", "m*s^-2": "m/s^2", "mps2": "m/s^2",
     "meter/s^2": "m/s^2", "g0": "g", "m/sec": "m/s", "mps": "m/s", "m s-1": "m/s", "m*s^-1": "m/s", "meter/s": "m/s",
+    "kt": "kn", "kts": "kn", "knot": "kn", "knots": "kn", "fps": "ft/s", "ft/sec": "ft/s", "ft/s2": "ft/s^2",
+    "m/sec^2": "m/s^2", "m/s^-2": "m/s^2", "radian/s": "rad/s", "radians/s": "rad/s", "radps": "rad/s",
     "kph": "km/h", "kmh": "km/h", "km/hr": "km/h", "kmph": "km/h", "mi/h": "mph",
     "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
     "°/s": "deg/s", "deg/sec": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "dps": "deg/s", "deg s-1": "deg/s",

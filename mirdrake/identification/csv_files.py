@@ -1,6 +1,7 @@
 """CSV files as people and instruments write them.
 
-Comment lines and lines of text before the header are passed over; the delimiter, the decimal mark, and units in the
+Comment lines and lines of text before the header are passed over; the header itself may be a comment (``# time, v`` of
+NumPy, ``%time,field.x`` of ROS). The delimiter, the decimal mark, and units in the
 header (``speed [km/h]``, ``speed (km/h)``) or in a row of their own below it are found, and files with a channel in
 each line. What was found is noted.
 """
@@ -68,9 +69,14 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
         rows = [_cells(lines[at], layout.delimiter or _delimiter(lines[at])) for at in kept]
         if _lies(rows):
             return _stand_up(name, rows, layout.columns, notes)
-    head = 0 if layout.columns else _header(lines, kept, wanted, layout)
-    delimiter = layout.delimiter or _delimiter(lines[kept[head]])
+    above = None if layout.columns else _header_above(lines, kept[0], comments, layout)
+    if above is not None:
+        kept = [above, *kept]
+    head = 0 if layout.columns or above is not None else _header(lines, kept, wanted, layout)
+    delimiter = layout.delimiter or _delimiter(lines[kept[head if above is None else 1]])
     names = layout.columns or _cells(lines[kept[head]], delimiter)
+    if above is not None:
+        names = _uncommented(names, comments, wanted)
     first = head if layout.columns else head + 1
     if head:
         notes.append(f"{head} lines before the header in line {kept[head] + 1} are passed over")
@@ -78,7 +84,7 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
     for index, title in enumerate(names):
         match = _UNIT.fullmatch(title)
         if match is not None and match.group(1):
-            names[index] = match.group(1)
+            names[index] = title if title in wanted else match.group(1)
             units[names[index]] = match.group(2).strip()
     if not layout.columns and len(kept) > first and _is_units(below := _cells(lines[kept[first]], delimiter)):
         units |= {title: unit.strip("[]()") for title, unit in zip(names, below, strict=False) if unit.strip("[]()-")}
@@ -194,6 +200,27 @@ def _header(lines: list[str], kept: list[int], wanted: Collection[str], layout: 
         if len(cells) > 1 and (bare | set(cells)) & set(wanted):
             return index
     return 0
+
+
+def _header_above(lines: list[str], first: int, comments: tuple[str, ...], layout: CsvLayout) -> int | None:
+    """The comment line that names the columns of a file whose first other line has numbers; None: there is none."""
+    delimiter = layout.delimiter or _delimiter(lines[first])
+    numbers = _cells(lines[first], delimiter)
+    if len(numbers) < 2 or np.mean([bool(_NUMBER.fullmatch(cell)) for cell in numbers]) < 0.5:
+        return None
+    for at in reversed(range(first)):
+        names = _uncommented(_cells(lines[at].strip(), delimiter), comments, ())
+        if len(names) == len(numbers) and not any(_NUMBER.fullmatch(name) for name in names):
+            return at
+    return None
+
+
+def _uncommented(names: list[str], comments: tuple[str, ...], wanted: Collection[str]) -> list[str]:
+    """Names of a header without the mark of a comment before the first of them."""
+    bare = names[0]
+    while bare not in wanted and bare.startswith(comments):
+        bare = bare.removeprefix(next(mark for mark in comments if bare.startswith(mark))).strip()
+    return [name.rstrip(",;") for name in ([bare] if bare else []) + names[1:]]
 
 
 def _is_units(cells: list[str]) -> bool:
