@@ -426,8 +426,8 @@ FAULTS = [
         r"2: channels: unknown channel 'vxx'; did you mean 'vx'\?",
     ),
     (
-        "channels: {vx: {column: v, unit: knots}}\nlogs: [{file: a.csv}]\n",
-        r"2: channels: vx: unit 'knots' does not fit; allowed: m/s, km/h",
+        "channels: {vx: {column: v, unit: stones}}\nlogs: [{file: a.csv}]\n",
+        r"2: channels: vx: unit 'stones' does not fit; allowed: m/s, km/h",
     ),
     ("channels: {vx: {column: v, unit: rad}}\nlogs: [{file: a.csv}]\n", "vx: unit 'rad' does not fit"),
     ("channels: {vx: v}\nlogs: [{file: a.csv}]\n", "2: channels.vx: needs a unit, for example 'unit: m/s'"),
