@@ -505,6 +505,77 @@ def test_a_header_may_be_a_comment_and_a_column_is_asked_for_with_its_unit_or_wi
     assert log.channels["vx"] == pytest.approx(np.arange(30.0))
 
 
+def hhmmss(seconds):
+    return f"{int(seconds // 3600) % 24:02d}{int(seconds // 60) % 60:02d}{seconds % 60:05.2f}"
+
+
+VBO = """File created on 11/04/2014 @ 23:59:58
+
+[header]
+satellites
+time
+velocity kmh
+lat accel g
+Lat. Vel.
+
+[channel units]
+km/h
+
+[comments]
+Log Rate (Hz) : 10.00
+
+[column names]
+sats time velocity latacc lat._vel.
+
+[data]
+{rows}
+"""
+
+
+def test_a_vbo_file_is_read_over_midnight_by_short_names_and_titles(tmp_path):
+    start = 24 * 3600 - 2.05
+    rows = "\n".join(f"137 {hhmmss(start + 0.1 * i)} {3.6 * i:07.3f} +0000.50 {3.6e0 * 0.1 * i:E}" for i in range(40))
+    mapped = (
+        "channels: {vx: velocity, lateral_acceleration: lat accel g, vy: {column: lat._vel., unit: km/h, sign: -1}}\n"
+        "logs: [{file: a.vbo}]\n"
+    )
+    (tmp_path / "a.vbo").write_text(VBO.format(rows=rows), newline="\r\n")
+    log = dataset(tmp_path, mapped).logs[0]
+    assert log.time == pytest.approx(start + 0.1 * np.arange(40))
+    assert log.channels["vx"] == pytest.approx(np.arange(40.0))
+    assert log.channels["vy"] == pytest.approx(-0.1 * np.arange(40))
+    assert log.channels["lateral_acceleration"] == pytest.approx(np.full(40, 0.5 * 9.80665))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            VBO.format(rows="137 120000.00 1 2 3\n137 120000.10 1 2"),
+            "a.vbo:21: has 4 cells, and there are 5 column names",
+        ),
+        (VBO.format(rows=""), "a.vbo: has no rows"),
+        (VBO.replace("[column names]", ""), r"a.vbo: has no section \[column names\]"),
+        ("time,v\n0,1\n", r"a.vbo: has no section \[column names\]"),
+        (VBO.format(rows="137 noon 1 2 3\n" * 30), "rows to use; at least 20"),
+    ],
+)
+def test_a_fault_of_a_vbo_file_names_its_line(tmp_path, text, message):
+    (tmp_path / "a.vbo").write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        dataset(tmp_path, "channels: {vx: velocity}\nlogs: [{file: a.vbo}]\n")
+
+
+def test_times_of_the_day_go_on_over_the_minute(tmp_path):
+    start = 13 * 3600 + 59 * 60 + 57.0
+    log = dataset(tmp_path, MAPPED, a=table(rows=60, row=lambda i: f"{hhmmss(start + 0.1 * i)},{i}")).logs[0]
+    assert log.time == pytest.approx(start + 0.1 * np.arange(60))
+    assert "times of the day" in log.notes[0]
+    # A drive with a pause is none.
+    paused = dataset(tmp_path, MAPPED, a=table(rows=60, row=lambda i: f"{0.1 * i + 30 * (i > 30):.1f},{i}")).logs[0]
+    assert not paused.notes
+
+
 BAD_LOGS = [
     ("", "a.csv: is empty"),
     ("# nothing\n\n", "a.csv: is empty"),

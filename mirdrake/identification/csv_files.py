@@ -59,7 +59,7 @@ def read_csv(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:
     """
     name = shown(path)
     notes: list[str] = []
-    text = _text(read_bytes(path), name, notes)
+    text = text_of(read_bytes(path), name, notes)
     comments = tuple(layout.comment)
     lines = text.splitlines()
     kept = [at for at, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
@@ -149,7 +149,7 @@ def _stand_up(name: str, rows: list[list[str]], columns: list[str] | None, notes
     )
 
 
-def _text(raw: bytes, name: str, notes: list[str]) -> str:
+def text_of(raw: bytes, name: str, notes: list[str]) -> str:
     """The text of a file in whatever code it is written; what was taken for granted is noted.
 
     Raises:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification.channels import channel, plain_unit, unit_factor
+from mirdrake.identification.clocks import are_steps, is_time_of_day, seconds_of_day
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
 from mirdrake.identification.tables import Table
@@ -23,9 +24,6 @@ LEAST_ROWS = 20
 
 MOST_BACKWARDS = 0.01
 """Part of the rows whose time may lie before that of an earlier row; more is an error."""
-
-_LONG = 1.0
-"""Steps from row to row are shorter [s]."""
 
 _FINE_UNITS = {"us": 1e-6, "ns": 1e-9}
 
@@ -182,7 +180,10 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         raise ConfigError("\n".join(faults))
     notes = list(table.notes)
     time = _time(table, clock, asked, len(next(iter(values.values()))))
-    if _are_steps(time):
+    if clock.column is not None and is_time_of_day(time):
+        notes.append(f"column '{clock.column}' has times of the day, HHMMSS: seconds made of them")
+        time = seconds_of_day(time)
+    elif are_steps(time):
         usual = float(np.median(time))
         notes.append(f"column '{clock.column}' has the steps from row to row, {usual:.4g} s, and no times: summed up")
         time = np.cumsum(time) - time[0]
@@ -241,15 +242,6 @@ def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
     return np.asarray(numbers * factor, dtype=np.float64)
 
 
-def _are_steps(time: Array) -> bool:
-    """Whether a clock says how long each row took: short, and as often less than the one before as more."""
-    if not np.isfinite(time).all() or len(time) < LEAST_ROWS:
-        return False
-    changes = np.diff(time)
-    less, more = float(np.mean(changes < 0.0)), float(np.mean(changes > 0.0))
-    return bool(time.min() >= 0.0 and 0.0 < np.median(time) < _LONG and less > max(MOST_BACKWARDS, 0.3 * more))
-
-
 def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     """Refuse a clock that stands still or often goes back."""
     rows = np.flatnonzero(keep)
@@ -257,7 +249,7 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     latest = np.maximum.accumulate(used)
     back = used < latest
     if used.max() == used.min():
-        mend = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < _LONG else ""
+        mend = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
         raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s{mend}")
     if back.mean() > MOST_BACKWARDS:
         at = int(np.argmax(back))

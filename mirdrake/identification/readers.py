@@ -19,6 +19,7 @@ from mirdrake.identification.bags import read_bag
 from mirdrake.identification.csv_files import read_csv
 from mirdrake.identification.spec import CsvLayout
 from mirdrake.identification.tables import Table, read_bytes
+from mirdrake.identification.vbo_files import read_vbo
 from mirdrake.logs import SIGNALS, SPEC, load_run
 from mirdrake.yaml_io import shown
 
@@ -131,6 +132,7 @@ FORMATS: dict[str, Reader] = {
     ".txt": read_csv,
     ".tsv": read_csv,
     ".asc": read_csv,
+    ".vbo": read_vbo,
     ".parquet": read_parquet,
     ".mat": read_mat,
     ".bag": read_bag,

@@ -1,0 +1,57 @@
+"""Columns of time that are no seconds since a start: steps from row to row, and times of the day."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_LONG = 1.0
+"""Steps from row to row are shorter [s]."""
+
+_LEAST, _REPEATED = 20, 0.01
+
+
+def are_steps(time: Array) -> bool:
+    """Whether a clock says how long each row took: short, and as often less than the one before as more.
+
+    Args:
+        time: the column (n) [s].
+    """
+    if not np.isfinite(time).all() or len(time) < _LEAST:
+        return False
+    changes = np.diff(time)
+    less, more = float(np.mean(changes < 0.0)), float(np.mean(changes > 0.0))
+    return bool(time.min() >= 0.0 and 0.0 < np.median(time) < _LONG and less > max(_REPEATED, 0.3 * more))
+
+
+def is_time_of_day(numbers: Array) -> bool:
+    """Whether numbers are HHMMSS.SS: no minute has more than 60 s, and each goes over into the next.
+
+    Args:
+        numbers: the column (n). Within one minute it may be anything: no.
+    """
+    used = numbers[np.isfinite(numbers)]
+    if len(used) < _LEAST or used.min() < 0.0 or used.max() >= 240000.0:
+        return False
+    seconds, minutes, steps = used % 100.0, used // 100.0 % 100.0, np.diff(used)
+    over = np.flatnonzero(np.abs(steps) > 20.0)
+    if not len(over) or seconds.max() >= 60.0 or minutes.max() >= 60.0:
+        return False
+    near = 3.0 * float(np.median(steps))
+    return bool(np.all(seconds[over] > 60.0 - near) and np.all(seconds[over + 1] < near))
+
+
+def seconds_of_day(clock: Array) -> Array:
+    """Seconds since the first midnight of HHMMSS.SS; days that follow are counted on.
+
+    Args:
+        clock: the column (n).
+
+    Returns:
+        the same [s].
+    """
+    hours, rest = np.divmod(clock, 1e4)
+    minutes, seconds = np.divmod(rest, 1e2)
+    found = 3600.0 * hours + 60.0 * minutes + seconds
+    midnights = np.append(0.0, np.cumsum(np.diff(found) < -43200.0))
+    return np.asarray(found + 86400.0 * midnights)
