@@ -307,8 +307,8 @@ def resolution(values: Array) -> float | None:
     steps = steps[steps > 1e-6 * (levels[-1] - levels[0])]
     quantum = float(np.percentile(steps, 5))
     counts = steps / quantum
-    even = np.mean(np.abs(counts - np.round(counts)) < 0.1) > 0.9
-    return float(np.median(steps / np.round(counts))) if even else None
+    even = np.abs(counts - np.round(counts)) < 0.1
+    return float(np.median(steps[even] / np.round(counts[even]))) if even.mean() > 0.9 else None
 
 
 def fresh_rows(values: Array) -> NDArray[np.bool_]:
