@@ -1,7 +1,7 @@
 """Which options a model needs, where a study leaves them open.
 
 Load transfer, a lag of the steering, tyres that relax (one length for both axles), roll of the body (where sideways
-speed or acceleration are compared; its arm is assumed), tyres that saturate.
+speed or acceleration are compared; its arm is assumed), a late vy, tyres that saturate.
 
 The plain model is fitted first, then each addition in turn, from where the best fit ended and with the noise of the
 first. What makes the residuals clearly smaller, and has values with a meaning, is kept.
@@ -199,13 +199,18 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
     if model.kind == "single_track" and "roll" not in model.options and seen and not told:
         # A sensor leans with what it is bolted to.
         of_sensor = {
-            "lateral_acceleration": {"accelerometer_tilt": Choice(free=True, guess=1.0)},
+            "lateral_acceleration": {
+                "accelerometer_tilt": Choice(free=True, guess=1.0),
+                "accelerometer_height": _FREE,
+            },
             "vy": {"velocity_height": _FREE},
         }
         places = dict(ChainMap(*(of_sensor[name] for name in seen)))
         yield Addition("roll of the body", places, {"roll": True}, worth=0.1)
     if late:
         yield lag
+    if len(seen) > 1 and "velocity_delay" not in choices:
+        yield Addition("a vy that is late", {"velocity_delay": _FREE})
     most = _most(data)
     if "tyres" not in model.options and most > LIMIT:
         # A start below what the vehicle did lets the model spin.

@@ -79,7 +79,7 @@ from mirdrake.identification.models.base import (
     channel_of,
     pick_outputs,
 )
-from mirdrake.identification.models.single_track_parameters import RELAXATION, single_track_parameters
+from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
 from mirdrake.identification.models.steer import AHEAD, NAMES, STEERING, steering_angle
 from mirdrake.worlds.world import GRAVITY
 
@@ -99,8 +99,12 @@ _CURVATURE = -1.0  # factor E at no slip of a 205/60R15: Pacejka, Tyre and Vehic
 _HEIGHT, _HIGHEST = 0.2, 0.5  # of the centre of mass over the wheelbase, usual and most [1]
 _LAG = 0.05  # of a steering [s]
 _DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of what part of drive and braking front wheels have [1]
+_LATENESS = 0.01  # of the instrument of vy, a second one: a sample at 100 Hz [s]
+_LATE = {channel: name for channel, name, _ in DELAYS}
 _GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
-_OF_ROLL = {"roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "velocity_height"}
+_OF_ROLL = {
+    "roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "accelerometer_height", "velocity_height",
+}  # fmt: skip
 _SLIPPING = 0.4
 """Least time in which slip builds up, over the step of the integration [1]."""
 
@@ -302,8 +306,9 @@ class SingleTrackModel(Model):
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """The outputs in their order."""
-        found = []
+        found, now = [], (x, u)
         for name in self.outputs:
+            x, u = self._earlier(*now, p, _LATE.get(name))
             if name == "yaw_rate":
                 found.append(x[1])
             elif name == "vy":
@@ -320,6 +325,19 @@ class SingleTrackModel(Model):
                     seen = seen + arm * sway + p["accelerometer_tilt"] * GRAVITY * x[2]
                 found.append(seen)
         return np.stack(found)
+
+    def _earlier(self, x: Array, u: Array, p: Values, delay: str | None) -> tuple[Array, Array]:
+        """States and inputs a delay ago, by the midpoint rule: off by a sixth of the cube of delay times frequency."""
+        late = 0.0 if delay is None else p[delay]
+        if not np.any(late):
+            return x, u
+
+        def back(time: Any) -> Array:
+            parts = (u[0] - time * u[3], u[1] - time * u[2], u[2], u[3] - time * u[4], u[4])
+            return np.stack(np.broadcast_arrays(*parts))
+
+        middle = x - 0.5 * late * self.rates(x, u, p)
+        return x - late * self.rates(middle, back(0.5 * late), p), back(late)
 
     def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
         """Yaw rate as measured; vy as measured, or that of a slow turn."""
@@ -386,7 +404,8 @@ class SingleTrackModel(Model):
             "roll_frequency": (4.0, 40.0),
             "roll_damping": (0.03, 2.0),
             "accelerometer_tilt": (-0.5, 2.5),
-            "velocity_height": (-0.5 * (a + b), a + b),
+            **dict.fromkeys(_LATE.values(), (-0.06, 0.06)),
+            **dict.fromkeys(("velocity_height", "accelerometer_height"), (-0.5 * (a + b), a + b)),
             **dict.fromkeys(self._lengths, (-np.inf, 0.5 * (a + b))),
         }
         return ranges.get(name, (-np.inf, np.inf))
@@ -439,6 +458,9 @@ class SingleTrackModel(Model):
         if set(bends) <= assumed:
             moved = {name: p[name] + PART * _CURVATURE for name in bends}
             lack("how straight the curve of the tyres is", "give curvature_front and curvature_rear", moved, {})
+        if "velocity_delay" in assumed:
+            moved = {"velocity_delay": PART * _LATENESS}
+            lack("whether vy is late", "give velocity_delay, or record all with one clock", moved, {})
         if "load_transfer" in assumed:
             moved = {"load_transfer": PART * _HEIGHT * length}
             lack("load transfer in braking", "give load_transfer", moved, {}, _HIGHEST / _HEIGHT)

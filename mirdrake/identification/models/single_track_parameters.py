@@ -17,6 +17,12 @@ _ROLL_ARM = 0.15
 
 _AXLES = {"relaxation": "both axles", "relaxation_front": "front", "relaxation_rear": "rear"}
 
+DELAYS = (
+    ("lateral_acceleration", "accelerometer_delay", "lateral acceleration"),
+    ("vy", "velocity_delay", "vy"),
+)
+"""Outputs that may be late, the names of how much, and words."""
+
 
 def single_track_parameters(
     given: Mapping[str, float],
@@ -145,6 +151,13 @@ def single_track_parameters(
             0.2 * (front + rear),
             usual=1.5,
         ),
+    ]
+    found += [
+        Parameter(
+            name, "s", f"how late the measured {words} is behind the yaw rate", 0.0, -0.1, 0.1, scale=0.01, usual=2.0
+        )
+        for channel, name, words in DELAYS
+        if channel in outputs
     ]
     found.append(
         Parameter(
@@ -300,10 +313,12 @@ def _roll_parameters(
         Parameter("roll_steer", "1", "steering of the front wheels over roll", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
         Parameter("roll_steer_rear", "1", "the same at the rear", 0.0, -1.0, 1.0, scale=0.05, usual=2.0),
         Parameter(
-            "accelerometer_height", "m", "accelerometer over the roll axis", 0.0, -5.0, 5.0, scale=0.3, usual=2.0
+            "accelerometer_height", "m", "accelerometer over the roll axis", 0.0, -5.0, 5.0, scale=0.1 * length,
+            usual=2.0,
         ),
         Parameter(
-            "velocity_height", "m", "place of the measured vy over the roll axis", 0.0, -5.0, 5.0, scale=0.3, usual=2.0
+            "velocity_height", "m", "place of the measured vy over the roll axis", 0.0, -5.0, 5.0, scale=0.1 * length,
+            usual=2.0,
         ),
         Parameter(
             "accelerometer_tilt", "1", "1: it leans with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3,
