@@ -417,3 +417,19 @@ def test_nothing_free_is_refused():
         fit(data, ModelSpec("single_track"), parameters=parameters)
     with pytest.raises(ConfigError, match="no log"):
         fit(DataSet(()), ModelSpec("single_track"))
+
+
+def test_a_late_vy_is_found_and_where_it_is_not_sought_the_interval_holds_the_truth():
+    log = lateral_log(0, channels=("yaw_rate", "lateral_acceleration", "vy"), duration=40.0)
+    late = np.interp(log.time - 0.02, log.time, log.channels["vy"])
+    data = DataSet((replace(log, channels={**log.channels, "vy": late}),), wheelbase=FRONT + REAR)
+    parameters = LATERAL | {"velocity_ahead": Choice(free=False)}
+    model = ModelSpec("single_track", {"tyres": "linear"})
+    blind = fitted(data, model, parameters=parameters)["yaw_inertia"]
+    assert abs(blind.value / TRUTH["yaw_inertia"] - 1.0) > 0.03  # three times what noise does
+    assert blind.low < TRUTH["yaw_inertia"] < blind.high
+    assert "whether vy is late" in blind.words
+    seeing = fitted(data, model, parameters=parameters | {"velocity_delay": Choice(free=True)})
+    assert seeing["velocity_delay"].value == pytest.approx(0.02, abs=0.001)
+    assert seeing["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.01)
+    assert seeing["yaw_inertia"].sigma < 0.3 * blind.sigma
