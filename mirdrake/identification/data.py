@@ -11,19 +11,13 @@ from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError
 from mirdrake.identification.channels import channel, plain_unit, unit_factor
-from mirdrake.identification.clocks import are_steps, is_time_of_day, seconds_of_day
+from mirdrake.identification.clocks import LEAST_ROWS, MOST_BACKWARDS, are_steps, is_time_of_day, seconds_of_day
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
 from mirdrake.identification.tables import Table
 from mirdrake.yaml_io import load_yaml, shown, where
 
 Array = NDArray[np.float64]
-
-LEAST_ROWS = 20
-"""Fewer samples are no drive."""
-
-MOST_BACKWARDS = 0.01
-"""Part of the rows whose time may lie before that of an earlier row; more is an error."""
 
 _FINE_UNITS = {"us": 1e-6, "ns": 1e-9}
 
