@@ -11,12 +11,12 @@ import pytest
 from mirdrake.cli import main
 from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
-from mirdrake.identification.data import hold_out
 from mirdrake.identification.default_study import default_study
 from mirdrake.identification.estimators import fit
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport, Finding
+from mirdrake.identification.held_out import hold_out, lateral_jerk
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.first_guess import guess_steering
 from mirdrake.identification.parameters import Choice
@@ -198,17 +198,46 @@ def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys)
     assert not (tmp_path / "wrong").exists()
 
 
-def test_the_end_of_the_drives_is_held_out():
-    one, two = steady(), replace(steady(), name="second")
+def test_the_end_of_one_drive_is_held_out():
+    one = steady()
     apart = hold_out(DataSet((one,)), 0.3)
     assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, held out", "validation")]
     assert sum(len(log.time) for log in apart.logs) == len(TIME)
     assert apart.train[0].time[-1] == pytest.approx(0.7 * TIME[-1], abs=0.05)
     assert np.all(apart.validation[0].time > apart.train[0].time[-1])
-    both = hold_out(DataSet((one, two)), 0.3)
-    assert [log.name for log in both.train] == ["drive", "second"]
-    assert len(both.train[0].time) == len(TIME)
-    assert sum(len(log.time) for log in both.train) == pytest.approx(1.4 * len(TIME), rel=0.01)
+
+
+def weaving(name, hertz, lasts=60.0):
+    """At 10 m/s with a yaw rate of 0.2 rad/s and a frequency: jerk 10 · 0.2 · 2π f."""
+    time = np.arange(0.0, lasts, 0.01)
+    seen = {"vx": np.full(len(time), 10.0), "yaw_rate": 0.2 * np.sin(2.0 * math.pi * hertz * time)}
+    return Log(name, "train", time, seen)
+
+
+def test_lateral_jerk_is_speed_times_yaw_acceleration():
+    smoothed = math.exp(-0.5 * (2.0 * math.pi * 0.5 * 0.05) ** 2)  # a Gaussian of 50 ms
+    usual = math.cos(0.005 * math.pi)  # that a cosine exceeds in a hundredth of its time
+    assert lateral_jerk(weaving("half", 0.5)) == pytest.approx(2.0 * math.pi * smoothed * usual, rel=1e-3)
+    assert lateral_jerk(Log("still", "train", TIME, {"vx": np.ones(len(TIME))})) == 0.0
+
+
+def test_the_drive_that_turns_in_most_quickly_stays_for_training():
+    hertz = {"slow": 0.1, "sweep": 2.0, "slalom": 0.5, "step": 1.0, "bend": 0.05}
+    drives = DataSet(tuple(weaving(name, one) for name, one in hertz.items()))
+    apart = hold_out(drives, 0.3)
+    assert [log.name for log in apart.train] == ["slow", "sweep", "slalom", "bend"]
+    # 90 of 300 s: the second, then the end of the fifth in the order of quickness.
+    assert [log.name for log in apart.validation] == ["step", "bend, held out"]
+    assert apart.validation[1].time[0] == pytest.approx(30.0, abs=0.05)
+    assert [log.name for log in hold_out(drives, 0.4).train] == ["slow", "sweep", "slalom"]
+
+
+def test_drives_that_do_not_turn_are_held_out_from_the_last():
+    drives = DataSet(tuple(Log(name, "train", TIME, {"vx": np.sin(TIME)}) for name in ("a", "b", "c", "d")))
+    apart = hold_out(drives, 0.375)
+    assert [(log.name, log.use) for log in apart.logs] == [
+        ("a", "train"), ("b", "train"), ("c", "train"), ("d", "validation"), ("c, held out", "validation"),
+    ]  # fmt: skip
 
 
 def lagging(lag):

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -79,34 +79,6 @@ class DataSet:
     def validation(self) -> tuple[Log, ...]:
         """The drives that are held out."""
         return tuple(log for log in self.logs if log.use == "validation")
-
-
-def hold_out(data: DataSet, part: float) -> DataSet:
-    """The same with the end of its training drives for validation, as logs of their own.
-
-    Args:
-        data: drives; those for validation stay what they are.
-        part: of the time of all training drives together [1].
-    """
-    spans = [float(log.time[-1] - log.time[0]) for log in data.train]
-    left, logs = (1.0 - part) * sum(spans), list(data.validation)
-    kept: list[Log] = []
-    for log, span in zip(data.train, spans, strict=True):
-        first = log.time <= log.time[0] + left
-        left = max(left - span, 0.0) if left < span else left - span
-        rows = int(first.sum())
-        if rows >= len(log.time) - LEAST_ROWS:
-            kept.append(log)
-        elif rows < LEAST_ROWS:
-            logs.append(replace(log, use="validation"))
-        else:
-            kept.append(_rows(log, slice(0, rows), log.name, "train"))
-            logs.append(_rows(log, slice(rows, None), f"{log.name}, held out", "validation"))
-    return replace(data, logs=(*kept, *logs))
-
-
-def _rows(log: Log, rows: slice, name: str, use: str) -> Log:
-    return Log(name, use, log.time[rows], {key: values[rows] for key, values in log.channels.items()}, log.notes)
 
 
 def load_data(file: Path | str) -> DataSet:

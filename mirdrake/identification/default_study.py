@@ -1,4 +1,4 @@
-"""What is done with a data file when no study says it: the model that its channels allow, and a held-out end."""
+"""What is done with a data file when no study says it: the model that its channels allow, and a part held out."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -38,7 +38,7 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
     }  # fmt: skip
     if not any(entry.use == "validation" for entry in spec.logs):
         content["hold_out"] = HELD_OUT
-        about += f", the last {100.0 * HELD_OUT:.0f} % of the drives held out"
+        about += f", {100.0 * HELD_OUT:.0f} % of the drives held out"
     if spec.wheelbase is None and kind == "single_track":
         about += ", a usual wheelbase for such bends; add 'wheelbase' to the data file"
     text = yaml.safe_dump({**content, "about": about}, sort_keys=False)

@@ -10,11 +10,12 @@ import numpy as np
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.check import check_data
-from mirdrake.identification.data import DataSet, hold_out, load_data, make_data
+from mirdrake.identification.data import DataSet, load_data, make_data
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport
 from mirdrake.identification.fit import Fit
+from mirdrake.identification.held_out import hold_out
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import Model
 from mirdrake.identification.models.vehicle_values import vehicle_values

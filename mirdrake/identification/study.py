@@ -98,7 +98,7 @@ class StudySpec(Schema):
     estimator: EstimatorSpec = Field(default=EstimatorSpec(), description="how they are estimated [-]")
     stages: list[StageSpec] = Field(default=[], description="fits before the last one, in order [-]")
     hold_out: float | None = Field(
-        default=None, gt=0.0, lt=0.9, description="part of the training drives, at their end, that is held out [1]"
+        default=None, gt=0.0, lt=0.9, description="part of the training drives that is held out [1]"
     )
     force: bool = Field(default=False, description="whether data with a wrong unit or sign are fitted all the same [-]")
 

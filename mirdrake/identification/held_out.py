@@ -1,0 +1,70 @@
+"""Which part of the drives is held out, where nobody says it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mirdrake.identification.alignment import smooth
+from mirdrake.identification.clocks import LEAST_ROWS
+from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.relations import make_grid
+
+STRIDE = 3
+"""Of drives in the order of how quickly they turn in, the second is held out, and each of this many behind it."""
+
+
+def hold_out(data: DataSet, part: float) -> DataSet:
+    """The same with some of its training drives for validation, and with the end of one as a log of its own.
+
+    The drive that turns in most quickly is the only one that may tell the yaw inertia and what is late, so it is held
+    out last. The second tests what came out of it. Drives that do not turn are held out from the last to the first.
+
+    Args:
+        data: drives; those for validation stay what they are.
+        part: of the time of all training drives together [1].
+    """
+    left = part * sum(_span(log) for log in data.train)
+    kept, held = {id(log): log for log in data.train}, []
+    for log in _in_order(data.train):
+        rows = int(np.searchsorted(log.time, log.time[-1] - left, side="right"))
+        left = max(left - _span(log), 0.0)
+        if rows >= len(log.time) - LEAST_ROWS:
+            break
+        if rows < LEAST_ROWS:
+            del kept[id(log)]
+            held.append(replace(log, use="validation"))
+        else:
+            kept[id(log)] = _rows(log, slice(0, rows), log.name, "train")
+            held.append(_rows(log, slice(rows, None), f"{log.name}, held out", "validation"))
+    return replace(data, logs=(*kept.values(), *data.validation, *held))
+
+
+def _in_order(logs: Sequence[Log]) -> list[Log]:
+    """What is held out first is first."""
+    jerks = [lateral_jerk(log) for log in logs]
+    if not any(jerks):
+        return list(reversed(logs))
+    ranked = [logs[i] for i in np.argsort(np.negative(jerks), kind="stable")]
+    return [log for first in (1, 2, 0) for log in ranked[first::STRIDE]]
+
+
+def lateral_jerk(log: Log) -> float:
+    """How quickly a drive turns in: the lateral jerk that it exceeds in a hundredth of its time [m/s³]; 0: unknown."""
+    grid = make_grid(log)
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if "yaw_rate" in grid.channels and forward in grid.channels:
+        side = smooth(grid, forward) * smooth(grid, "yaw_rate")
+    elif "lateral_acceleration" in grid.channels:
+        side = smooth(grid, "lateral_acceleration")
+    else:
+        return 0.0
+    return float(np.percentile(np.abs(grid.rate(side)), 99.0))
+
+
+def _span(log: Log) -> float:
+    return float(log.time[-1] - log.time[0])
+
+
+def _rows(log: Log, rows: slice, name: str, use: str) -> Log:
+    return Log(name, use, log.time[rows], {key: values[rows] for key, values in log.channels.items()}, log.notes)
