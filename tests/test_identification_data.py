@@ -224,6 +224,14 @@ def test_steps_ramps_and_rests_are_no_glitches(seed, rate, height, noise):
     assert not find_glitches(values, np.inf).any()
 
 
+@pytest.mark.parametrize("at", [1200, 1498, 1499])
+def test_a_glitch_in_a_hand_wheel_that_rests_until_the_end_is_found(at):
+    time = np.arange(1500) * STEP
+    values = np.round(np.radians(260.0) * np.clip(10.0 - time, 0.0, 3.0) / 3.0, 3)
+    values[at] += 14.0
+    assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == [at]
+
+
 def test_glitches_are_replaced_and_counted():
     log = recorded(9)
     values = log.channels["vx"].copy()

@@ -14,6 +14,9 @@ from mirdrake.identification.timing import fresh_rows, resolution
 WINDOW = 9
 """Samples of the median that a glitch stands out of: up to four in a row are found."""
 
+MOST_HELD = 4
+"""Times the usual number of rows that a glitch is held over at most."""
+
 
 def check_turns(log: Log) -> tuple[Log, list[Finding]]:
     """Headings that jump by a whole turn, as from 180 to -180 degrees, are counted on: the same angles."""
@@ -70,23 +73,24 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     if len(rows) < 3 * WINDOW:
         return bad
     series = values[rows]
-    away = np.abs(series - median_filter(series, WINDOW, mode="nearest"))
+    away = np.abs(series - median_filter(series, WINDOW, mode="mirror"))
     steps = np.abs(np.diff(series, prepend=series[0]))
     noise = 1.4826 * float(np.median(away))
     usual = float(np.median(steps))
     quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
     # What the neighbourhood does on either side, without the samples next to the one in question.
-    level = median_filter(steps, 15, mode="nearest")
+    level = median_filter(steps, 15, mode="mirror")
     motion = maximum_filter1d(level, 2 * WINDOW + 1, mode="nearest")
     floor = np.maximum(8.0 * motion, max(10.0 * noise, 4.0 * usual, 5.0 * quantum))
     # Rough stretches, as a shock, have many large distances: there only what is far beyond them counts.
-    rough = maximum_filter1d(median_filter(away, 25, mode="nearest"), 25, mode="nearest")
+    rough = maximum_filter1d(median_filter(away, 25, mode="mirror"), 25, mode="nearest")
     floor = np.maximum(floor, 12.0 * rough)
-    odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
+    ends = np.append(rows[1:], len(values))
+    brief = ends - rows <= MOST_HELD * np.median(ends - rows)  # a vehicle that stands, and then goes, is none
+    odd = ((away > floor) & brief) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples: another unit, another kind of signal
         return bad
     # Held rows carry the glitch on.
-    ends = np.append(rows[1:], len(values))
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)

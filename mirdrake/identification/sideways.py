@@ -157,8 +157,10 @@ def _sought(drives: "_Drives", least: float, together: bool) -> Sideways | None:
         doubtful = [name for name, size in sure.items() if size < LIKELY or not drives.is_missed(name, found)]
         if not doubtful:
             break
-        # The one that says least is none; then once more without it.
-        opened = opened._replace(**{min(doubtful, key=lambda name: sure[name]): False})
+        # The one that says least is none, or the one without which the other is late; then once more without it.
+        least_sure = min(doubtful, key=lambda name: sure[name])
+        makes_late = [name for name in doubtful if _leaves_late(drives, found, name)] if len(sure) > 1 else []
+        opened = opened._replace(**{makes_late[0] if len(makes_late) == 1 else least_sure: False})
     if found is not None and not opened.acceleration and abs(found.arm) > 2.0 * found.arm_sigma:
         # At one speed nothing tells a late acceleration from a sensor in another place: what leaves less; and much less
         # if vy is late, that is, of another instrument, which is in another place.
@@ -169,6 +171,12 @@ def _sought(drives: "_Drives", least: float, together: bool) -> Sideways | None:
             if found.rest > limit:
                 return other
     return found
+
+
+def _leaves_late(drives: "_Drives", found: Sideways, name: str) -> bool:
+    """Whether without a delay the other one is a lateness: behind a gyroscope nothing is early."""
+    without = drives.at(found.width, found.opened._replace(**{name: False}), found.together)
+    return without is not None and max(without.acceleration, without.velocity) > 0.0
 
 
 class _Drives:
