@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -224,12 +224,16 @@ def test_steps_ramps_and_rests_are_no_glitches(seed, rate, height, noise):
     assert not find_glitches(values, np.inf).any()
 
 
-@pytest.mark.parametrize("at", [1200, 1498, 1499])
-def test_a_glitch_in_a_hand_wheel_that_rests_until_the_end_is_found(at):
-    time = np.arange(1500) * STEP
-    values = np.round(np.radians(260.0) * np.clip(10.0 - time, 0.0, 3.0) / 3.0, 3)
-    values[at] += 14.0
-    assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == [at]
+@settings(max_examples=40, deadline=None)
+@given(at=st.sets(st.integers(0, 1999), min_size=1, max_size=4), hold=st.sampled_from([1, 2]))
+@example(at={1999}, hold=1)
+@example(at={60, 400}, hold=2)
+@example(at={1300, 1900}, hold=2)
+def test_glitches_are_found_where_a_hand_wheel_rests_as_where_it_turns(at, hold):
+    time = hold * STEP * (np.arange(2000) // hold)
+    values = np.round(np.radians(260.0) * np.clip(np.minimum(time - 7.0, 14.0 - time), 0.0, 3.0) / 3.0, 3)
+    values[sorted(at)] += 14.0
+    assert set(np.flatnonzero(find_glitches(values, np.inf))) == at
 
 
 def test_glitches_are_replaced_and_counted():

@@ -14,8 +14,8 @@ from mirdrake.identification.timing import fresh_rows, resolution
 WINDOW = 9
 """Samples of the median that a glitch stands out of: up to four in a row are found."""
 
-MOST_HELD = 4
-"""Times the usual number of rows that a glitch is held over at most."""
+MOST_HELD = 2 * WINDOW
+"""Samples that a channel at rest is taken for at most."""
 
 
 def check_turns(log: Log) -> tuple[Log, list[Finding]]:
@@ -69,14 +69,14 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
         limit: no value may be beyond.
     """
     bad = np.zeros(len(values), dtype=bool)
-    rows = np.flatnonzero(fresh_rows(values) & np.isfinite(values))
-    if len(rows) < 3 * WINDOW:
+    rows, fresh = _samples(values)
+    if fresh.sum() < 3 * WINDOW:
         return bad
     series = values[rows]
     away = np.abs(series - median_filter(series, WINDOW, mode="mirror"))
     steps = np.abs(np.diff(series, prepend=series[0]))
-    noise = 1.4826 * float(np.median(away))
-    usual = float(np.median(steps))
+    noise = 1.4826 * float(np.median(away[fresh]))
+    usual = float(np.median(steps[fresh]))
     quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
     # What the neighbourhood does on either side, without the samples next to the one in question.
     level = median_filter(steps, 15, mode="mirror")
@@ -86,14 +86,29 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     rough = maximum_filter1d(median_filter(away, 25, mode="mirror"), 25, mode="nearest")
     floor = np.maximum(floor, 12.0 * rough)
     ends = np.append(rows[1:], len(values))
-    brief = ends - rows <= MOST_HELD * np.median(ends - rows)  # a vehicle that stands, and then goes, is none
-    odd = ((away > floor) & brief) | (np.abs(series) > limit) | _far_out(series, steps)
+    odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples: another unit, another kind of signal
         return bad
     # Held rows carry the glitch on.
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)
+
+
+def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Rows of fresh values (n), and of some more while a channel rests; and which of them are the former (n).
+
+    A channel that is held over every other row has one sample in two rows, one at rest does not change for long.
+    """
+    first = np.flatnonzero(fresh_rows(values) & np.isfinite(values))
+    if not len(first):
+        return first, np.ones(0, dtype=bool)
+    held = np.diff(first, append=len(values))
+    usual = max(int(np.median(held)), 1)
+    more = first[:, None] + usual * np.arange(1, MOST_HELD)
+    more = more[more < (first + held)[:, None]]
+    rows = np.union1d(first, more[np.isfinite(values[more])])
+    return rows, np.isin(rows, first)
 
 
 def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
