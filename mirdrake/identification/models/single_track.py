@@ -102,6 +102,7 @@ _DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of what part of drive and brak
 _LATENESS = 0.01  # of the instrument of vy, a second one: a sample at 100 Hz [s]
 _LATE = {channel: name for channel, name, _ in DELAYS}
 _GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
+_ROLL_STEER = 0.05  # of an axle over roll, with the camber thrust of its wheels [1]
 _OF_ROLL = {
     "roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "accelerometer_height", "velocity_height",
 }  # fmt: skip
@@ -445,6 +446,10 @@ class SingleTrackModel(Model):
         if self._roll:
             moved = {"roll_arm": 0.5 * p["roll_arm"]}
             doubt(("roll_arm",), moved, "how far the centre of mass is above the roll axis", "give roll_arm")
+            for name, axle in (("roll_steer", "front"), ("roll_steer_rear", "rear")):
+                if name in assumed:
+                    moved = {name: p[name] + PART * _ROLL_STEER}
+                    lack(f"whether roll steers the {axle} wheels", f"give {name}", moved, {})
         moved = {"relaxation": PART * RELAXATION * length}
         lack("whether the tyres relax", "give the vehicle, or its relaxation length", moved, {"relaxation": "shared"})
         if {"lateral_acceleration", "vy"} & set(self.outputs):
