@@ -18,13 +18,14 @@ from tests.test_identification_data import STEP, checked, recorded
 NOISE = {"vx": 0.02, "vy": 0.02, "yaw_rate": 0.004, "lateral_acceleration": 0.1}
 
 
-def drive(seed, *, late=None, ahead=0.0):
+def drive(seed, *, late=None, ahead=0.0, noise=1.0):
     """Rigid-body motion at 8 to 22 m/s with noise, 80 s; channels of `late` are so late [s].
 
     Args:
         seed: of the noise.
         late: by channel.
         ahead: of the place of vy, the accelerometer [m].
+        noise: times that of NOISE.
     """
     time = np.arange(0.0, 80.0, STEP)
     random = np.random.default_rng(seed)
@@ -36,7 +37,7 @@ def drive(seed, *, late=None, ahead=0.0):
         turn = 0.108 * np.cos(0.9 * t) + 0.232 * np.cos(2.9 * t + 1.0)
         vy, rise = r * (1.4 - 0.006 * vx**2), turn * (1.4 - 0.006 * vx**2) - 0.012 * r * vx * slope
         exact = {"vx": vx, "vy": vy, "yaw_rate": r, "lateral_acceleration": vx * r + rise + ahead * turn}
-        return exact[name] + random.normal(0.0, NOISE[name], len(t))
+        return exact[name] + random.normal(0.0, noise * NOISE[name], len(t))
 
     return Log("drive", "train", time, {name: series(name) for name in NOISE})
 
@@ -50,6 +51,18 @@ def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ah
     assert found.arm == pytest.approx(ahead, abs=0.1)
     report = checked(drive(seed, ahead=ahead))
     assert not [one for one in report.of("delay") if one.repair]
+
+
+@pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_told(factor, ahead):
+    log = drive(6, ahead=ahead, noise=0.3)
+    found = checked(replace(log, time=factor * log.time)).of("relation", "vy, lateral_acceleration")
+    if factor == 1.0:
+        assert not found
+    else:
+        assert found[0].value == pytest.approx(factor, rel=0.1)
+        assert f"instead of {factor * STEP:.3g} s" in found[0].text
 
 
 @pytest.mark.parametrize("ahead", [0.0, 1.4])

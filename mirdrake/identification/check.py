@@ -17,6 +17,7 @@ from mirdrake.identification.plausibility import (
     check_rest,
     check_steering,
     check_step,
+    check_sway,
 )
 from mirdrake.identification.samples import check_glitches, check_turns, check_values
 from mirdrake.identification.spec import REPAIRS
@@ -54,7 +55,7 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     findings += found
     for log in logs:
         findings += check_relations(log) + check_steering(log, data.wheelbase) + check_course(log) + check_place(log)
-        findings += check_gravity(log) + check_rest(log) + check_response(log)
+        findings += check_sway(log) + check_gravity(log) + check_rest(log) + check_response(log)
     offers = [offer for log in logs for offer in check_excitation(log)]
     return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
 

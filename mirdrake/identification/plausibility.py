@@ -19,6 +19,9 @@ IMPOSSIBLE = 30.0
 STANDSTILL = 0.05
 """Slower than this a vehicle stands [m/s]."""
 
+SWAYS, SWAY = 0.85, (0.6, 1.6)
+"""Correlation from which on the change of vy is known, and between which factors it is right."""
+
 _CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
@@ -221,6 +224,46 @@ def check_place(log: Log) -> list[Finding]:
         f"vy is that of a place {abs(solved[0]):.3g} ± {2 * sigma:.2g} m {where} the rear axle, if tyres slip linearly"
     )
     return [Finding(log.name, "place", "vy", "info", float(solved[0]), "m", text)]
+
+
+def check_sway(log: Log) -> list[Finding]:
+    """Whether vy changes as fast as lateral acceleration and yaw rate say.
+
+    ``ay - vx r = g (dvy/dt + d dr/dt) + s vx r`` with an accelerometer d ahead that leans by s has g = 1 + s. A wrong
+    step and a wrong scale of vy look alike here, so neither is taken for it.
+    """
+    grid = make_grid(log)
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if not {"vy", "yaw_rate", "lateral_acceleration", forward} <= set(grid.channels):
+        return []
+    rate, side = grid.channels["yaw_rate"], grid.channels["lateral_acceleration"]
+    whirl = grid.channels[forward] * rate
+    width = max(4, round(0.2 / grid.step))
+    count = len(rate) // width
+    if count < 40:
+        return []
+
+    def means(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
+
+    beside = np.column_stack((np.ones(count), means(whirl), means(grid.rate(rate))))
+    both = np.column_stack((means(side - whirl), means(grid.rate(grid.channels["vy"]))))
+    known = np.linalg.lstsq(beside, both, rcond=None)[0]
+    rest = both - beside @ known
+    if np.any(np.std(rest, axis=0) == 0.0):
+        return []
+    correlation = float(np.corrcoef(rest.T)[0, 1])
+    if correlation < SWAYS:
+        return []
+    gain = float(rest[:, 0].var() / (rest[:, 0] @ rest[:, 1] / count))  # the noise is in the derivative
+    gain /= 1.0 + float(known[1, 0] - gain * known[1, 1])
+    if SWAY[0] < gain < SWAY[1]:
+        return []
+    text = (
+        f"lateral_acceleration and yaw_rate leave {gain:.2g} times the change of vy: vy is too small by that, or "
+        f"the true step is {grid.step / gain:.3g} s instead of {grid.step:.3g} s; write 'time: {{step: …}}', or a scale"
+    )
+    return [Finding(log.name, "relation", "vy, lateral_acceleration", "warning", gain, "1", text)]
 
 
 def check_course(log: Log) -> list[Finding]:
