@@ -55,7 +55,7 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     findings += found
     for log in logs:
         findings += check_relations(log) + check_steering(log, data.wheelbase) + check_course(log) + check_place(log)
-        findings += check_sway(log) + check_gravity(log) + check_rest(log) + check_response(log)
+        findings += check_gravity(log) + check_rest(log) + check_response(log)
     offers = [offer for log in logs for offer in check_excitation(log)]
     return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
 
@@ -86,4 +86,4 @@ def _check_log(log: Log, allowed: Collection[str]) -> tuple[Log, list[set[str]],
     for name, check in (("held", check_held), ("step", check_step)):
         log, seen = check(log, repair=name in allowed)
         found += seen
-    return log, sources, found
+    return log, sources, found + check_sway(log)
