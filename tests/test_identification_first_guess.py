@@ -260,7 +260,7 @@ def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
     assert len(found.notes) == (1 if lag else 0)
     if lag:
         assert found.start is not None
-        assert found.start["steering_lag"] == pytest.approx(lag, rel=0.1)
+        assert found.start.values["steering_lag"] == pytest.approx(lag, rel=0.1)
 
 
 def test_what_a_study_says_is_left_as_it_is(monkeypatch):
@@ -339,8 +339,8 @@ def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
     assert [note for note in found.notes if "load transfer" in note] == list(found.notes)
     if height:
         assert found.start is not None
-        assert found.start["load_transfer"] == pytest.approx(height, rel=0.05)
-        assert found.start["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
+        assert found.start.values["load_transfer"] == pytest.approx(height, rel=0.05)
+        assert found.start.values["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
 
 
 @pytest.mark.parametrize("drive", [0.0, 1.0])

@@ -110,8 +110,9 @@ def rank(
     now = base if known is None else known + 1e-9 * np.eye(len(free))
     before = np.linalg.inv(now)
     found = []
-    for name, channels in (candidates or _candidates(model, values, speed)).items():
-        gained = information(model, unknowns, values, sigmas, channels)
+    plans = candidates or _candidates(model, values, speed)
+    for name, drive in zip(plans, _driven(model, values, list(plans.values())), strict=True):
+        gained = information(model, unknowns, values, sigmas, drive)
         if not np.isfinite(gained).all():
             continue
         after = np.linalg.inv(now + gained)
@@ -130,34 +131,43 @@ def information(
     unknowns: Sequence[Unknown],
     values: Mapping[str, float],
     sigmas: Mapping[str, float],
-    channels: Mapping[str, Array],
+    drive: Drive,
 ) -> Array:
-    """Fisher information of the scaled free parameters in a manoeuvre, offsets and first states taken out (p, p)."""
-    many = len(next(iter(channels.values())))
-    inputs = {name: channels[name] for name in model.inputs}
-    outputs = {name: channels.get(name, np.zeros(many)) for name in model.outputs}
-    drive = _driven(model, values, Drive("plan", "train", 0.0, STEP, inputs, outputs))
+    """Fisher information of the scaled free parameters in a drive, offsets and first states taken out (p, p)."""
     problem = Problem(model, [drive], unknowns, sigmas)
     jacobian = problem.jacobian(problem.scaled(values))
     p = len(problem.free)
-    data = jacobian[: many * len(model.outputs)]
-    rest = jacobian[many * len(model.outputs) :, p:]
+    data, rest = jacobian[: problem.measured], jacobian[problem.measured :, p:]
     inside = data.T @ data
     inside[p:, p:] += rest.T @ rest
     return np.asarray(inside[:p, :p] - inside[:p, p:] @ np.linalg.solve(inside[p:, p:], inside[p:, :p]))
 
 
-def _driven(model: Model, values: Mapping[str, float], drive: Drive) -> Drive:
-    """The drive with what the model itself shows, so that guesses of its states along the way are near."""
-    u, seen = model.drive(values, drive, drive.time), np.empty((len(model.outputs), drive.size))
-    x = model.start(values, drive, np.zeros(1, dtype=np.intp))
-    step = drive.step / _FINER  # a small robot is stiff: its yaw answers within milliseconds
-    for k in range(drive.size):
-        now = u[:, k, None, None]
-        seen[:, k] = model.observe(x[..., None], now, values)[:, 0, 0]
-        for _ in range(_FINER):
-            x = x + step * model.rates(x[..., None], now, values)[..., 0]
-    return replace(drive, outputs=dict(zip(model.outputs, seen, strict=True)))
+def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[str, Array]]) -> list[Drive]:
+    """Drives with what the model itself shows, so that guesses of its states along the way are near; side by side."""
+    drives = []
+    for channels in plans:
+        many = len(next(iter(channels.values())))
+        inputs = {name: channels[name] for name in model.inputs}
+        outputs = {name: channels.get(name, np.zeros(many)) for name in model.outputs}
+        drives.append(Drive("plan", "train", 0.0, STEP, inputs, outputs))
+    longest = max(drive.size for drive in drives)
+    inputs_of = [model.drive(values, drive, drive.time) for drive in drives]
+    u = np.stack([np.pad(one, ((0, 0), (0, longest - one.shape[1])), "edge") for one in inputs_of], axis=-1)
+    first = np.zeros(1, dtype=np.intp)
+    x = np.concatenate([model.start(values, drive, first) for drive in drives], axis=1)
+    seen = np.empty((len(model.outputs), longest, len(drives)))
+    step = STEP / _FINER  # a small robot is stiff: its yaw answers within milliseconds
+    with np.errstate(all="ignore"):
+        for k in range(longest):
+            now = u[:, k, None]
+            seen[:, k] = model.observe(x[:, None, :, None], now[..., None], values)[:, 0, :, 0]
+            for _ in range(_FINER):
+                x = x + step * model.rates(x[:, None], now, values)[:, 0]
+    return [
+        replace(drive, outputs=dict(zip(model.outputs, seen[:, : drive.size, i], strict=True)))
+        for i, drive in enumerate(drives)
+    ]
 
 
 def _candidates(model: Model, values: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:

@@ -15,9 +15,9 @@ from mirdrake.identification.estimators.doubts import effects_of
 from mirdrake.identification.estimators.drives import LEAST, make_drives
 from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank
 from mirdrake.identification.estimators.options import EstimatorOptions
-from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.problem import Problem, carried
 from mirdrake.identification.estimators.profile import profiles_of
-from mirdrake.identification.estimators.solve import Solution, minimise, solve
+from mirdrake.identification.estimators.solve import Minimum, Solution, minimise, solve
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import combinations, judge
 from mirdrake.identification.models.base import Array, Drive, Effect, Model, ModelSpec
@@ -34,7 +34,7 @@ def fit(
     parameters: Mapping[str, Choice] | None = None,
     options: EstimatorOptions | None = None,
     name: str = "fit",
-    start: Mapping[str, float] | None = None,
+    start: Minimum | None = None,
 ) -> Fit:
     """Fit a model to the training logs of a data set and try it on all of its logs.
 
@@ -44,7 +44,7 @@ def fit(
         parameters: choices by name; those left out are as the model has them.
         options: how to fit.
         name: of the study.
-        start: values of the free parameters from which the search begins; None: their guesses.
+        start: an end of the same model and logs from which the search begins; None: the guesses.
 
     Raises:
         ConfigError: the data or the choices cannot give a fit; one line per fault.
@@ -63,9 +63,12 @@ def fit(
         raise ConfigError(
             f"data: {problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
         )
-    z = None if start is None else problem.scaled(start)
-    if z is not None and np.isfinite(problem.residuals(z)).all():  # near the end already: with the noise there
-        problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
+    z = None
+    if start is not None:
+        z = problem.scaled(start.values)
+        z[len(problem.free) :] = carried(start.z, start.problem, problem)
+        if np.isfinite(problem.residuals(z)).all():
+            problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
     solution = solve(problem, options, z)
     effects = effects_of(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)

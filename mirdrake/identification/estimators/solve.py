@@ -60,6 +60,11 @@ class Minimum(NamedTuple):
     cost: float
     message: str
 
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters."""
+        return self.problem.values(self.z)
+
 
 def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None) -> Solution:
     """Fit, in turns with the noise of the outputs, and how sure it is.
@@ -67,8 +72,7 @@ def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None) -
     Raises:
         RunError: the model cannot follow the drive from the first guess.
     """
-    found = minimise(problem, options, z, passes=3)
-    return finish(found, options)
+    return finish(minimise(problem, options, z, passes=3), options)
 
 
 def minimise(
@@ -79,18 +83,20 @@ def minimise(
     Args:
         problem: with a first idea of the noise.
         options: how.
-        z: where to start.
+        z: where to start; None: far from the end, with a loss that forgives more, so that the first turn is coarse.
         passes: most turns with the noise; 1: it stays as it is.
         close: relative change of the cost that ends it; None: that of the model.
 
     Raises:
         RunError: the model cannot follow the drive from the first guess.
     """
+    begun = z is not None
     z = np.zeros(problem.size) if z is None else z.copy()
     low, high = problem.bounds()
     result, tolerance = None, problem.model.tolerance
     fine, coarse = (1e-8, 1e-5) if tolerance < 1e-6 else (1e-4, 1e-2)
     for turn in range(passes):
+        near = turn > 0 or passes == 1 or begun
         z = _inside(z, low, high)
         first = problem.residuals(z)
         if not np.isfinite(first).all():
@@ -100,16 +106,16 @@ def minimise(
             )
         result = least_squares(
             problem.residuals, z, jac=problem.jacobian, bounds=(low, high), method="trf", x_scale=1.0,
-            loss=robust(options.loss if turn or passes == 1 else "soft_l1", problem.measured), f_scale=1.0,
+            loss=robust(options.loss if near else "soft_l1", problem.measured), f_scale=1.0,
             max_nfev=options.iterations, xtol=tolerance, gtol=1e-8,
-            ftol=close or (fine if turn or passes == 1 else coarse),
+            ftol=close or (fine if near else coarse),
         )  # fmt: skip
         z = result.x
         if passes == 1:
             break
         before = problem.sigmas
         problem = replace(problem, sigmas={name: max(s, 1e-9) for name, s in problem.spread(z).items()})
-        if turn and all(abs(problem.sigmas[name] / before[name] - 1.0) < 0.02 for name in before):
+        if near and all(abs(problem.sigmas[name] / before[name] - 1.0) < 0.02 for name in before):
             break
     assert result is not None
     return Minimum(z, problem, float(result.cost), str(result.message))

@@ -8,7 +8,7 @@ first. What makes the residuals clearly smaller, and has values with a meaning, 
 """
 
 from collections import ChainMap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -71,6 +71,7 @@ class Addition(NamedTuple):
         worth: part of the cost that it must save; load transfer, which goes with the speed as much else does, more than
             others, and roll, four numbers, most.
         delay: it is tried where the dead time of the steering is longer so far [s].
+        fades: parameter that loses its meaning where a later addition explains the same better: then it is dropped.
     """
 
     words: str
@@ -78,6 +79,7 @@ class Addition(NamedTuple):
     options: Mapping[str, Any] = MappingProxyType({})
     worth: float = 0.01
     delay: float = -np.inf
+    fades: str = ""
 
 
 class Structure(NamedTuple):
@@ -92,7 +94,7 @@ class Structure(NamedTuple):
 
     model: ModelSpec
     choices: dict[str, Choice]
-    start: Mapping[str, float] | None = None
+    start: Minimum | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -112,32 +114,50 @@ def choose_structure(
     options = replace(options, bootstrap=0, profile=False)
     few = replace(options, iterations=min(options.iterations, MOST))
     least = first = _solve(data, best, options, None)
-    notes: list[str] = []
+    kept: list[Addition] = []
+    notes: dict[str, str] = {}
     asked: dict[str, Structure] = {}
     for added in left_open * PASSES:
         if asked.get(added.words) is best or _has(best, added):
             continue
-        if not least.problem.values(least.z)["steering_delay"] > added.delay:
+        if not least.values["steering_delay"] > added.delay:
             continue
         asked[added.words] = best
         if not _promises(data, best, least, added, options):
             continue
-        tried = best._replace(
-            model=replace(model, options={**best.model.options, **added.options}),
-            choices={**best.choices, **added.choices},
-        )
+        wanted = [*kept, added]
         try:
-            found = _solve(data, tried, few, least)
+            found = _solve(data, _made(model, choices, wanted), few, least)
+            if any(_has_faded(found, one) for one in kept):
+                wanted = [one for one in wanted if one is added or not _has_faded(found, one)]
+                found = _solve(data, _made(model, choices, wanted), few, least)
         except RunError:
             continue
         saves = found.cost < (1.0 - added.worth) * least.cost
         if saves and _has_meaning(found, first) and _frictions_are_known(found, options):
             saved = 100.0 * (1.0 - found.cost / least.cost)
-            notes.append(
+            notes[added.words] = (
                 f"left open by the study, wanted by the training drives: {added.words} ({saved:.2g} % less misfit)"
             )
-            best, least = tried, found
-    return best._replace(start=least.problem.values(least.z), notes=tuple(notes))
+            kept = wanted
+            best, least = _made(model, choices, wanted), found
+    return best._replace(start=least, notes=tuple(notes[one.words] for one in kept))
+
+
+def _made(model: ModelSpec, choices: Mapping[str, Choice], wanted: Sequence[Addition]) -> Structure:
+    """A structure with additions; of two with the same option, as laws of the tyres, the last counts."""
+    options, more = dict(model.options), dict(choices)
+    for one in wanted:
+        options |= one.options
+        more |= one.choices
+    return Structure(replace(model, options=options), more)
+
+
+def _has_faded(found: Minimum, added: Addition) -> bool:
+    """Whether an addition has lost its meaning."""
+    if not added.fades:
+        return False
+    return found.values[added.fades] <= found.problem.model.plausible(added.fades, found.values)[0]
 
 
 def _has(best: Structure, added: Addition) -> bool:
@@ -187,7 +207,7 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
     if not slips:
         return
     if "relaxation" not in model.options and not any(name.startswith("relaxation") for name in choices):
-        yield Addition("tyres that relax", options={"relaxation": "shared"})
+        yield Addition("tyres that relax", options={"relaxation": "shared"}, fades="relaxation")
     # A vehicle has values of roll, for a study that asks for it.
     told = "yaw_inertia" in choices and choices["yaw_inertia"].given is not None
     asked = model.options.get("outputs") or ("lateral_acceleration", "vy")
@@ -223,7 +243,7 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
 def _has_meaning(found: Minimum, first: Minimum) -> bool:
     """Whether what was added has values that a vehicle can have."""
     plain, now = ({one.info.name for one in each.problem.free} for each in (first, found))
-    values = found.problem.values(found.z)
+    values = found.values
     for name in now - plain:
         least, most = LAGS if name == "steering_lag" else found.problem.model.plausible(name, values)
         if not least < values[name] < most:
@@ -242,7 +262,7 @@ def _frictions_are_known(found: Minimum, options: EstimatorOptions) -> bool:
         shift = np.zeros_like(found.z)
         shift[i] = 2.0 * sigmas[i]
         low, high = (found.problem.values(found.z + sign * shift)[names[i]] for sign in (-1.0, 1.0))
-        if not high - low < 2.0 * KNOWN * found.problem.values(found.z)[names[i]]:
+        if not high - low < 2.0 * KNOWN * found.values[names[i]]:
             return False
     return True
 
@@ -291,7 +311,7 @@ def _solve(data: DataSet, tried: Structure, options: EstimatorOptions, first: Mi
         return minimise(begun.problem, options, begun.z, close=1e-4)
     values = {one.info.name: one.info.guess for one in unknowns}
     same = {one.info.name for one in first.problem.free}
-    values |= {name: value for name, value in first.problem.values(first.z).items() if name in same}
+    values |= {name: value for name, value in first.values.items() if name in same}
     if "steering_lag" not in same and "steering_lag" in {one.info.name for one in problem.free}:
         part = 0.3 * max(values["steering_delay"], 0.02)  # what was taken for a dead time is a lag in part
         values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}

@@ -286,9 +286,10 @@ class SingleTrackModel(Model):
         if self._damped_late:
             found.append((x[3] - x[4]) / np.maximum(p["roll_damper_time"], _SLIPPING * self.fine))
         if self._relaxation:
-            v = np.maximum(u[1], self._v1)
+            v, least = np.maximum(u[1], self._v1), _SLIPPING * self.fine
             for i, (length, slip) in enumerate(zip(self._lengths, slips, strict=True)):
-                time = np.maximum(p[length] / v, _SLIPPING * self.fine)
+                # What the integration can follow, without a corner, at which a search would stay.
+                time = least * (1.0 + (p[length] / (v * least)) ** 8) ** 0.125
                 found.append((slip - x[self._slips + i]) / time)
         if self._yields:
             moment = -p["trail_front"] * forces[0] - p["steering_inertia"] * (u[4] + turn)
@@ -407,7 +408,7 @@ class SingleTrackModel(Model):
             "accelerometer_tilt": (-0.5, 2.5),
             **dict.fromkeys(_LATE.values(), (-0.06, 0.06)),
             **dict.fromkeys(("velocity_height", "accelerometer_height"), (-0.5 * (a + b), a + b)),
-            **dict.fromkeys(self._lengths, (-np.inf, 0.5 * (a + b))),
+            **dict.fromkeys(self._lengths, (0.02 * (a + b), 0.5 * (a + b))),
         }
         return ranges.get(name, (-np.inf, np.inf))
 
