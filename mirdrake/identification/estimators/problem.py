@@ -40,6 +40,7 @@ class Problem:
     joined: float | None = None
     _shots: list[Shots] = field(init=False, repr=False)
     _last: tuple[bytes, list[Sensitivity]] | None = field(default=None, init=False, repr=False)
+    _closed: bytes = field(default=b"", init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.free = [one for one in self.unknowns if one.kind != "fixed"]
@@ -99,6 +100,7 @@ class Problem:
     def _run(self, z: Array, *, derivatives: bool) -> list[Sensitivity] | None:
         if self._last is not None and self._last[0] == z.tobytes():
             return self._last[1]
+        closed, self._closed = z.tobytes() == self._closed, b""
         base = self.values(z)
         columns = [base]
         if derivatives:
@@ -109,13 +111,16 @@ class Problem:
         for k, (shots, start) in enumerate(zip(self._shots, self._starts, strict=True)):
             at = len(self.free) + len(self.sensors) + k * size
             first = start + scales * z[at : at + size]
-            run = simulate(self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives)
+            run = simulate(
+                self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives, closed=closed
+            )
             if run is None:  # once more, from what was measured
                 shots.nodes = cut(self.model, shots.drive, base).nodes
                 run = simulate(self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives)
             if run is None:
                 return None
             found.append(run)
+        self._closed = z.tobytes()
         if derivatives:
             self._last = (z.tobytes(), found)
         return found

@@ -132,6 +132,7 @@ def simulate(
     *,
     changes: float = _NUDGE,
     derivatives: bool = True,
+    closed: bool = False,
 ) -> Sensitivity | None:
     """The trajectory of a drive from its first state.
 
@@ -142,6 +143,7 @@ def simulate(
         first: first state (states).
         changes: what the columns behind the first are changed by.
         derivatives: whether to work out the derivatives, too.
+        closed: whether the nodes are those that an earlier call with the same numbers left.
 
     Returns:
         None if the states grow beyond all bounds.
@@ -163,11 +165,11 @@ def simulate(
         p = {name: np.array([[one[name]] for one in all_sets]) for name in names}
         return x, _inputs(model, shots, all_sets, [True] * (1 + size) + list(same)), p
 
-    base = [columns[0]]
-    closed = False
+    closed = closed and derivatives
     with np.errstate(all="ignore"):
-        x, u, p = batch(base, [])
-        for _ in range(25):
+        if not closed:
+            x, u, p = batch(columns[:1], [])
+        for _ in range(0 if closed else 25):
             x = np.repeat(nodes[:, None, :], 1 + size, axis=1)
             for i in range(size):
                 x[i, 1 + i] += _NUDGE * scales[i]
