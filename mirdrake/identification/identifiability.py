@@ -25,6 +25,9 @@ by the noise; such a bias does not shrink in longer logs."""
 TOGETHER = 0.95
 """Correlation from which on two parameters are not told apart."""
 
+BY_FACTOR = 0.5
+"""Half of an interval of a logarithm from which on it is told as a factor."""
+
 GIVEN = 0.05
 """Difference from the given value that matters, relative or over what is a large change."""
 
@@ -99,12 +102,12 @@ def _judge(
     if bound is not None:
         verdict: Verdict = "not identifiable"
         side, edge = ("lower", info.low) if bound == "low" else ("upper", info.high)
-        words = f"stands at its {side} bound of {edge:.4g} {info.unit}"
+        words = f"stands at its {side} bound of {_told(edge, info.unit)}"
     elif not span <= WEAK:
         verdict, words = "not identifiable", f"known to {_percent(one, sigma)} only"
     elif odd and (model_error or span > IDENTIFIED):
         verdict = "not identifiable"
-        words = f"{value:.4g} {info.unit} has no physical meaning (usual: {least:.4g} to {most:.4g}); "
+        words = f"{_told(value, info.unit)} has no physical meaning (usual: {least:.4g} to {most:.4g}); "
         words += "the model is bent to the log"
     elif span > IDENTIFIED or (doubtful > noise and span > DOUBTFUL):
         verdict, words = "weakly identified", f"known to {_percent(one, sigma)}"
@@ -124,9 +127,8 @@ def _judge(
         apart = abs(one.to_scaled(one.given) - scaled) if one.given > 0.0 or not one.logarithmic else math.inf
         if apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0)):
             verdict = "contradicts the given value"
-            words += (
-                f"; the given {one.given:.4g} {info.unit} lies outside of the interval; neither is proven wrong by this"
-            )
+            words += f"; the given {_told(one.given, info.unit)} lies outside of the interval"
+            words += "; neither is proven wrong by this"
     if one.kind == "prior" and one.prior is not None:
         shrunk = noise * one.slope(value) / one.prior[1]
         words += f"; its prior holds it, the log adds {'little' if shrunk > 0.9 else 'to it'}" if shrunk > 0.5 else ""
@@ -140,8 +142,10 @@ def _judge(
 
 def _percent(one: Unknown, sigma: float) -> str:
     if one.logarithmic:
-        return f"± {196.0 * sigma:.2g} %" if sigma < 3.0 else "no better than a factor of 300"
-    return f"± {1.96 * sigma * one.info.scale:.2g} {one.info.unit}"
+        if 1.96 * sigma > BY_FACTOR:
+            return f"a factor of {math.exp(1.96 * sigma):.2g}" if sigma < 3.0 else "no better than a factor of 300"
+        return f"± {196.0 * sigma:.2g} %"
+    return f"± {_told(1.96 * sigma * one.info.scale, one.info.unit, 2)}"
 
 
 def combinations(
@@ -197,6 +201,11 @@ def combinations(
     return tuple(texts)
 
 
+def _told(number: float, unit: str, digits: int = 4) -> str:
+    """A number with its unit; a plain one has none."""
+    return f"{number:.{digits}g}" + (f" {unit}" if unit != "1" else "")
+
+
 def _together(parts: Sequence[tuple[Unknown, float]], sigma: float) -> str:
     """A direction of the scaled parameters in words: a product of powers, or a sum if one of them may be zero."""
     plain = [(one, weight) for one, weight in parts if not one.logarithmic]
@@ -212,7 +221,7 @@ def _together(parts: Sequence[tuple[Unknown, float]], sigma: float) -> str:
         per = unit if one.logarithmic else _over(unit, one.info.unit)
         name = f"ln({one.info.name})" if one.logarithmic else one.info.name
         text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {per}{' ' if per else ''}{name}"
-    return f"{text}: known to ± {1.96 * sigma * scale:.2g} {unit}"
+    return f"{text}: known to ± {_told(1.96 * sigma * scale, unit, 2)}"
 
 
 def _over(unit: str, other: str) -> str:
