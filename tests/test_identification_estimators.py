@@ -20,7 +20,7 @@ from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import first_order, second_order
 from mirdrake.identification.online import OnlineSettings, filter_log
 from mirdrake.identification.parameters import Choice, Parameter, Unknown, choose
-from mirdrake.identification.validation import input_correlation, nrmse, whiteness
+from mirdrake.identification.validation import best_nrmse, input_correlation, nrmse, whiteness
 from mirdrake.single_track import SingleTrackParameters
 from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_data, exact, lateral_data, lateral_log
 
@@ -388,6 +388,16 @@ def test_validation_figures():
     assert whiteness(np.convolve(white, np.ones(3), "same")) < 1e-6
     assert input_correlation(white, [wave]) > 0.01
     assert input_correlation(white + 0.3 * wave, [wave]) < 0.01
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.5])
+def test_the_best_fit_is_that_of_a_model_which_leaves_the_noise(noise):
+    time = np.arange(0.0, 60.0, 0.01)
+    exact_ = np.sin(3.0 * time) + (time > 20.0)  # motion with a corner
+    seen = exact_ + np.random.default_rng(1).normal(0.0, noise, len(time))
+    assert best_nrmse(seen) == pytest.approx(nrmse(seen, exact_), abs=0.02 * (100.0 - nrmse(seen, exact_)))
+    assert best_nrmse(np.append(seen, np.nan)) == pytest.approx(best_nrmse(seen), abs=1e-9)
+    assert np.isnan(best_nrmse(np.ones(100)))
 
 
 @pytest.mark.parametrize(

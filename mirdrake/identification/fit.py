@@ -67,6 +67,7 @@ class ChannelFit:
         channel: name of the channel.
         unit: of it.
         nrmse_percent: 100 (1 - |y - model| / |y - mean y|) [%].
+        best_percent: what the noise of the sensor leaves of that at most [%].
         rms: of the residual [unit].
         whiteness_p: probability of such residuals if they were white (Ljung-Box) [1].
         input_correlation_p: probability of such correlation with the inputs if there were none [1].
@@ -77,6 +78,7 @@ class ChannelFit:
     channel: str
     unit: str
     nrmse_percent: float
+    best_percent: float
     rms: float
     whiteness_p: float | None = None
     input_correlation_p: float | None = None
@@ -156,9 +158,10 @@ class Fit:
         lines = [f"{self.name}: {self.model}, {self.estimator}", "", *_columns(rows), ""]
         lines += [f"{one.name}: {one.words}" for one in self.parameters if one.words and one.kind != "fixed"]
         if self.channels:
-            rows = [("log", "part", "channel", "fit %", "rms", "unit", "white p", "inputs p")]
+            rows = [("log", "part", "channel", "fit %", "at most", "rms", "unit", "white p", "inputs p")]
             rows += [
-                (one.log, one.part, one.channel, f"{one.nrmse_percent:.1f}", _number(one.rms), one.unit,
+                (one.log, one.part, one.channel, f"{one.nrmse_percent:.1f}", f"{one.best_percent:.0f}",
+                 _number(one.rms), one.unit,
                  _number(one.whiteness_p, "", 2), _number(one.input_correlation_p, "", 2))
                 for one in self.channels
             ]  # fmt: skip
@@ -213,7 +216,7 @@ def load_fit(folder: Path | str) -> Fit:
         raise ConfigError(f"{file}: is not of format '{FORMAT}'; run the study again")
     try:
         content["parameters"] = tuple(FittedParameter(**one) for one in content["parameters"])
-        content["channels"] = tuple(ChannelFit(**one) for one in content["channels"])
+        content["channels"] = tuple(_channel_fit(one) for one in content["channels"])
         content["correlation"] = np.array(content["correlation"], dtype=np.float64).reshape(
             len(content["correlation"]), -1
         )
@@ -253,6 +256,12 @@ def _plain(value: Any) -> Any:
 def half_width(sigma: float | None) -> str:
     """Of a 95 % interval, by a standard deviation; empty if there is none."""
     return _number(None if sigma is None else 1.96 * sigma, "", 2)
+
+
+def _channel_fit(content: Mapping[str, Any]) -> ChannelFit:
+    """As it was saved, where what is no number is none."""
+    numbers = {name: math.nan for name in ("nrmse_percent", "best_percent", "rms") if content[name] is None}
+    return ChannelFit(**{**content, **numbers})
 
 
 def _number(value: float | None, none: str = "open", digits: int = 4) -> str:

@@ -20,6 +20,22 @@ def nrmse(measured: Array, model: Array) -> float:
     return float("nan") if spread == 0.0 else 100.0 * (1.0 - float(np.linalg.norm(off)) / spread)
 
 
+def best_nrmse(measured: Array) -> float:
+    """The fit that noise of the sensor leaves at most [%]: of a model that is off by nothing but it; NaN: as nrmse.
+
+    White noise shows in the third differences, with 20 times its variance, and smooth motion does not (J. von Neumann
+    and others, The mean square successive difference, Annals of Mathematical Statistics 12, 1941, for the first ones).
+    Noise that was filtered is larger than that.
+    """
+    y = measured[np.isfinite(measured)]
+    if len(y) < 8 or np.ptp(y) == 0.0:
+        return float("nan")
+    away = np.abs(np.diff(y, 3))
+    away = np.minimum(away, 6.0 * float(np.median(away)))  # corners of the motion are no noise
+    noise = float(np.sqrt(np.mean(away**2) / 20.0))
+    return 100.0 * max(1.0 - noise / float(np.std(y)), 0.0)
+
+
 def whiteness(residual: Array, lags: int = _LAGS) -> float:
     """Probability of the autocorrelation of residuals if they were white (Ljung-Box).
 

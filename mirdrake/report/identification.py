@@ -285,7 +285,7 @@ def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
     worst = min(fits, key=lambda one: one.nrmse_percent)
-    return f"the worst channel, {worst.channel} of {worst.log}"
+    return f"the worst channel, {worst.channel} of {worst.log}; its noise leaves {worst.best_percent:.0f} % at most"
 
 
 def _number(value: float | None, none: str = "–") -> str:

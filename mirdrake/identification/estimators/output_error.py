@@ -24,7 +24,7 @@ from mirdrake.identification.models.base import Array, Drive, Effect, Model, Mod
 from mirdrake.identification.models.registry import make_model
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.parameters import Choice, Unknown, choose
-from mirdrake.identification.validation import input_correlation, nrmse, whiteness
+from mirdrake.identification.validation import best_nrmse, input_correlation, nrmse, whiteness
 
 
 def fit(
@@ -235,7 +235,7 @@ def _fits(model: Model, log: Log, pairs: Sequence[tuple[Drive, Array]]) -> list[
         inputs = [np.concatenate([drive.inputs[key] for drive, _ in pairs]) for key in model.inputs]
         found.append(
             ChannelFit(
-                log.name, log.use, name, channel(name).unit, nrmse(seen, shown),  # type: ignore[arg-type]
+                log.name, log.use, name, channel(name).unit, nrmse(seen, shown), best_nrmse(seen),  # type: ignore[arg-type]
                 float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan"),
                 whiteness(off), input_correlation(off, inputs),
             )
