@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -384,3 +385,20 @@ def test_tyres_that_brake_hold_less_to_the_side(tyres):
     assert found == pytest.approx(wanted, rel=0.02 if tyres == "magic_formula" else 1e-9)
     locked = model._forces(np.zeros(2), inputs * 10.0, slips, p)
     assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)
+
+
+def test_a_drive_in_shots_is_that_in_one():
+    """Gaps between shots are closed to first order at last: what is left is far below what any sensor sees."""
+    model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
+    (drive,), _ = make_drives(model, lateral_data().logs, None)
+    p = {info.name: info.guess for info in model.parameters}
+    shots = cut(model, drive, p)
+    assert shots.count > 20
+    first = shots.nodes[:, 0].copy()
+    many = simulate(model, shots, [p], first, derivatives=False)
+    whole = replace(shots, count=1, length=drive.size, nodes=first[:, None])
+    one = simulate(model, whole, [p], first, derivatives=False)
+    assert many is not None
+    assert one is not None
+    for y, whole_y in zip(many.y, one.y, strict=True):
+        assert y == pytest.approx(whole_y, abs=1e-7 * float(np.ptp(whole_y)))

@@ -22,8 +22,8 @@ from mirdrake.identification.models.simulated import SimulatedModel
 _NUDGE = 1e-5
 """Relative change of a state or a scaled parameter for a derivative."""
 
-_CLOSED = 1e-7
-"""Gap between shots, over the scale of the state, that is closed."""
+_CLOSED = 1e-4
+"""Gap between shots, over the scale of the state, whose last part is closed to first order: its square is nothing."""
 
 _SHARE = 0.3
 """Samples of a shot over √n: a step of long arrays takes little more than one of short ones [1]."""
@@ -78,7 +78,6 @@ class Sensitivity:
         y: outputs (outputs, n).
         by_parameters: their derivatives (outputs, n, parameters), by scaled parameters.
         by_start: their derivatives by the first state (outputs, n, states).
-        states: (states, n).
         last: state behind the last sample (states).
         last_by: its derivatives by parameters and first state (states, parameters + states).
     """
@@ -86,7 +85,6 @@ class Sensitivity:
     y: Array
     by_parameters: Array
     by_start: Array
-    states: Array
     last: Array
     last_by: Array
 
@@ -166,6 +164,7 @@ def simulate(
         return x, _inputs(model, shots, all_sets, [True] * (1 + size) + list(same)), p
 
     closed = closed and derivatives
+    moved = np.zeros((size, count))  # nodes since the path was integrated
     with np.errstate(all="ignore"):
         if not closed:
             x, u, p = batch(columns[:1], [])
@@ -191,7 +190,7 @@ def simulate(
             # Far from the solution a full step may leave the range of the model.
             nodes += shift * min(1.0, 20.0 / max(most, 1e-12))
             if most < _CLOSED:
-                closed = True
+                closed, moved = True, shift
                 break
         if not closed:
             return None
@@ -199,8 +198,8 @@ def simulate(
         same = [not any(one.get(name) != columns[0].get(name) for name in model.through) for one in columns[1:]]
         if derivatives:
             x, u, p = batch(columns, same)
-            path = _integrate(model, shots, x, u, p)
-        return _chain(model, shots, path, u, p, len(columns) - 1 if derivatives else 0, changes)
+            path, moved = _integrate(model, shots, x, u, p), np.zeros((size, count))
+        return _chain(model, shots, path, u, p, len(columns) - 1 if derivatives else 0, changes, moved)
 
 
 def _whole_runs(
@@ -229,13 +228,13 @@ def _whole_runs(
             if run is None:
                 return None
             by[:, :, k], last_by[:, k] = (run[0] - y) / step, (run[1] - last) / step
-    return Sensitivity(y, by[..., :free], by[..., free:], np.empty((size, 0)), last, last_by)
+    return Sensitivity(y, by[..., :free], by[..., free:], last, last_by)
 
 
 def _chain(
-    model: Model, shots: Shots, path: Array, u: Array, p: Mapping[str, Array], free: int, changes: float
+    model: Model, shots: Shots, path: Array, u: Array, p: Mapping[str, Array], free: int, changes: float, nodes: Array
 ) -> Sensitivity | None:
-    """From the batch to derivatives along the whole drive."""
+    """From the batch, and what its nodes were moved by since (states, shots), to derivatives along the whole drive."""
     scales = np.array(model.state_scales)
     size, n, count = len(scales), shots.drive.size, shots.count
     inside = np.moveaxis(path[:-1], 0, -1)  # states, columns, shots, samples
@@ -260,6 +259,7 @@ def _chain(
     if free:
         total[..., :free] += np.moveaxis(by_free, 1, -1)
     total = total.reshape(outputs, -1, free + size)[:, :n]
-    whole = y[:, 0].reshape(outputs, -1)[:, :n]
-    states = inside[:, 0].reshape(size, -1)[:, :n]
-    return Sensitivity(whole, total[..., :free], total[..., free:], states, ends[:, 0, -1], moved[count])
+    shown = y[:, 0] + np.einsum("oskn,sk->okn", by_state, nodes)
+    last = ends[:, 0, -1] + phi[:, :, -1] @ nodes[:, -1]
+    whole = shown.reshape(outputs, -1)[:, :n]
+    return Sensitivity(whole, total[..., :free], total[..., free:], last, moved[count])
