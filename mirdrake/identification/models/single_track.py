@@ -102,7 +102,7 @@ _DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of what part of drive and brak
 _LATENESS = 0.01  # of the instrument of vy, a second one: a sample at 100 Hz [s]
 _LATE = {channel: name for channel, name, _ in DELAYS}
 _GAIN = 0.01  # of roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
-_ROLL_STEER = 0.05  # of an axle over roll, with the camber thrust of its wheels [1]
+_ROLL_STEER = 0.05  # of an axle over roll: half of what camber thrust is worth in the Ford Escort of CommonRoad [1]
 _OF_ROLL = {
     "roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "accelerometer_height", "velocity_height",
 }  # fmt: skip
