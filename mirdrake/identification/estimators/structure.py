@@ -115,7 +115,7 @@ def choose_structure(
     few = replace(options, iterations=min(options.iterations, MOST))
     least = first = _solve(data, best, options, None)
     kept: list[Addition] = []
-    notes: dict[str, str] = {}
+    notes: list[tuple[str, str]] = []
     asked: dict[str, Structure] = {}
     for added in left_open * PASSES:
         if asked.get(added.words) is best or _has(best, added):
@@ -125,27 +125,27 @@ def choose_structure(
         asked[added.words] = best
         if not _promises(data, best, least, added, options):
             continue
-        wanted = [*kept, added]
+        wanted = [*(one for one in kept if not {*one.options} & {*added.options}), added]
         try:
             found = _solve(data, _made(model, choices, wanted), few, least)
-            if any(_has_faded(found, one) for one in kept):
-                wanted = [one for one in wanted if one is added or not _has_faded(found, one)]
+            faded = {one.words for one in kept if _has_faded(found, one)}
+            if faded:
+                wanted = [one for one in wanted if one.words not in faded]
                 found = _solve(data, _made(model, choices, wanted), few, least)
         except RunError:
             continue
         saves = found.cost < (1.0 - added.worth) * least.cost
         if saves and _has_meaning(found, first) and _frictions_are_known(found, options):
             saved = 100.0 * (1.0 - found.cost / least.cost)
-            notes[added.words] = (
-                f"left open by the study, wanted by the training drives: {added.words} ({saved:.2g} % less misfit)"
-            )
+            text = f"left open by the study, wanted by the training drives: {added.words} ({saved:.2g} % less misfit)"
+            notes = [*(note for note in notes if note[0] not in faded), (added.words, text)]
             kept = wanted
             best, least = _made(model, choices, wanted), found
-    return best._replace(start=least, notes=tuple(notes[one.words] for one in kept))
+    return best._replace(start=least, notes=tuple(text for _, text in notes))
 
 
 def _made(model: ModelSpec, choices: Mapping[str, Choice], wanted: Sequence[Addition]) -> Structure:
-    """A structure with additions; of two with the same option, as laws of the tyres, the last counts."""
+    """A structure with additions."""
     options, more = dict(model.options), dict(choices)
     for one in wanted:
         options |= one.options
