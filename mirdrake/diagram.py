@@ -15,6 +15,7 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 ``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.diagram_parts`.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -41,6 +42,9 @@ from mirdrake.worlds import Start
 from mirdrake.yaml_io import Source, where
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
+
+DRAWING_PERIOD = 1.0 / 32.0
+"""Simulated time between two pictures of a live view [s]."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +105,20 @@ def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshca
     Raises:
         ConfigError, ModelError, WorldError, DiagramError: what is wrong, on one line each.
     """
-    return assemble(spec, meshcat=meshcat).diagram
+    return assemble(spec, meshcat=meshcat, drawing_period=DRAWING_PERIOD).diagram
 
 
-def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None) -> Assembly:
-    """The same as :func:`make_diagram`, with the handles that a run needs."""
+def assemble(
+    spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None, drawing_period: float = math.inf
+) -> Assembly:
+    """Return the diagram of :func:`make_diagram` with the handles that a run needs.
+
+    Args:
+        spec: see :func:`make_diagram`.
+        meshcat: see :func:`make_diagram`.
+        drawing_period: simulated time between the visualizer's own drawings [s]. By default it draws at time 0 and when
+            its ``ForcedPublish`` is called: an exception of Meshcat within a step would end the simulation.
+    """
     if isinstance(spec, str):
         spec = load_diagram(spec)
     elif isinstance(spec, Mapping):
@@ -144,7 +157,7 @@ def assemble(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | 
 
     visualizer = None
     if meshcat is not None:
-        params = MeshcatVisualizerParams(publish_period=1.0 / 32.0, delete_on_initialization_event=False)
+        params = MeshcatVisualizerParams(publish_period=drawing_period, delete_on_initialization_event=False)
         visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
         lidars = {name: system for name, system in wiring.systems.items() if isinstance(system, Lidar)}
         add_cloud_overlays(builder, meshcat, lidars)

@@ -159,13 +159,19 @@ class CloudOverlay(LeafSystem):
         height: float = 3.0,
     ) -> None:
         super().__init__()
-        self._meshcat, self._path, self._size, self._height = meshcat, path, point_size, height
+        self._meshcat: Meshcat | None = meshcat
+        self._path, self._size, self._height = path, point_size, height
         self.cloud = self.DeclareAbstractInputPort("cloud", AbstractValue.Make(scan))
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._draw)
 
     def _draw(self, context: Context) -> EventStatus:
-        show_points(self._meshcat, self._path, self.cloud.Eval(context).points_in_world(),
-                    point_size=self._size, height=self._height)  # fmt: skip
+        if self._meshcat is None:
+            return EventStatus.DidNothing()
+        points = self.cloud.Eval(context).points_in_world()
+        try:
+            show_points(self._meshcat, self._path, points, point_size=self._size, height=self._height)
+        except RuntimeError:  # Meshcat has ended; the simulation goes on
+            self._meshcat = None
         return EventStatus.Succeeded()
 
 

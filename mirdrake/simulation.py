@@ -16,7 +16,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus, System
 
-from mirdrake.diagram import Assembly, DiagramSpec, assemble
+from mirdrake.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run, RunWriter, read_signals
 from mirdrake.recorder import Blocks, Events, Recorder, vector_sensors
@@ -120,6 +120,9 @@ class Simulation:
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
         watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
+        view = _View(assembly) if assembly.visualizer is not None else None
+        if view is not None:
+            watchers.append(view)
         if self._friction.varies:
             self._friction.start()
             watchers.insert(0, self._friction.watch)
@@ -153,8 +156,10 @@ class Simulation:
         elif failure is not None:
             events.add(simulated, "failure", failure)
 
-        if assembly.visualizer is not None:
-            assembly.diagram.ForcedPublish(context)
+        if view is not None:
+            view.draw(context)
+            if view.failed:
+                events.add(view.failed_at, "view", "Meshcat has ended; the run went on without its page")
         figures = partial(make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason)
         recorded = recorder.counts() if recorder is not None else {}
         table, summary = None, {}
@@ -276,6 +281,39 @@ def _failure(error: Exception) -> str:
         return text
     file = Path(frame.tb_frame.f_code.co_filename)
     return text if file.is_relative_to(Path(__file__).parent) else f"{shown(file)}:{frame.tb_lineno}: {text}"
+
+
+class _View:
+    """Draws a run in Meshcat, outside of the simulator's events, until Meshcat ends.
+
+    Args:
+        assembly: with a visualizer.
+
+    Attributes:
+        failed: whether Meshcat has ended.
+        failed_at: simulated time at which it was noticed [s].
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._visualizer = assembly.visualizer
+        self._next = 0.0
+        self.failed, self.failed_at = False, 0.0
+
+    def __call__(self, context: Context) -> None:
+        """Draw, if it is time to."""
+        time = context.get_time()
+        if time >= self._next:
+            self._next = time + DRAWING_PERIOD
+            self.draw(context)
+
+    def draw(self, context: Context) -> None:
+        """Draw the state of a Context of the whole diagram."""
+        if self.failed or self._visualizer is None:
+            return
+        try:
+            self._visualizer.ForcedPublish(self._visualizer.GetMyContextFromRoot(context))
+        except RuntimeError:
+            self.failed, self.failed_at = True, context.get_time()
 
 
 def _watch(

@@ -17,14 +17,13 @@ import pytest
 from mirdrake.viewer.cockpit import OpenCockpit, drive_spec
 
 PAGE = r"""
-import base64, http.client, json, os, re, socket, sys, threading, time
-port = int(sys.argv[1])
+import base64, http.client, json, os, socket, sys, threading, time
+from urllib.parse import urlsplit
+port, path = urlsplit(sys.argv[1]).port, urlsplit(sys.argv[1]).path
 connection = http.client.HTTPConnection("127.0.0.1", port)
-connection.request("GET", "/", headers={"Host": f"localhost:{port}"})
-token = re.search(rb'"token": "(\w+)"', connection.getresponse().read())[1].decode()
 pictures = socket.create_connection(("127.0.0.1", port))
 key = base64.b64encode(os.urandom(16)).decode()
-pictures.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+pictures.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                  f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
 received = [0]
 def take():
@@ -34,8 +33,7 @@ threading.Thread(target=take, daemon=True).start()
 end = time.monotonic() + float(sys.argv[2])
 while time.monotonic() < end:
     message = {"page": "p", "throttle": 0.2, "steer": 0.5, "active": True}
-    connection.request("POST", "/report", json.dumps(message),
-                       {"Host": f"localhost:{port}", "X-Mirdrake-Token": token})
+    connection.request("POST", f"{path}report", json.dumps(message), {"Host": f"localhost:{port}"})
     connection.getresponse().read()
     time.sleep(0.033)
 print(received[0])
@@ -60,8 +58,8 @@ def drive_with_everything(data: dict[str, Any], *, seconds: float) -> tuple[floa
         assert drive.overlays is not None
         for layer in drive.overlays.there:
             drive.order({"do": "layer", "name": layer, "on": True})
-        port = cockpit.url.rstrip("/").rpartition(":")[2]
-        page = subprocess.Popen([sys.executable, "-c", PAGE, port, str(seconds + 2.0)], stdout=subprocess.PIPE)
+        url = cockpit.url
+        page = subprocess.Popen([sys.executable, "-c", PAGE, url, str(seconds + 2.0)], stdout=subprocess.PIPE)
         cockpit.run(duration=2.0)
         began, cpu, first, others = time.monotonic(), time.process_time(), drive.told["time"], busy()
         cockpit.run(duration=seconds)

@@ -144,6 +144,9 @@ def _print_summary(run: "Run") -> None:
     factor = summary["real_time_factor"] or 0.0
     print(f"{summary['diagram']}: {summary['simulated_s']:g} s in {summary['wall_s']:g} s ({factor:g} x real time)")
     reason = summary["stop_reason"]
+    for event in run.events:
+        if event["kind"] == "view":
+            print(f"  {event['text']}")
     texts = {
         "duration": "its whole duration",
         "interrupted": "interrupted; what was done is kept",

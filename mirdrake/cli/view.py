@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.logs import load_run
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
+    from mirdrake.viewer.meshcat import make_offline_meshcat, meshcat_faults
     from mirdrake.viewer.recording import draw_run, views_of
     from mirdrake.viewer.show import views_of_diagram, write_page
     from mirdrake.viewer.views import ViewButtons
@@ -50,25 +50,26 @@ def run(options: argparse.Namespace) -> int:
     layers = [f"--{name.replace('_', '-')}" for name in ("frames", "collision", "no_meshes") if getattr(options, name)]
     if layers and kind != "models":
         raise ConfigError(f"{', '.join(layers)}: for a vehicle only; '{options.name}' is none")
+    make = make_meshcat if options.out is None else make_offline_meshcat
     sliders: Any = None
     diagram: Any = None
     views: tuple[Any, ...] = ()
     if kind == "runs":
         run = load_run(options.name)
-        meshcat = make_meshcat(world=WorldEntry(**run.spec["world"]).load())
+        meshcat = make(world=WorldEntry(**run.spec["world"]).load())
         draw_run(run, meshcat)
         views = views_of(run)
     elif kind == "diagrams":
         spec = load_diagram(options.name)
-        meshcat = make_meshcat(world=spec.world.load())
+        meshcat = make(world=spec.world.load())
         diagram = show_diagram(spec, meshcat)
         views = views_of_diagram(spec)
     elif kind == "worlds":
         world = load_world(options.name)
-        meshcat = make_meshcat(world=world)
+        meshcat = make(world=world)
         diagram = show_world(world, meshcat)
     else:
-        meshcat = make_meshcat(world=load_world("empty"))
+        meshcat = make(world=load_world("empty"))
         diagram, sliders = show_vehicle(
             load_vehicle(options.name),
             meshcat,
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         print(shown(options.out))
         return 0
     print(f"Meshcat: {meshcat.web_url()}  (Ctrl-C ends)", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(KeyboardInterrupt), meshcat_faults():
         if sliders is not None:
             sliders.Run(diagram, stop_button_keycode="Escape")
         elif views:
@@ -90,5 +91,7 @@ def run(options: argparse.Namespace) -> int:
                 buttons.follow()
                 time.sleep(0.05)
         else:
-            signal.pause()
+            while True:
+                meshcat.GetNumActiveConnections()
+                time.sleep(0.5)
     return 0

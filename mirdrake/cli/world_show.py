@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show."""
+    from mirdrake.viewer.meshcat import meshcat_faults
     from mirdrake.viewer.show import write_page
     from mirdrake.viewer.world_view import show_found
     from mirdrake.world_checks import examine
@@ -39,12 +40,13 @@ def run(options: argparse.Namespace) -> int:
         print(f"error: {fault}", file=sys.stderr)
     if found.world is None:
         return 2
-    port = None if options.save is None else 0
-    meshcat, view = show_found(found, port=port, collision=options.collision, names=not options.no_names)
+    offline = options.save is not None
+    meshcat, view = show_found(found, offline=offline, collision=options.collision, names=not options.no_names)
     if options.save is not None:
         write_page(meshcat, options.save)
         print(shown(options.save))
         return 0
     print(f"Meshcat: {meshcat.web_url()}  (Ctrl-C ends)", flush=True)
-    view.run()
+    with meshcat_faults():
+        view.run()
     return 0

@@ -1,5 +1,6 @@
 """A camera that follows the first vehicle while a simulation runs."""
 
+import contextlib
 from math import exp, pi
 from typing import Any
 
@@ -7,11 +8,8 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import Context
 
-from mirdrake.diagram import Assembly
+from mirdrake.diagram import DRAWING_PERIOD, Assembly
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, place_camera
-
-PERIOD = 1.0 / 32.0
-"""Simulated time between two pictures [s], as that of the visualizer."""
 
 LAG = 0.5
 """Time constant with which the camera turns after the vehicle [s]."""
@@ -30,7 +28,8 @@ class FollowCamera:
         self._base: Any = next(iter(assembly.parts.vehicles.values())).base
         self._next = 0.0
         self._heading: float | None = None
-        place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
+        with contextlib.suppress(RuntimeError):  # Meshcat has ended; the simulation goes on
+            place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
 
     def __call__(self, context: Context) -> None:
         """Move the world under the camera, if it is time to.
@@ -41,14 +40,15 @@ class FollowCamera:
         time = context.get_time()
         if time < self._next:
             return
-        self._next = time + PERIOD
+        self._next = time + DRAWING_PERIOD
         X_WB = self._plant.EvalBodyPoseInWorld(self._plant.GetMyContextFromRoot(context), self._base)
         x, y, _ = X_WB.translation()
         yaw = RollPitchYaw(X_WB.rotation()).yaw_angle()
         if self._heading is None:
             self._heading = yaw
         turn = (yaw - self._heading + pi) % (2.0 * pi) - pi
-        self._heading += (1.0 - exp(-PERIOD / LAG)) * turn
+        self._heading += (1.0 - exp(-DRAWING_PERIOD / LAG)) * turn
         X_CW, X_CL = chase(x=x, y=y, yaw=self._heading)
-        self._meshcat.SetTransform(WORLD_PATH, X_CW)
-        self._meshcat.SetTransform(LIGHTS_PATH, X_CL)
+        with contextlib.suppress(RuntimeError):  # Meshcat has ended; the simulation goes on
+            self._meshcat.SetTransform(WORLD_PATH, X_CW)
+            self._meshcat.SetTransform(LIGHTS_PATH, X_CL)

@@ -21,7 +21,7 @@ from mirdrake.errors import ConfigError
 from mirdrake.logs import Run
 from mirdrake.recording.files import write_file
 from mirdrake.vehicles import Vehicle
-from mirdrake.viewer.meshcat import make_meshcat
+from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run
 from mirdrake.viewer.show import show_diagram, show_vehicle, show_world
 from mirdrake.worlds import World, load_world
@@ -73,16 +73,16 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
     if isinstance(thing, Meshcat):
         return InlineView(thing.StaticHtml(), height=height)
     if isinstance(thing, Vehicle):
-        meshcat = make_meshcat(port=0, world=load_world("empty"))
+        meshcat = make_offline_meshcat(world=load_world("empty"))
         show_vehicle(thing, meshcat, **options)
     elif isinstance(thing, World):
-        meshcat = make_meshcat(port=0, world=thing)
+        meshcat = make_offline_meshcat(world=thing)
         show_world(thing, meshcat, **options)
     elif isinstance(thing, DiagramSpec):
-        meshcat = make_meshcat(port=0, world=thing.world.load())
+        meshcat = make_offline_meshcat(world=thing.world.load())
         show_diagram(thing, meshcat, **options)
     elif isinstance(thing, Run):
-        meshcat = make_meshcat(port=0, world=WorldEntry(**thing.spec["world"]).load())
+        meshcat = make_offline_meshcat(world=WorldEntry(**thing.spec["world"]).load())
         draw_run(thing, meshcat, **options)
     else:
         raise ConfigError(

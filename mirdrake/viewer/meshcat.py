@@ -1,14 +1,16 @@
 """A Meshcat that listens on this machine only, with the sky, the sun and the camera where a driver expects them."""
 
-import logging
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import cos, pi, sin
 
-from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.errors import RunError
+from mirdrake.viewer.private_meshcat import Upstream, make_private_meshcat
+from mirdrake.viewer.server import PageServer
 from mirdrake.worlds import World
 from mirdrake.worlds.scenery import set_sky
 
@@ -17,7 +19,10 @@ WORLD_PATH, LIGHTS_PATH = "/drake", "/Lights"
 
 
 def make_meshcat(*, port: int | None = None, world: World | None = None) -> Meshcat:
-    """A Meshcat on localhost.
+    """Return a Meshcat with a page on localhost; its ``web_url()`` is the address of the page, with a token.
+
+    Meshcat itself has no port: see :mod:`mirdrake.viewer.server`. The page is served as long as the returned object
+    lives.
 
     Args:
         port: None takes the first free one from 7000 on, 0 any free one; otherwise a free port from 1024 on.
@@ -26,18 +31,70 @@ def make_meshcat(*, port: int | None = None, world: World | None = None) -> Mesh
     Raises:
         RunError: the port is taken.
     """
+    server = PageServer("Meshcat", ports=range(7000, 8000) if port is None else [port])
     try:
-        with _quietly():
-            meshcat = Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
-    except RuntimeError as error:
-        wanted = "any port" if port is None else f"port {port}"
-        reason = str(error).strip().splitlines()[0]
-        raise RunError(f"Meshcat cannot listen on {wanted} of localhost: {reason}; choose another port") from None
+        meshcat, upstream = make_private_meshcat(url=server.url)
+    except RunError:
+        server.stop_listening()
+        raise
+    server.upstream = upstream
+    server.start()
+    weakref.finalize(meshcat, server.close)
+    _set_up(meshcat, world)
+    return meshcat
+
+
+def make_offline_meshcat(*, world: World | None = None) -> Meshcat:
+    """Return a Meshcat without a page, for ``StaticHtml()``.
+
+    Args:
+        world: gives sky and sun, if there is one.
+
+    Raises:
+        RunError: Meshcat is disabled.
+    """
+    meshcat, upstream = make_private_meshcat()
+    upstream.close()
+    _set_up(meshcat, world)
+    return meshcat
+
+
+def make_meshcat_behind(*, world: World) -> tuple[Meshcat, Upstream]:
+    """Return a Meshcat without a page, and the way to it for a server with a page of its own.
+
+    Args:
+        world: gives sky and sun.
+
+    Raises:
+        RunError: Meshcat is disabled.
+    """
+    meshcat, upstream = make_private_meshcat()
+    weakref.finalize(meshcat, upstream.close)
+    _set_up(meshcat, world)
+    return meshcat, upstream
+
+
+def _set_up(meshcat: Meshcat, world: World | None) -> None:
+    """Remove grid and axes, and set the sky."""
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     if world is not None:
         set_sky(meshcat, world)
-    return meshcat
+
+
+@contextmanager
+def meshcat_faults() -> Iterator[None]:
+    """While inside, the end of Meshcat's thread is a :class:`RunError`; Drake reports it as a RuntimeError.
+
+    Raises:
+        RunError: Meshcat has ended.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "websocket thread" not in str(error):
+            raise
+        raise RunError("Meshcat has ended unexpectedly, and the page with it") from None
 
 
 def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: float = 6.0) -> None:
@@ -81,15 +138,3 @@ def chase(*, x: float, y: float, yaw: float) -> tuple[RigidTransform, RigidTrans
     X_WC = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
     X_CW = X_WC.inverse()
     return X_CW, RigidTransform(X_CW.rotation(), [0.0, 0.0, 0.0])
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Keep Drake from telling its log where Meshcat listens; callers say it where it is of use."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(max(level, logging.WARNING))
-    try:
-        yield
-    finally:
-        log.setLevel(level)

@@ -19,7 +19,7 @@ from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.plant import PlantSpec, make_plant
 from mirdrake.vehicles import WHEELS, load_vehicle
-from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_meshcat, place_camera
+from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_offline_meshcat, place_camera
 from mirdrake.viewer.views import View, make_views, with_views
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
     """
     if run.folder is None or run.signals.empty:
         raise RunError("recording: the run has no folder or no samples")
-    meshcat = make_meshcat(port=0, world=WorldEntry(**run.spec["world"]).load())
+    meshcat = make_offline_meshcat(world=WorldEntry(**run.spec["world"]).load())
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     path = run.folder / "recording.html"
     write_file(path, with_views(meshcat.StaticHtml(), views_of(run)))

@@ -8,8 +8,6 @@ import base64
 import io
 import json
 from collections.abc import Callable, Sequence
-from functools import partial
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +18,9 @@ from mirdrake.diagram_spec import WorldEntry
 from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.recording.pictures import Picture
-from mirdrake.viewer.meshcat import make_meshcat
+from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run, views_of
+from mirdrake.viewer.server import Answer, PageServer
 from mirdrake.viewer.views import with_views
 
 WIDTH = 400
@@ -119,51 +118,24 @@ class Replay:
 
     def __init__(self, run: Run, *, port: int = 0, frames_per_second: float = 20.0) -> None:
         page = _page(run, run.pictures, _address, frames_per_second=frames_per_second).encode()
-        files = {f"/{_address(name, p)}": p for name, pictures in run.pictures.items() for p in pictures}
-        try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Handler, page, files))
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise RunError(f"the replay cannot listen on port {port}: {reason}; choose another with --port") from None
-        self._server.daemon_threads = True
-        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
+        pictures = {_address(name, p): p for name, taken in run.pictures.items() for p in taken}
+
+        def files(path: str) -> Answer | None:
+            if path == "":
+                return page, "text/html; charset=utf-8"
+            picture = pictures.get(path)
+            return visible(picture) if picture is not None and picture.path.is_file() else None
+
+        self._server = PageServer("the replay", ports=[port], files=files)
+        self.url = self._server.url
 
     def serve(self) -> None:
         """Answer until :meth:`close` is called, or Ctrl-C."""
-        self._server.serve_forever(poll_interval=0.1)
+        self._server.serve()
 
     def close(self) -> None:
-        """The end; from another thread than the one that serves, or after it."""
-        self._server.shutdown()
-        self._server.server_close()
-
-
-class _Handler(BaseHTTPRequestHandler):
-    """Gives the page and its pictures, and nothing else."""
-
-    def __init__(self, page: bytes, files: dict[str, Picture], *arguments: Any) -> None:
-        self._page, self._files = page, files
-        super().__init__(*arguments)
-
-    def do_GET(self) -> None:
-        """Answer a request."""
-        picture = self._files.get(self.path)
-        if self.path == "/":
-            self._answer(self._page, "text/html; charset=utf-8")
-        elif picture is not None and picture.path.is_file():
-            self._answer(*visible(picture))
-        else:
-            self.send_error(404)
-
-    def _answer(self, content: bytes, kind: str) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
-
-    def log_message(self, format: str, *values: Any) -> None:  # noqa: A002
-        """Say nothing."""
+        """Stop serving; from another thread than the one that serves, or after it."""
+        self._server.close()
 
 
 def _address(name: str, picture: Picture) -> str:
@@ -205,7 +177,7 @@ def _page(
     """The Meshcat recording of a run with the panel of its cameras."""
     if run.signals.empty:
         raise RunError(f"{run.folder}: has no samples; there is nothing to replay")
-    meshcat = make_meshcat(port=0, world=WorldEntry(**run.spec["world"]).load())
+    meshcat = make_offline_meshcat(world=WorldEntry(**run.spec["world"]).load())
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     began = float(run.signals.index[0])
     cameras = [

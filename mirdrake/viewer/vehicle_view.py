@@ -69,6 +69,7 @@ class VehicleView:
         self._clicks = dict.fromkeys(BUTTONS, 0)
         self._joints = _moving_joints(plant, part)
         self._values = dict.fromkeys(self._joints, 0.0)
+        self._ranges: dict[str, tuple[float, float]] = {}
         set_start(plant, self._plant_context, part, x=0.0, y=0.0, yaw=0.0)
         self._draw_frames()
         for name, joint in self._joints.items():
@@ -76,6 +77,7 @@ class VehicleView:
             self._values[name] = float(joint.default_positions()[0])
             reach = max(low, -pi), min(high, pi)
             step = 0.01 if reach[1] - reach[0] > 0.2 else (reach[1] - reach[0]) / 100.0
+            self._ranges[name] = reach
             meshcat.AddSlider(name, *reach, step, self._values[name])
         for name, key in BUTTONS.items():
             meshcat.AddButton(name, key)
@@ -115,11 +117,16 @@ class VehicleView:
             self._clicks[name] = clicks
         if changed:
             self._show()
-        values = {name: float(self._meshcat.GetSliderValue(name)) for name in self._joints}
+        values = {name: self._clipped(name, self._meshcat.GetSliderValue(name)) for name in self._joints}
         if values != self._values:
             self._values, changed = values, True
             self.publish()
         return changed
+
+    def _clipped(self, name: str, value: float) -> float:
+        """A value within the range of its slider; Meshcat takes any that a browser sends."""
+        low, high = self._ranges[name]
+        return min(max(value, low), high)
 
     def publish(self) -> None:
         """Show the joints where the sliders are."""

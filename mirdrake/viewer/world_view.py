@@ -33,7 +33,7 @@ from pydrake.systems.framework import DiagramBuilder
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.plant import make_plant
-from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat
+from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat, make_offline_meshcat
 from mirdrake.viewer.vehicle_view import PERIOD, SHAPE_COLOUR, STOP
 from mirdrake.world_checks import Examination, Fault
 from mirdrake.world_checks.ways import goal_area
@@ -196,17 +196,18 @@ class WorldView:
 
 
 def show_found(
-    found: Examination, *, port: int | None = None, collision: bool = False, names: bool = True
+    found: Examination, *, offline: bool = False, port: int | None = None, collision: bool = False, names: bool = True
 ) -> tuple[Meshcat, WorldView]:
     """A Meshcat on localhost with a world and what was found in it.
 
     Args:
         found: see :func:`mirdrake.world_checks.examine`; its world must be laid out.
+        offline: without a page, for a file.
         port: see :func:`mirdrake.viewer.make_meshcat`.
         collision: show the collision shapes at first.
         names: show the names at first.
     """
-    meshcat = make_meshcat(port=port, world=found.world)
+    meshcat = make_offline_meshcat(world=found.world) if offline else make_meshcat(port=port, world=found.world)
     return meshcat, WorldView(meshcat, found, collision=collision, names=names)
 
 

@@ -35,6 +35,7 @@ from mirdrake.viewer.cockpit.overlays import Overlays
 from mirdrake.viewer.cockpit.pace import FRAME, Pace
 from mirdrake.viewer.cockpit.picture import Picture
 from mirdrake.viewer.cockpit.start import NAME, hand_limits
+from mirdrake.viewer.meshcat import meshcat_faults
 
 SLICE = 1.0 / 64.0
 """Simulated time between two looks at the hands [s]."""
@@ -219,7 +220,8 @@ class Cockpit:
             elif what == "gain":
                 self._set_gain(order.get("name"), order.get("value"))
             elif what == "layer" and self.overlays is not None:
-                self.overlays.switch(str(order.get("name")), order.get("on") is True)
+                with self._drawing():
+                    self.overlays.switch(str(order.get("name")), order.get("on") is True)
 
     def _reset(self) -> None:
         """Back to the start; gains stay."""
@@ -229,7 +231,8 @@ class Cockpit:
         self.wheel.let_go()
         self._begin(self.assembly.make_context())
         if self.overlays is not None:
-            self.overlays.forget()
+            with self._drawing():
+                self.overlays.forget()
         if self.picture is not None:
             self.picture.forget()
 
@@ -338,7 +341,21 @@ class Cockpit:
             told["lateral"], told["progress"] = path[0], path[2]
         self.told = told
 
+    @contextmanager
+    def _drawing(self) -> Iterator[None]:
+        """While inside, the end of Meshcat ends the picture; the drive goes on without."""
+        try:
+            with meshcat_faults():
+                yield
+        except RunError as error:
+            self._meshcat = self.picture = self.overlays = None
+            self._tell(f"{error}; the drive goes on without a picture", "view")
+
     def _draw(self, passed: float, *, overlays: bool) -> None:
+        with self._drawing():
+            self._draw_all(passed, overlays=overlays)
+
+    def _draw_all(self, passed: float, *, overlays: bool) -> None:
         if self.picture is None or self.overlays is None or self._meshcat is None:
             return
         if self.wheel.view is not None:

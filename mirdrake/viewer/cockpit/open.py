@@ -1,6 +1,5 @@
 """A cockpit with its page: Meshcat, the drive and the server together."""
 
-import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -11,9 +10,9 @@ from typing import Any
 from mirdrake.diagram_spec import DiagramSpec
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT
 from mirdrake.viewer.cockpit.drive import Cockpit
-from mirdrake.viewer.cockpit.server import CockpitServer
+from mirdrake.viewer.cockpit.server import make_server
 from mirdrake.viewer.cockpit.start import NAME
-from mirdrake.viewer.meshcat import make_meshcat
+from mirdrake.viewer.meshcat import make_meshcat_behind
 
 REMIND = 20.0
 """Time without a page after which the address is said again [s]."""
@@ -51,10 +50,10 @@ class OpenCockpit:
     ) -> None:
         self._say, self._remind = say, remind
         world = spec.world.load()
-        self._meshcat = make_meshcat(port=0, world=world)
+        self._meshcat, upstream = make_meshcat_behind(world=world)
         self.drive = Cockpit(spec, meshcat=self._meshcat, say=say, folder=folder, timeout=timeout)
-        self._server = CockpitServer(
-            meshcat=self._meshcat.web_url(),
+        self._server = make_server(
+            upstream=upstream,
             about=self._about(),
             report=self._report,
             order=self.drive.order,
@@ -64,13 +63,11 @@ class OpenCockpit:
         self._reminded = time.monotonic()
 
     def __enter__(self) -> "OpenCockpit":
-        self._thread = threading.Thread(target=self._server.serve, name="cockpit", daemon=True)
-        self._thread.start()
+        self._server.start()
         return self
 
     def __exit__(self, *fault: object) -> None:
         self._server.close()
-        self._thread.join(timeout=5.0)
 
     def run(self, *, duration: float = inf) -> None:
         """Drive until Ctrl-C, or for a wall-clock time [s], inside of ``with``."""

@@ -8,11 +8,11 @@
   // --- talking to the drive ---
   async function post(path, message) {
     const answer = await fetch(path, { method: "POST", body: JSON.stringify(message), keepalive: true,
-      headers: { "Content-Type": "application/json", "X-Mirdrake-Token": about.token } });
+      headers: { "Content-Type": "application/json" } });
     if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
     return answer.json();
   }
-  const order = message => post("/order", message).catch(() => {});
+  const order = message => post("order", message).catch(() => {});
 
   // --- what hands do ---
   const held = new Set();
@@ -73,7 +73,7 @@
     for (;;) {
       const began = performance.now();
       try {
-        const told = await post("/report", hands());
+        const told = await post("report", hands());
         if (silent) write("note", note);
         silent = 0;
         show(told);

@@ -1,0 +1,196 @@
+"""A Meshcat that only this process can connect to.
+
+Drake's Meshcat accepts a web socket from any page, and its thread ends when a frame cannot be decoded. Browsers do not
+apply the same-origin policy to web sockets, so that a foreign page in the user's browser could read the scene and end
+the simulation. Therefore Meshcat listens on no port here:
+
+1. Meshcat opens its port on a random loopback address.
+2. The listening socket is replaced, under the same file descriptor, by a Unix socket without a name in the file system.
+   The kernel closes the port with it.
+3. Meshcat's event loop (epoll) is given the new socket under the old entry.
+
+:class:`Upstream` connects to that socket. Where Linux's ``/proc`` is missing, Meshcat listens on a port that the Fetch
+standard forbids to web pages instead.
+"""
+
+import contextlib
+import ctypes
+import http.client
+import logging
+import os
+import platform
+import re
+import secrets
+import socket
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydrake.geometry import Meshcat, MeshcatParams
+
+from mirdrake.errors import RunError
+
+BLOCKED_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 4190, 4045, 5060, 5061, 3659, 2049, 1723)
+"""Ports that no web page may use, by the Fetch standard's list of bad ports."""
+
+_READ = 0x001  # EPOLLIN
+_ADD = 1  # EPOLL_CTL_ADD
+_ENTRY = re.compile(r"^tfd:\s*(\d+) events:\s*[0-9a-f]+ data:\s*([0-9a-f]+)", re.MULTILINE)
+
+
+class Upstream:
+    """The way from this process to its Meshcat.
+
+    Args:
+        descriptor: of the Unix socket's inode; None if `port` is used.
+        port: of 127.0.0.1 where Meshcat listens; None if `descriptor` is used.
+    """
+
+    def __init__(self, *, descriptor: int | None = None, port: int | None = None) -> None:
+        self._descriptor, self._port = descriptor, port
+
+    def connect(self, *, timeout: float = 10.0) -> socket.socket:
+        """Return a new connection to Meshcat.
+
+        Raises:
+            OSError: Meshcat has ended.
+        """
+        if self._port is not None:
+            return socket.create_connection(("127.0.0.1", self._port), timeout=timeout)
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.settimeout(timeout)
+        try:
+            connection.connect(f"/proc/self/fd/{self._descriptor}")
+        except OSError:
+            connection.close()
+            raise
+        return connection
+
+    def get(self, path: str) -> tuple[int, str, bytes]:
+        """Return status, content type and body of what Meshcat serves under a path.
+
+        Raises:
+            OSError: Meshcat has ended.
+        """
+        request = http.client.HTTPConnection("meshcat", timeout=30.0)
+        request.sock = self.connect(timeout=30.0)
+        try:
+            request.request("GET", path, headers={"Connection": "close"})
+            answer = request.getresponse()
+            kind = answer.headers.get("Content-Type", "application/octet-stream")
+            return answer.status, kind, answer.read()
+        except http.client.HTTPException as error:
+            raise OSError(str(error)) from None
+        finally:
+            request.close()
+
+    def close(self) -> None:
+        """Release the socket's inode; no new connection can be made."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor, self._port = None, 0
+
+
+def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshcat, Upstream]:
+    """Return a Meshcat without a port, and the way to it.
+
+    Args:
+        url: what its ``web_url()`` returns.
+
+    Raises:
+        RunError: Meshcat cannot listen.
+    """
+    reason = "it is disabled"
+    if sys.platform == "linux":
+        numbers = secrets.token_bytes(3)
+        host = f"127.{numbers[0]}.{numbers[1]}.{max(1, min(numbers[2], 254))}"
+        try:
+            meshcat = _make(host=host, port=0, url=url)
+            return meshcat, Upstream(descriptor=_replace_listener(meshcat.port()))
+        except (OSError, RuntimeError) as error:
+            reason = str(error)
+    for port in BLOCKED_PORTS:
+        with contextlib.suppress(RuntimeError):
+            return _make(host="127.0.0.1", port=port, url=url), Upstream(port=port)
+    raise RunError(f"Meshcat cannot listen: {reason.strip().splitlines()[0]}")
+
+
+def _make(*, host: str, port: int, url: str) -> Meshcat:
+    with _quietly():
+        return Meshcat(MeshcatParams(host=host, port=port, web_url_pattern=url, show_stats_plot=False))
+
+
+def _replace_listener(port: int) -> int:
+    """Replace this process's listening socket of a port by a Unix socket; returns the inode's descriptor.
+
+    Raises:
+        OSError: the listening socket or its event loop is not found.
+    """
+    listener = _find_listener(port)
+    loop, data = _find_loop(listener)
+    with tempfile.TemporaryDirectory(prefix="mirdrake-") as folder, socket.socket(socket.AF_UNIX) as private:
+        path = os.path.join(folder, "meshcat")
+        private.setblocking(False)
+        private.bind(path)
+        private.listen(64)
+        inode = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        os.dup2(private.fileno(), listener, inheritable=False)  # closes the port, which also leaves the event loop
+    try:
+        _watch(loop, listener, data)
+    except OSError:
+        os.close(inode)
+        raise
+    return inode
+
+
+def _find_listener(port: int) -> int:
+    """Descriptor of the socket of this process that listens on a port."""
+    for entry in Path("/proc/self/fd").iterdir():
+        number = int(entry.name)
+        try:
+            if not os.readlink(entry).startswith("socket:"):
+                continue
+            with socket.socket(fileno=os.dup(number)) as one:
+                listens = one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+                if listens and one.family == socket.AF_INET and one.getsockname()[1] == port:
+                    return number
+        except OSError:  # it was closed in the meantime
+            continue
+    raise OSError(f"no socket of this process listens on port {port}")
+
+
+def _find_loop(listener: int) -> tuple[int, int]:
+    """The epoll descriptor that waits for a listening socket, and the data of its entry."""
+    for entry in Path("/proc/self/fdinfo").iterdir():
+        with contextlib.suppress(OSError):
+            for number, data in _ENTRY.findall(entry.read_text(encoding="ascii")):
+                if int(number) == listener:
+                    return int(entry.name), int(data, 16)
+    raise OSError("Meshcat's event loop is not found")
+
+
+class _Event(ctypes.Structure):
+    """Linux's ``epoll_event``, which is packed on x86-64 only."""
+
+    _pack_ = 1 if platform.machine() in {"x86_64", "AMD64"} else 8
+    _fields_ = (("events", ctypes.c_uint32), ("data", ctypes.c_uint64))
+
+
+def _watch(loop: int, descriptor: int, data: int) -> None:
+    library = ctypes.CDLL(None, use_errno=True)
+    event = _Event(_READ, data)
+    if library.epoll_ctl(loop, _ADD, descriptor, ctypes.byref(event)) != 0:
+        raise OSError(ctypes.get_errno(), "Meshcat's event loop does not accept the private socket")
+
+
+@contextlib.contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep Drake from logging where Meshcat listens; the caller reports its own address."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(max(level, logging.WARNING))
+    try:
+        yield
+    finally:
+        log.setLevel(level)

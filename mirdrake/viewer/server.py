@@ -1,0 +1,336 @@
+"""The server of every page on this machine: run, view, world show, drive and replay.
+
+A page is below a random token: ``http://localhost:7000/<token>/``. Each request must name this machine in ``Host``,
+come from the page itself where the browser states an ``Origin``, and have the token in its path; else it gets 403.
+So a foreign page in the same browser can neither read nor control anything here, even if it finds the port.
+
+Meshcat is behind the server and has no port of its own (:mod:`mirdrake.viewer.private_meshcat`). Files and scene
+messages are passed on as they are. What a browser sends is decoded here; only well-formed events reach Meshcat.
+"""
+
+import json
+import secrets
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import urlsplit
+
+from mirdrake.errors import RunError
+from mirdrake.viewer.private_meshcat import Upstream
+from mirdrake.viewer.websocket import (
+    BINARY,
+    CLOSE,
+    PING,
+    PONG,
+    FrameReader,
+    ProtocolError,
+    accept_key,
+    is_event,
+    make_frame,
+)
+
+HOST = "127.0.0.1"
+
+MOST = 65536
+"""Bytes of a request's body."""
+
+CONNECTIONS = 64
+"""Connections at a time; more of them are closed at once."""
+
+RATE = 1000
+"""Web socket frames of a page within a second; a page that sends more is disconnected."""
+
+PATIENCE = 20.0
+"""Time that a request, or a browser that does not read, may take [s]."""
+
+_NAMES = {"127.0.0.1", "localhost"}
+_ICON = (
+    b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><circle cx="16" cy="16" r="12" fill="none" '
+    b'stroke="#1f6feb" stroke-width="5"/><path d="M4 16H28M16 16V28" stroke="#1f6feb" stroke-width="4"/></svg>'
+)
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",  # or the token would leave the page with a link
+    "X-Frame-Options": "SAMEORIGIN",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+Answer = tuple[bytes, str]
+"""Content and its type."""
+
+
+class PageServer:
+    """Serves a page until it is closed.
+
+    Args:
+        name: of what is served, for the message about a port that is taken.
+        ports: of localhost, tried in turn; 0 is any free one.
+        files: gives the content below a path of the page, "" for the page itself; None if there is none.
+        posts: path of the page -> what answers a JSON object that is sent there; called in threads of the server.
+        upstream: Meshcat, which has the page and the files that `files` does not have.
+
+    Attributes:
+        token: random, in the page's address.
+        url: where the page is.
+
+    Raises:
+        RunError: no port is free.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        ports: Iterable[int],
+        files: Callable[[str], Answer | None] = lambda _: None,
+        posts: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] | None = None,
+        upstream: Upstream | None = None,
+    ) -> None:
+        self.token, self.files, self.posts, self.upstream = secrets.token_urlsafe(16), files, posts or {}, upstream
+        self._server = _listen(name, partial(_Handler, self), list(ports))
+        self.url = f"http://localhost:{self._server.server_address[1]}/{self.token}/"
+        self._thread: threading.Thread | None = None
+
+    def serve(self) -> None:
+        """Answer until :meth:`close` is called."""
+        self._server.serve_forever(poll_interval=0.1)
+
+    def start(self) -> None:
+        """Answer in a thread of its own."""
+        self._thread = threading.Thread(target=self.serve, name="page server", daemon=True)
+        self._thread.start()
+
+    def stop_listening(self) -> None:
+        """Release the port of a server that does not serve."""
+        self._server.server_close()
+
+    def close(self) -> None:
+        """Stop serving; from another thread than the one that serves, or after it."""
+        self._server.shutdown()
+        self.stop_listening()
+        if self._thread is not None:
+            self._thread.join(timeout=5.0)
+        if self.upstream is not None:
+            self.upstream.close()
+
+
+class _Server(ThreadingHTTPServer):
+    request_queue_size = 32
+    daemon_threads = True
+
+    def __init__(self, *arguments: Any) -> None:
+        self._free = threading.BoundedSemaphore(CONNECTIONS)
+        super().__init__(*arguments)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a new thread, if there are not too many."""
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and make room for another connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Ignore a browser that closes its connection in the middle of an answer."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    timeout = PATIENCE
+
+    def __init__(self, site: PageServer, *arguments: Any) -> None:
+        self._site = site
+        super().__init__(*arguments)
+
+    def do_GET(self) -> None:
+        """Answer with the page, with one of its files or with Meshcat's web socket."""
+        path = self._path()
+        if path is None:
+            return
+        upgrade = self.headers.get("Upgrade", "").lower()
+        if upgrade == "websocket" and path == "":
+            self._tunnel()
+            return
+        found = self._site.files(path)
+        if found is None and self._site.upstream is not None:
+            found = self._fetch(path)
+            if found is None:
+                return
+        if found is None:
+            self.send_error(404)
+        else:
+            self._answer(*found)
+
+    def do_POST(self) -> None:
+        """Answer a JSON object."""
+        path, length = self._path(), self.headers.get("Content-Length", "")
+        if path is None:
+            return
+        if not (length.isdecimal() and len(length) < 10 and int(length) <= MOST):
+            self.close_connection = True
+            self.send_error(400)
+            return
+        try:
+            message = json.loads(self.rfile.read(int(length)))
+        except (ValueError, RecursionError):
+            message = None
+        if path not in self._site.posts:
+            self.send_error(404)
+        elif not isinstance(message, dict):
+            self.send_error(400)
+        else:
+            self._answer(json.dumps(self._site.posts[path](message)).encode(), "application/json")
+
+    def _path(self) -> str | None:
+        """The path below the page; None if the request was rejected or redirected."""
+        head, mark, path = urlsplit(self.path).path.removeprefix("/").partition("/")
+        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+        origin = self.headers.get("Origin")
+        if host not in _NAMES or (origin is not None and origin != f"http://{self.headers.get('Host')}"):
+            self._refuse("another page may not use this one")
+        elif secrets.compare_digest(head.encode(), self._site.token.encode()):
+            if mark:
+                return path
+            self.send_response(308)
+            self.send_header("Location", f"/{head}/")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+        elif self.path == "/favicon.ico" and self.command == "GET":
+            self._answer(_ICON, "image/svg+xml")
+        else:
+            self._refuse("wrong token; open the whole address that mirdrake printed")
+        return None
+
+    def _refuse(self, text: str) -> None:
+        self.close_connection = True
+        length = self.headers.get("Content-Length", "")
+        if length.isdecimal() and len(length) < 10 and int(length) <= MOST:
+            self.rfile.read(int(length))  # else the connection is reset before the answer is read
+        self._answer(f"403: {text}\n".encode(), "text/plain; charset=utf-8", status=403)
+
+    def _answer(self, content: bytes, kind: str, *, status: int = 200) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        for key, value in _HEADERS.items():
+            self.send_header(key, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def _fetch(self, path: str) -> Answer | None:
+        """What Meshcat has under a path; None if the request was answered with an error."""
+        assert self._site.upstream is not None
+        try:
+            status, kind, content = self._site.upstream.get(
+                f"/{path}" if path.isascii() and path.isprintable() else "/-"
+            )
+        except (OSError, ValueError):
+            status, kind, content = 502, "", b""
+        if status != 200:
+            self.send_error(status if status == 502 else 404)
+            return None
+        return content, kind
+
+    def _tunnel(self) -> None:
+        """Connect a web socket with Meshcat until one side closes it."""
+        self.close_connection = True
+        answer = accept_key(self.headers.get("Sec-WebSocket-Key", ""))
+        if answer is None or self.headers.get("Sec-WebSocket-Version") != "13" or self._site.upstream is None:
+            self.send_error(400)
+            return
+        try:
+            there, first = _open_socket(self._site.upstream)
+        except OSError:
+            self.send_error(502)
+            return
+        with there:
+            self.send_response(101)
+            for key, value in (("Upgrade", "websocket"), ("Connection", "Upgrade"), ("Sec-WebSocket-Accept", answer)):
+                self.send_header(key, value)
+            self.end_headers()
+            self.wfile.write(first)
+            _pump(self.connection, there)
+
+    def log_message(self, format: str, *values: Any) -> None:  # noqa: A002
+        """Print nothing."""
+
+
+def _open_socket(upstream: Upstream) -> tuple[socket.socket, bytes]:
+    """A web socket to Meshcat and the first bytes of its frames.
+
+    Raises:
+        OSError: Meshcat has ended.
+    """
+    there = upstream.connect()
+    try:
+        there.sendall(
+            b"GET / HTTP/1.1\r\nHost: meshcat\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        head = b""
+        while b"\r\n\r\n" not in head:
+            data = there.recv(65536)
+            if not data or len(head) > MOST:
+                raise OSError("Meshcat did not accept the web socket")
+            head += data
+    except OSError:
+        there.close()
+        raise
+    head, _, first = head.partition(b"\r\n\r\n")
+    if b" 101 " not in head.split(b"\r\n")[0]:
+        there.close()
+        raise OSError("Meshcat did not accept the web socket")
+    return there, first
+
+
+def _pump(here: socket.socket, there: socket.socket) -> None:
+    """Pass the scene to the browser as it is, and well-formed events of the browser to Meshcat."""
+    reader, second, count = FrameReader(), 0, 0
+    for side in (here, there):
+        side.settimeout(PATIENCE)  # a browser that does not read would fill Meshcat's memory
+    with selectors.DefaultSelector() as ready:
+        ready.register(here, selectors.EVENT_READ)
+        ready.register(there, selectors.EVENT_READ)
+        while True:
+            for key, _ in ready.select():
+                try:
+                    data = key.fileobj.recv(262144)  # type: ignore[union-attr]
+                    if not data:
+                        return
+                    if key.fileobj is there:
+                        here.sendall(data)
+                        continue
+                    for opcode, payload in reader.feed(data):
+                        now = int(time.monotonic())
+                        second, count = (second, count + 1) if now == second else (now, 1)
+                        if count > RATE:
+                            return
+                        if opcode in {CLOSE, PING, PONG} or (opcode == BINARY and is_event(payload)):
+                            there.sendall(make_frame(opcode, payload))
+                        if opcode == CLOSE:
+                            return
+                except (OSError, ProtocolError):
+                    return
+
+
+def _listen(name: str, handler: Any, ports: list[int]) -> _Server:
+    reason = ""
+    for port in ports:
+        try:
+            return _Server((HOST, port), handler)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+    wanted = f"port {ports[0]}" if len(ports) == 1 else f"ports {ports[0]} to {ports[-1]}"
+    raise RunError(f"{name} cannot listen on {wanted} of localhost: {reason}; choose another port")
