@@ -250,7 +250,8 @@ def test_a_message_is_the_same_after_masking_fragments_and_any_split(size):
         head += bytes([0x80 | n]) if n < 126 else bytes([0xFE]) + struct.pack(">H", n)
         frames += head + mask + bytes(b ^ mask[i % 4] for i, b in enumerate(part))
         frames += make_frame(9, b"ping") if first else b""
-    reader, found = FrameReader(), []
+    reader = FrameReader()
+    found: list[tuple[int, bytes]] = []
     step = max(1, len(frames) // 50)
     for i in range(0, len(frames), step):
         found += reader.feed(frames[i : i + step])
@@ -316,7 +317,8 @@ DRIVE = {
 def test_a_run_survives_all_frames_and_writes_its_folder(tmp_path):
     meshcat = make_meshcat(port=0)
     meshcat.AddButton("Go")
-    url, sent = meshcat.web_url(), []
+    url = meshcat.web_url()
+    sent: list[int] = []
     thread = threading.Thread(target=lambda: sent.append(attack(url)))
 
     def progress(time_now: float, end: float) -> None:
@@ -354,7 +356,8 @@ def _servers() -> list[PageServer]:
 
 
 def test_a_run_goes_on_without_meshcat_to_the_same_bits(tmp_path):
-    meshcat, killed = make_meshcat(port=0), []
+    meshcat = make_meshcat(port=0)
+    killed: list[float] = []
 
     def progress(time_now: float, end: float) -> None:
         if time_now >= 1.0 and not killed:
