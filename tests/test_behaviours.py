@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,10 @@ class PropStandIn:
     top: float = 1.0
     static: bool = True
     X_WP: RigidTransform = field(default_factory=RigidTransform)
+    prop: Any = field(default_factory=lambda: SimpleNamespace(driven_over=False))
+
+    def between(self, low, high):
+        return (self.footprint,) if self.top > low and self.bottom < high else ()
 
 
 @dataclass

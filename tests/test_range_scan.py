@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,10 @@ class PropStandIn:
     top: float = 1.0
     static: bool = True
     X_WP: RigidTransform = field(default_factory=RigidTransform)
+    prop: Any = field(default_factory=lambda: SimpleNamespace(driven_over=False))
+
+    def between(self, low, high):
+        return (self.footprint,) if self.top > low and self.bottom < high else ()
 
 
 @dataclass
@@ -178,7 +183,7 @@ def test_a_crowd_is_seen_as_without_shortcuts(static, fan):
 
 def test_only_what_is_high_enough_and_not_above_the_roof_is_seen():
     wall = shapely.box(-0.1, -2.0, 0.1, 2.0)
-    low, far = put(wall, 10.0, 0.0, top=0.3), put(wall, 20.0, 0.0, top=0.31)
+    low, far = put(wall, 10.0, 0.0, top=0.15), put(wall, 20.0, 0.0, top=0.16)
     sign = put(wall, 15.0, 0.0, bottom=4.0, top=5.0)
     middle = scan_at(make_scan(low, sign, far, front=0.0), 0.0, 0.0, 0.0)[90]
     assert middle == pytest.approx(19.9)

@@ -11,14 +11,16 @@ import pytest
 import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from pydrake.math import RigidTransform
 
 from mirdrake import requirements
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run
 from mirdrake.requirements import Event, Observation, observe, outline, parse_requirement
-from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED, clearance
+from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED
 from mirdrake.vehicles import load_vehicle
-from mirdrake.worlds import load_world
+from mirdrake.worlds import PlacedProp, load_world
+from mirdrake.worlds.props import make_primitive
 
 TIMES = np.arange(0.0, 5.0, 0.5)
 
@@ -328,42 +330,8 @@ def _run(x, y, yaw, speed, **more) -> Run:
     return Run(None, {"control": {}}, {}, units, [], table)
 
 
-def _post(x: float, y: float, side: float = 1.0, *, driven_over: bool = False, bottom: float = 0.0) -> Any:
-    box = shapely.box(x - side / 2.0, y - side / 2.0, x + side / 2.0, y + side / 2.0)
-    return SimpleNamespace(footprint=box, bottom=bottom, prop=SimpleNamespace(driven_over=driven_over))
-
-
-def _square(x: float, y: float, yaw: float) -> Any:
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ np.array([[cos, sin], [-sin, cos]])
-    return corners + np.array([x, y])
-
-
-def test_clearance_is_the_distance_of_two_boxes_and_the_depth_of_an_overlap() -> None:
-    corners = np.array([_square(5, 0, 0), _square(5, 5, 0), _square(5, 0, math.pi / 4), _square(1.2, 0, 0)])
-    expected = [3.5, 3.5 * math.sqrt(2.0), 4.5 - math.sqrt(2.0), -0.3]
-    assert clearance(corners, [_post(0, 0), _post(0, 50)]) == pytest.approx(expected)
-    assert (
-        clearance(corners, [_post(0, 0, driven_over=True), _post(0, 0, bottom=4.0)], height=2.0).tolist()
-        == [math.inf] * 4
-    )
-    assert clearance(corners, []).tolist() == [math.inf] * 4
-
-
-@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-4, 4))
-@settings(max_examples=100, deadline=None)
-def test_an_overlap_is_undone_by_its_depth(x, y, yaw) -> None:
-    corners = _square(x, y, yaw)
-    found = float(clearance(corners[None], [_post(0, 0)])[0])
-    square, post = shapely.polygons(corners), shapely.box(-0.5, -0.5, 0.5, 0.5)
-    if found > 0.0:
-        assert found == pytest.approx(shapely.distance(square, post))
-        return
-    edges = np.concatenate([np.diff(corners[:3], axis=0) / 2.0, [[1.0, 0.0], [0.0, 1.0]]])
-    moves = [sign * (-found + 1e-6) * edge for edge in edges for sign in (-1.0, 1.0)]
-    free = [not shapely.intersects(shapely.polygons(corners + move), post) for move in moves]
-    assert any(free)
-    assert not any(shapely.distance(shapely.polygons(corners + 0.9 * move), post) > 1e-6 for move in moves)
+def _post(x: float, y: float) -> PlacedProp:
+    return PlacedProp("post", make_primitive("box", (1.0, 1.0, 1.0)), RigidTransform([x, y, 0.0]))
 
 
 def test_the_outline_is_the_box_around_the_collision_shapes() -> None:

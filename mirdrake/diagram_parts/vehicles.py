@@ -115,11 +115,14 @@ def _add_powertrain(
 
 def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:
     """The stated ground-truth range sensor of one vehicle, for a driver that looks."""
-    scan = RangeScan(parts.world, part.vehicle)
+    others = {name: other for name, other in parts.vehicles.items() if name != part.name}
+    scan = RangeScan(parts.world, part.vehicle, vehicles={name: other.vehicle for name, other in others.items()})
     wiring.add(f"{part.name}.scan", scan)
     wiring.link(truth.state, scan.state)
     if scan.prop_poses is not None:
-        poses = PropPoses([parts.props.bodies[name].index() for name in scan.movable], scan.movable)
+        props = scan.movable[: len(scan.movable) - len(others)]
+        bodies = [parts.props.bodies[name].index() for name in props] + [other.base.index() for other in others.values()]
+        poses = PropPoses(bodies, scan.movable)
         wiring.add(f"{part.name}.prop_poses", poses)
         wiring.link(parts.plant.get_body_poses_output_port(), poses.body_poses)
         wiring.link(poses.prop_poses, scan.prop_poses)

@@ -6,7 +6,7 @@ positive where the event holds.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.controllers.vectors import STATE, WHEELS
 from mirdrake.errors import RunError
 from mirdrake.logs import Run
@@ -21,6 +22,7 @@ from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.outline import Outline, measure_outline
 from mirdrake.worlds import World
+from mirdrake.worlds.clearance import clearance, clearance_between
 
 Array = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -35,7 +37,7 @@ TOUCH = 1e-3
 """Least penetration that a contact counts for [m]: what touches has no clearance, whatever the outline says."""
 
 NEAR = 0.3
-"""A contact further than this [m] from every prop is none with a prop: the body is on the road, say."""
+"""A contact further than this [m] from every prop and vehicle is with something else: the body is on the road, say."""
 
 _SLOWEST = 1.0  # [m/s] speed below which slip is taken relative to this one, as 0/0 says nothing
 
@@ -47,13 +49,14 @@ DERIVED = {
     "slip": ("", "largest of a wheel: its rim's speed less its speed over the ground, over the latter"),
     "clearance": (
         "m",
-        "from the outline to the nearest prop where it was placed, from above; negative: their overlap",
+        "in the plane from the vehicle's collision shapes to the nearest prop where it was placed, or vehicle, on what "
+        "it can touch at their heights; negative: the shortest way out of it",
     ),
     "laps": ("", "along the track since the start"),
     "lap_time": ("s", "since the current lap began"),
     "time": ("s", "since the start"),
 }
-"""Signals made here: unit and meaning. The outline is a rectangle around all collision shapes, not tilted."""
+"""Signals made here: unit and meaning. The collision shapes are those of the vehicle at rest, not tilted."""
 
 RECORDED = {signal.name: signal.unit for signal in STATE} | {
     "wheels_on_road": "", "progress": "m", "lateral_error": "m", "heading_error": "rad", "curvature": "1/m", "lap": "",
@@ -69,7 +72,7 @@ LAP_SIGNALS = ("lap", "laps", "lap_time")
 """Those of them that only a closed track has."""
 
 EVENTS = {
-    "collision": "the vehicle touches a prop; margin: the clearance, taken negative",
+    "collision": "the vehicle touches a prop or another vehicle; margin: the clearance, taken negative",
     "stopped": f"slower than {STANDING} m/s; margin in m/s",
     "on road": "all four wheels; margin: from the outermost wheel to the edge of the road",
     "rollover": f"tilted by more than {round(math.degrees(TIPPED))} deg; margin: the tilt beyond that",
@@ -107,7 +110,15 @@ class Observation:
     corners: Array = field(default_factory=lambda: np.empty((0, 4, 2)))
 
 
-def observe(run: Run, world: World, vehicle_name: str, vehicle: Vehicle, *, goal: str | None = None) -> Observation:
+def observe(
+    run: Run,
+    world: World,
+    vehicle_name: str,
+    vehicle: Vehicle,
+    *,
+    goal: str | None = None,
+    others: Mapping[str, Vehicle] | None = None,
+) -> Observation:
     """All signals and events of one vehicle in a run.
 
     Args:
@@ -116,6 +127,7 @@ def observe(run: Run, world: World, vehicle_name: str, vehicle: Vehicle, *, goal
         vehicle_name: its name in the run.
         vehicle: the vehicle.
         goal: name of the goal that ``at goal`` means; the world's goal of the name "goal" if left out.
+        others: the other vehicles of the run, by their names in it; one of that name is left out.
 
     Raises:
         RunError: the run has no samples.
@@ -137,9 +149,13 @@ def observe(run: Run, world: World, vehicle_name: str, vehicle: Vehicle, *, goal
         signals |= {"laps": signals["lap"], "lap_time": _lap_time(times, signals["lap"])}
 
     # What follows from the things around it.
-    box = outline(vehicle)
-    corners = _corners(signals, box)
-    signals["clearance"] = clearance(corners, world.props, height=box.top)
+    corners = _corners(signals, outline(vehicle))
+    volume, poses = volume_of(vehicle), _poses(signals, "")
+    signals["clearance"] = clearance(volume, poses, world.props)
+    for name, other in (others or {}).items():
+        if name != vehicle_name and f"{name}.x" in signals:
+            free = clearance_between(volume, poses, volume_of(other), _poses(signals, f"{name}."))
+            signals["clearance"] = np.minimum(signals["clearance"], free)
     units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
     events = {
         "collision": _collision(signals),
@@ -201,6 +217,11 @@ def _tilt(signals: Mapping[str, Array]) -> Array:
 # --- things around the vehicle -----------------------------------------------------------------------------------
 
 
+def _poses(signals: Mapping[str, Array], prefix: str) -> Array:
+    """x, y and yaw of a vehicle in W (n, 3)."""
+    return np.column_stack([signals[f"{prefix}{name}"] for name in ("x", "y", "yaw")])
+
+
 def _corners(signals: Mapping[str, Array], box: Outline) -> Array:
     """Corners of the outline in W [m] (n, 4, 2)."""
     ahead = np.array([box.front, box.rear, box.rear, box.front])
@@ -208,58 +229,6 @@ def _corners(signals: Mapping[str, Array], box: Outline) -> Array:
     x, y, yaw = (signals[name][:, None] for name in ("x", "y", "yaw"))
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([x + ahead * cos - aside * sin, y + ahead * sin + aside * cos], axis=2)
-
-
-def clearance(corners: Array, props: Sequence[Any], *, height: float = math.inf) -> Array:
-    """Distance of an outline to the nearest prop seen from above [m] (n); negative: how deep they overlap.
-
-    Props that may be driven over do not count, nor those that hang above `height` [m]; without any it is infinite.
-    An overlap is measured with the convex hull of the prop: how far the outline must be pushed to be free.
-
-    Args:
-        corners: of the outline in W [m] (n, 4, 2).
-        props: with `footprint`, `bottom` and `prop.driven_over`, see :class:`mirdrake.worlds.World`.
-        height: of the vehicle [m].
-    """
-    result = np.full(len(corners), math.inf)
-    prints = [prop.footprint for prop in props if not prop.prop.driven_over and prop.bottom < height]
-    good = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
-    if not prints or not good.size:
-        return result
-    tree, shapes = shapely.STRtree(prints), shapely.polygons(corners[good])
-    (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
-    result[good[row]] = distance
-    for row, prop in _pairs(tree, shapes, distance <= 0.0):
-        result[good[row]] = np.minimum(result[good[row]], -_depth(corners[good[row]], prints[prop]))
-    return result
-
-
-def _pairs(tree: shapely.STRtree, shapes: Any, overlaps: Truth) -> list[tuple[NDArray[np.intp], int]]:
-    """For every prop that overlaps a shape: the rows of the shapes."""
-    rows = np.flatnonzero(overlaps)
-    shape, prop = tree.query(shapes[rows], predicate="intersects")
-    return [(rows[shape[prop == one]], int(one)) for one in np.unique(prop)]
-
-
-def _depth(corners: Array, footprint: Any) -> Array:
-    """How far convex quadrilaterals (n, 4, 2) must move to leave a footprint [m] (n): separating axes."""
-    hull = shapely.get_coordinates(shapely.convex_hull(footprint))
-    depth = np.full(len(corners), math.inf)
-    edges = np.diff(hull, axis=0)
-    edges = edges[np.hypot(*edges.T) > 1e-12]
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(*edges.T)[:, None]
-    for axis in normals:
-        mine, other = corners @ axis, hull @ axis
-        depth = np.minimum(depth, np.minimum(other.max() - mine.min(axis=1), mine.max(axis=1) - other.min()))
-    for first, second in ((0, 1), (1, 2)):  # the two directions of a rectangle
-        edge = corners[:, second] - corners[:, first]
-        axes = edge / np.hypot(edge[:, 0], edge[:, 1])[:, None]
-        mine, theirs = np.einsum("nij,nj->ni", corners, axes), axes @ hull.T
-        depth = np.minimum(
-            depth,
-            np.minimum(theirs.max(axis=1) - mine.min(axis=1), mine.max(axis=1) - theirs.min(axis=1)),
-        )
-    return np.asarray(np.maximum(depth, 0.0))
 
 
 # --- events ------------------------------------------------------------------------------------------------------
@@ -270,7 +239,7 @@ def _event(margin: Array, unit: str) -> Event:
 
 
 def _collision(signals: Mapping[str, Array]) -> Event:
-    """The outline overlaps a prop, or the physics reports a contact near one."""
+    """The collision shapes overlap a prop or vehicle, or the physics reports a contact near one."""
     free = signals["clearance"].copy()
     touching = (signals.get("other_contacts", np.zeros(free.size)) > 0.0) & (free < NEAR)
     free[touching] = np.minimum(free[touching], -TOUCH)

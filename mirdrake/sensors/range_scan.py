@@ -1,14 +1,14 @@
-"""A scan of distances to the props of a world: ground truth, as no sensor gives it.
+"""A scan of distances to the props of a world and to other vehicles: ground truth, as no sensor gives it.
 
-The origin is the middle of the front bumper; the beams lie in the ground plane and see the footprints of props, seen
-from above. A prop counts when its top is above `height` and its underside below the roof of the vehicle.
+The origin is the middle of the front bumper; the beams lie in the ground plane and see, from above, what the vehicle
+can touch: of props and of other vehicles the parts between `height` and the roof of the vehicle.
 
 :func:`scan` is exact. A segment is seen under the angle between its ends, so only the beams within that angle are cut
 with it; in a crowd of props that is a few thousand cuts instead of some hundred thousand.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,7 +20,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from shapely.geometry.polygon import orient
 
 from mirdrake.controllers.behaviours.fan import BEAMS, END_ANGLE, REACH, START_ANGLE, beam_angles, range_signals
-from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
+from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of, volume_of
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import STATE
 from mirdrake.errors import ConfigError
@@ -30,8 +30,6 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Chains = tuple[Array, Array, Bools]
 
-HEIGHT = 0.3
-"""Props that are not higher are not seen [m]."""
 _GRAZING = 1e-12  # beams this close to the end of a segment hit it [rad]
 
 
@@ -42,17 +40,12 @@ class SeenProp(Protocol):
     def name(self) -> str:
         """Unique in the world."""
 
-    @property
-    def footprint(self) -> Any:
-        """Seen from above, in the world: a shapely geometry [m]."""
+    def between(self, low: float, high: float) -> Sequence[Any]:
+        """What it covers between two heights [m], from above in the world: shapely polygons [m]."""
 
     @property
-    def bottom(self) -> float:
-        """Height of its underside [m]."""
-
-    @property
-    def top(self) -> float:
-        """Height of its top [m]."""
+    def prop(self) -> Any:
+        """Its kind, which says by `driven_over` whether it is made to be driven over."""
 
     @property
     def static(self) -> bool:
@@ -182,19 +175,20 @@ def _polygons(geometry: Any) -> list[Any]:
 
 
 class RangeScan(LeafSystem):
-    """Distances from the front bumper to the props around.
+    """Distances from the front bumper to the props and vehicles around.
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: of the vehicle, :data:`~mirdrake.controllers.vectors.STATE`.
         prop_poses (3 k) [m, m, rad]: x, y, yaw of each of :attr:`movable`, in this order; only when there are any. Left
-            open, they stand where they were placed. :class:`PropPoses` gives them from the plant.
+            open, props stand where they were placed, and vehicles are not seen. :class:`PropPoses` gives them from the
+            plant.
 
     Output ports:
-        ranges (n) [m]: distance along each beam to the nearest footprint, inf beyond the reach; all 0 when the origin
-            lies within a footprint. Computed when it is read and never else: a driver reads it once an update.
+        ranges (n) [m]: distance along each beam to the nearest outline, inf beyond the reach; all 0 when the origin
+            lies within an outline. Computed when it is read and never else: a driver reads it once an update.
 
-    A movable prop counts with the footprint and the height it was placed with, turned by its yaw: one that lies on its
-    side is seen as if it stood.
+    A movable prop counts with the outline and the height it was placed with, turned by its yaw: one that lies on its
+    side is seen as if it stood. Props that are made to be driven over are not seen.
 
     Args:
         world: where the props are.
@@ -203,11 +197,13 @@ class RangeScan(LeafSystem):
         start_angle: angle of the first [rad].
         end_angle: angle of the last [rad].
         reach: nothing farther away is seen [m].
-        height: props that are not higher are not seen [m].
+        height: what is not higher is not seen [m]; default: what the vehicle rolls over, see
+            :class:`mirdrake.worlds.clearance.Volume`.
         front: how far the origin is ahead of the vehicle frame B [m]; default: the front of its collision shapes.
+        vehicles: other vehicles by name.
 
     Attributes:
-        movable: names of the movable props that are seen.
+        movable: names of the movable props that are seen, then of the vehicles.
         angles: of the beams (n) [rad].
 
     Raises:
@@ -223,11 +219,12 @@ class RangeScan(LeafSystem):
         start_angle: float = START_ANGLE,
         end_angle: float = END_ANGLE,
         reach: float = REACH,
-        height: float = HEIGHT,
+        height: float | None = None,
         front: float | None = None,
+        vehicles: Mapping[str, ShapedVehicle] | None = None,
     ):
         super().__init__()
-        outline, owner = outline_of(vehicle), "RangeScan"
+        outline, volume, owner = outline_of(vehicle), volume_of(vehicle), "RangeScan"
         check_number(owner, "beams", beams, at_least=1)
         check_number(owner, "start_angle", start_angle, unit="rad", at_least=-math.pi)
         check_number(owner, "end_angle", end_angle, unit="rad", at_least=start_angle, at_most=math.pi)
@@ -236,20 +233,22 @@ class RangeScan(LeafSystem):
                 f"{owner}: {beams} beams need an end_angle above start_angle, got {end_angle:g} rad twice"
             )
         self.reach = check_number(owner, "reach", reach, unit="m", above=0.0)
-        check_number(owner, "height", height, unit="m")
+        low = check_number(owner, "height", volume.low if height is None else height, unit="m")
         self.front = check_number(owner, "front", outline.front if front is None else front, unit="m")
         self.angles = beam_angles(beams, start_angle, end_angle)
         self._step = float(self.angles[1] - self.angles[0]) if beams > 1 else 0.0
         self._ahead_only = start_angle >= -0.5 * math.pi and end_angle <= 0.5 * math.pi
 
-        seen = [prop for prop in world.props if prop.top > height and prop.bottom < outline.height]
-        fixed = [polygon for prop in seen if prop.static for polygon in _polygons(prop.footprint)]
+        seen = [(prop, prop.between(low, volume.high)) for prop in world.props if not prop.prop.driven_over]
+        fixed = [polygon for prop, areas in seen if prop.static for area in areas for polygon in _polygons(area)]
         self._fixed = _Shapes(_polygons(shapely.union_all(fixed)) if fixed else [])
-        moving = [prop for prop in seen if not prop.static]
-        self.movable = tuple(prop.name for prop in moving)
-        parts = [(index, part) for index, prop in enumerate(moving) for part in _polygons(_at_origin(prop))]
+        moving = [(prop.name, _planar_pose(prop.X_WP), _at_origin(prop, areas)) for prop, areas in seen
+                  if not prop.static and areas]  # fmt: skip
+        moving += [(name, _NOWHERE, _outline_between(other, low, volume.high)) for name, other in (vehicles or {}).items()]
+        self.movable = tuple(name for name, _, _ in moving)
+        parts = [(index, part) for index, (_, _, area) in enumerate(moving) for part in _polygons(area)]
         self._moving, self._owner = _Shapes([part for _, part in parts]), np.array([index for index, _ in parts], int)
-        self._placed = np.array([_planar_pose(prop.X_WP) for prop in moving]).reshape(-1, 3)
+        self._placed = np.array([pose for _, pose, _ in moving]).reshape(-1, 3)
 
         self.state = declare_vector_input(self, "state", STATE)
         needs = [self.state.ticket()]
@@ -275,7 +274,7 @@ class RangeScan(LeafSystem):
             x: origin of the scan in the world [m].
             y: origin [m].
             yaw: direction of the beam of angle 0 [rad].
-            poses: x, y, yaw of the movable props (k, 3) [m, rad]; default: where they were placed.
+            poses: x, y, yaw of :attr:`movable` (k, 3) [m, rad]; default: where props were placed, and no vehicles.
 
         Returns:
             Distances (n) [m].
@@ -329,6 +328,7 @@ class RangeScan(LeafSystem):
 
 
 _PLANAR = (("x", "m"), ("y", "m"), ("yaw", "rad"))
+_NOWHERE = (1e9, 1e9, 0.0)  # [m], [rad] a pose that is out of sight
 
 
 def _planar_pose(X_WP: RigidTransform) -> tuple[float, float, float]:
@@ -337,8 +337,8 @@ def _planar_pose(X_WP: RigidTransform) -> tuple[float, float, float]:
     return x, y, float(RollPitchYaw(X_WP.rotation()).yaw_angle())
 
 
-def _at_origin(prop: SeenProp) -> Any:
-    """The footprint of a prop in its own frame P."""
+def _at_origin(prop: SeenProp, areas: Sequence[Any]) -> Any:
+    """Areas that a prop covers in its own frame P, as one."""
     x, y, yaw = _planar_pose(prop.X_WP)
     cos, sin = math.cos(yaw), math.sin(yaw)
 
@@ -346,11 +346,17 @@ def _at_origin(prop: SeenProp) -> Any:
         dx, dy = points[:, 0] - x, points[:, 1] - y
         return np.column_stack((cos * dx + sin * dy, cos * dy - sin * dx))
 
-    return shapely.transform(prop.footprint, move)
+    return shapely.transform(shapely.union_all(areas), move)
+
+
+def _outline_between(vehicle: ShapedVehicle, low: float, high: float) -> Any:
+    """What a vehicle covers between two heights, in its frame B."""
+    slabs = [slab for slab in volume_of(vehicle).slabs if slab.low < high and slab.high > low]
+    return shapely.union_all([shapely.Polygon(slab.outline) for slab in slabs])
 
 
 class PropPoses(LeafSystem):
-    """Poses of movable props in the plane, from the plant.
+    """Poses of movable props and of vehicles in the plane, from the plant.
 
     Input ports:
         body_poses: the plant's output of that name.
@@ -358,8 +364,9 @@ class PropPoses(LeafSystem):
         prop_poses (3 k) [m, m, rad]: x, y, yaw of each, for :class:`RangeScan`.
 
     Args:
-        bodies: index of each prop's body, in the order of :attr:`RangeScan.movable`; its frame is P of the prop.
-        names: of the props.
+        bodies: index of each one's body, in the order of :attr:`RangeScan.movable`; its frame is P of the prop, or B of
+            the vehicle.
+        names: of the props and vehicles.
     """
 
     def __init__(self, bodies: Sequence[Any], names: Sequence[str]):

@@ -104,7 +104,8 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     requirements = [parse_requirement(text, where=place) for text, place in case.expect]
     sketch = folder / SKETCHES / f"{case.slug}.json" if folder is not None else None
     assembly = assemble(make_spec(case.diagram))
-    world, vehicle = assembly.parts.world, assembly.parts.vehicles[VEHICLE].vehicle
+    world, vehicles = assembly.parts.world, {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
+    vehicle = vehicles[VEHICLE]
     faults = _broken(world)
     if faults:
         if sketch is not None:
@@ -116,7 +117,7 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     except RunError:
         if sketch is not None and place is not None:
             with suppress(MirdrakeError):  # as far as it went
-                make_sketch(sketch, world, observe(load_run(place), world, VEHICLE, vehicle))
+                make_sketch(sketch, world, observe(load_run(place), world, VEHICLE, vehicle, others=vehicles))
         raise
     simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
     reason = str(run.summary["stop_reason"])
@@ -124,7 +125,7 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     seen: Observation | None = None
     fault = f"the run {reason}" if reason.startswith("diverged") else _lost_command(run)
     try:
-        seen = observe(run, world, VEHICLE, vehicle, goal=case.goal)
+        seen = observe(run, world, VEHICLE, vehicle, goal=case.goal, others=vehicles)
         findings = [] if fault else [requirement.judge(seen) for requirement in requirements]
     except RunError as error:
         fault = fault or _line(error)

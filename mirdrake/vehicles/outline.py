@@ -1,15 +1,20 @@
-"""The box around a vehicle's collision shapes, measured on its URDF."""
+"""A vehicle's collision shapes, measured on its URDF: convex parts, and the box around all of them."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import Role
+from numpy.typing import NDArray
+from pydrake.geometry import Convex, Cylinder, Mesh, Role, Shape, Sphere
 from pydrake.multibody.tree import BodyIndex
 
 from mirdrake.vehicles.parse import parse_urdf
+
+Array = NDArray[np.float64]
+
+_CIRCLE = 32  # corners of a circle
 
 
 class Outline(NamedTuple):
@@ -37,16 +42,57 @@ def measure_outline(urdf: str, *, packages: Mapping[str, str], base_link: str) -
     Raises:
         ModelError: Drake cannot read the text.
     """
-    return _measure(urdf, tuple(sorted(packages.items())), base_link)
+    shapes = _measure(urdf, tuple(sorted(packages.items())), base_link)
+    if not shapes:
+        return None
+    points = np.hstack([shape.box for shape in shapes])
+    (rear, right, bottom), (front, left, top) = points.min(axis=1).tolist(), points.max(axis=1).tolist()
+    return Outline(rear, front, right, left, bottom, top)
+
+
+def measure_parts(
+    urdf: str, *, packages: Mapping[str, str], base_link: str, wheels: Collection[str]
+) -> tuple[tuple[Array, bool], ...]:
+    """The collision shapes of a URDF as convex parts, all joints at zero; half spaces have no end and do not count.
+
+    Args:
+        urdf: text without xacro.
+        packages: folder of each package by name.
+        base_link: link whose frame is B.
+        wheels: names of the joints that the wheels turn about.
+
+    Returns:
+        of each part points whose convex hull it is (n, 3), in B [m], and whether it belongs to a wheel. What is round
+        is a polygon around it, at most 0.5 % too wide.
+
+    Raises:
+        ModelError: Drake cannot read the text.
+    """
+    shapes = _measure(urdf, tuple(sorted(packages.items())), base_link)
+    return tuple((shape.points, not shape.joints.isdisjoint(wheels)) for shape in shapes)
+
+
+class _Shape(NamedTuple):
+    """A collision shape."""
+
+    points: Array
+    """whose convex hull it is (n, 3), in B [m]"""
+    box: Array
+    """corners of its oriented box (3, 8), in B [m]"""
+    joints: frozenset[str]
+    """names of the joints that its body is the child of"""
 
 
 @lru_cache(maxsize=16)
-def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -> Outline | None:
+def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -> tuple[_Shape, ...]:
     plant, scene_graph, _ = parse_urdf(urdf, packages=dict(packages), where_line=str)
     inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
     base = plant.GetFrameByName(base_link)
-    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
-    corners = []
+    joints: dict[int, set[str]] = {}
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        joints.setdefault(int(joint.child_body().index()), set()).add(joint.name())
+    signs, shapes = np.array(list(product((-1.0, 1.0), repeat=3))), []
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
         X_BL = plant.CalcRelativeTransform(context, base, body.body_frame())
@@ -54,10 +100,26 @@ def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -
             box = inspector.GetObbInGeometryFrame(geometry)
             if box is None or inspector.GetProperties(geometry, Role.kProximity) is None:
                 continue
-            X_BO = X_BL @ inspector.GetPoseInFrame(geometry) @ box.pose()
-            corners.append(X_BO.multiply((signs * box.half_width()).T))
-    if not corners:
-        return None
-    points = np.hstack(corners)
-    (rear, right, bottom), (front, left, top) = points.min(axis=1).tolist(), points.max(axis=1).tolist()
-    return Outline(rear, front, right, left, bottom, top)
+            X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
+            corners = (X_BG @ box.pose()).multiply((signs * box.half_width()).T)
+            points = _points_of(inspector.GetShape(geometry))
+            mine = corners.T if points is None else X_BG.multiply(points.T).T
+            shapes.append(_Shape(mine, corners, frozenset(joints.get(number, ()))))
+    return tuple(shapes)
+
+
+def _points_of(shape: Shape) -> Array | None:
+    """Points whose convex hull is a shape (n, 3), in its own frame [m]; None where its oriented box counts."""
+    angle = 2.0 * np.pi * np.arange(_CIRCLE) / _CIRCLE
+    circle = np.column_stack((np.cos(angle), np.sin(angle))) / np.cos(np.pi / _CIRCLE)
+    if isinstance(shape, Cylinder):
+        ends = (-0.5 * shape.length(), 0.5 * shape.length())
+        return np.vstack([np.column_stack((shape.radius() * circle, np.full(_CIRCLE, z))) for z in ends])
+    if isinstance(shape, Sphere):
+        tilts = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE // 2 + 1)
+        rings = [np.column_stack((np.cos(tilt) * circle, np.full(_CIRCLE, np.sin(tilt)))) for tilt in tilts]
+        return np.asarray(shape.radius() * np.vstack(rings))
+    if isinstance(shape, Convex | Mesh):
+        hull = shape.GetConvexHull()
+        return np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+    return None

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.errors import ConfigError, MirdrakeError
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks.faults import Fault, Kind
@@ -21,6 +22,7 @@ from mirdrake.world_checks.search import SEARCH_TIME
 from mirdrake.world_checks.standing import find_gaps, find_unsettled
 from mirdrake.world_checks.ways import Way, find_way, goal_area
 from mirdrake.worlds import World, load_world
+from mirdrake.worlds.clearance import Volume
 from mirdrake.yaml_io import parse_tree, where
 
 
@@ -112,7 +114,7 @@ class _Drives:
     def __init__(self, world: World, near: Neighbours, faults: list[Fault], patience: float) -> None:
         self._world, self._near, self._faults, self._patience = world, near, faults, patience
         self.ways: list[Way] = []
-        self._bodies: dict[str, tuple[Body, list[Obstacle]] | None] = {}
+        self._bodies: dict[str, tuple[Body, Volume, list[Obstacle]] | None] = {}
         self._starts: dict[tuple[str, str], bool] = {}
         self._found: dict[tuple[Any, ...], Way | str] = {}
 
@@ -151,10 +153,10 @@ class _Drives:
         known = self._body(trip)
         if known is None:
             return
-        body, obstacles = known
+        body, volume, obstacles = known
         key = trip.vehicle, trip.start
         if key not in self._starts:
-            bad = find_bad_start(self._world, self._near, trip.start, body, obstacles)
+            bad = find_bad_start(self._world, self._near, trip.start, body, volume)
             self._faults += bad
             self._starts[key] = not bad
         if trip.goal is None or not self._starts[key] or goal_area(self._world, trip.goal) is None:
@@ -170,16 +172,17 @@ class _Drives:
         if isinstance(found, str):
             self._faults.append(Fault("way", f"{trip.where}: {found}"))
 
-    def _body(self, trip: _Trip) -> tuple[Body, list[Obstacle]] | None:
-        """The vehicle and what is in its way; None if it cannot be loaded."""
+    def _body(self, trip: _Trip) -> tuple[Body, Volume, list[Obstacle]] | None:
+        """The vehicle, what it can touch something with, and what is in its way; None if it cannot be loaded."""
         if trip.vehicle not in self._bodies:
             try:
-                body = Body.of(load_vehicle(trip.vehicle, where=trip.vehicle_where), name=trip.vehicle)
+                vehicle = load_vehicle(trip.vehicle, where=trip.vehicle_where)
+                body, volume = Body.of(vehicle, name=trip.vehicle), volume_of(vehicle)
             except MirdrakeError as error:
                 self._faults += _lines("file", error)
                 self._bodies[trip.vehicle] = None
             else:
-                self._bodies[trip.vehicle] = body, obstacles_for(self._near, body.height)
+                self._bodies[trip.vehicle] = body, volume, obstacles_for(self._near, volume)
         return self._bodies[trip.vehicle]
 
 

@@ -13,15 +13,13 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.behaviours.outline import outline_of
 from mirdrake.vehicles import Vehicle
-from mirdrake.world_checks.outlines import Outline
+from mirdrake.worlds.clearance import Volume
+from mirdrake.worlds.outlines import Outline, outlines_of
 from mirdrake.world_checks.overlaps import Neighbours
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Bounds = tuple[float, float, float, float]
-
-LOW = 0.05
-"""What is no higher than this [m] is no obstacle: kerbs, ramps, lines of paint."""
 
 _CELLS = 1.5e6  # of the grid of distances
 _FINEST = 0.1  # [m] side of a cell
@@ -86,18 +84,17 @@ class Obstacle:
     outline: Outline
 
 
-def obstacles_for(near: Neighbours, height: float) -> list[Obstacle]:
-    """The solids that a vehicle of some height [m] cannot go over or below."""
-    return [obstacle for index in range(len(near.props)) for obstacle in obstacles_of(near, index, height)]
+def obstacles_for(near: Neighbours, volume: Volume) -> list[Obstacle]:
+    """The solids that a vehicle cannot go over or below, at its heights."""
+    return [found for index in range(len(near.props)) for found in obstacles_of(near, index, volume.low, volume.high)]
 
 
-def obstacles_of(near: Neighbours, index: int, height: float) -> list[Obstacle]:
-    """Those of one prop."""
+def obstacles_of(near: Neighbours, index: int, low: float, high: float) -> list[Obstacle]:
+    """Those of one prop between two heights [m]."""
     placed = near.props[index]
-    if placed.prop.driven_over or placed.top <= LOW:
+    if placed.prop.driven_over or placed.top <= low or placed.bottom >= high:
         return []
-    solids = near.outlines(index)
-    return [Obstacle(index, solid) for solid in solids if solid.top > LOW and solid.bottom < height]
+    return [Obstacle(index, solid) for solid in outlines_of(placed, low, high)]
 
 
 class Room:

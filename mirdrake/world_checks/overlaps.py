@@ -24,7 +24,7 @@ from pydrake.math import RigidTransform
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.world_checks.faults import Fault, amount, spot
-from mirdrake.world_checks.outlines import Outline, gap_between, outlines_of
+from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 from mirdrake.worlds import PlacedProp
 
 LEAST_DEPTH = 1e-4

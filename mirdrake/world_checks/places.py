@@ -1,26 +1,26 @@
 """Starts and goals: on the ground, and not in a prop."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import shapely
 
 from mirdrake.world_checks.faults import Fault, Kind, amount, spot
-from mirdrake.world_checks.obstacles import Body, Obstacle, Room, obstacles_of
-from mirdrake.world_checks.outlines import Outline, gap_between
+from mirdrake.world_checks.obstacles import Body, obstacles_of
 from mirdrake.world_checks.overlaps import Neighbours, place_of
 from mirdrake.world_checks.ways import goal_area
 from mirdrake.worlds import PlacedProp, World
+from mirdrake.worlds.clearance import Volume, clearance, place_outline
 from mirdrake.yaml_io import where
 
-_PERSON = 1.0  # [m] height below which something is in the way of a vehicle that nobody has named
+_HEIGHTS = 0.1, 1.0  # [m] heights between which something is in the way of a vehicle that nobody has named
 
 
-def find_bad_start(world: World, near: Neighbours, name: str, body: Body, obstacles: Sequence[Obstacle]) -> list[Fault]:
-    """What is wrong with a start for a vehicle: its box at the start beyond the ground, or in props."""
+def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume: Volume) -> list[Fault]:
+    """What is wrong with a start for a vehicle: beyond the ground, or its collision shapes in props."""
     start, place = world.starts[name], where(world.spec, "start", name)
     pose = (np.array([start.x]), np.array([start.y]), np.array([start.yaw]))
-    corners, box = body.corners(*pose)[0], body.boxes(*pose)[0]
+    corners = body.corners(*pose)[0]
     faults = []
     xmin, ymin, xmax, ymax = world.ground.extent
     over = max(
@@ -32,16 +32,16 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, obstac
             f"{spot(xmin, ymin)} to {spot(xmax, ymax)}; move the start or set ground.size"
         )
         faults.append(Fault("start", text, (), float(over), (start.x, start.y, 0.0)))
-    room = Room(obstacles, world.ground.extent, body, np.array([[start.x, start.y]]))
-    hit: dict[int, tuple[float, Outline]] = {}
-    for index in room.touched(start.x, start.y, start.yaw):
-        obstacle = obstacles[index]
-        depth = -gap_between(Outline(box, 0.0, 0.0, body.height), obstacle.outline)
-        if depth > 1e-4 and depth > hit.get(obstacle.prop, (0.0, None))[0]:
-            hit[obstacle.prop] = depth, obstacle.outline
-    for number, (depth, outline) in sorted(hit.items()):
+    there = np.column_stack(pose)
+    covered = shapely.union_all([shapely.Polygon(place_outline(slab.outline, there)[0]) for slab in volume.slabs])
+    for number in near.at(covered):
         prop = near.props[number]
-        shared = box.intersection(outline.area)
+        depth = -float(clearance(volume, there, [prop])[0])
+        if depth <= 1e-4:
+            continue
+        solids = [obstacle.outline for obstacle in obstacles_of(near, number, volume.low, volume.high)]
+        outline = max(solids, key=lambda solid: covered.intersection(solid.area).area)
+        shared = covered.intersection(outline.area)
         middle = shared.centroid
         text = (
             f"{place}: {body.name} at '{name}' stands in '{prop.name}' ({place_of(prop)}), {amount(depth)} deep at "
@@ -82,5 +82,5 @@ def find_walled_in(world: World, near: Neighbours, *, starts: Iterable[str], goa
 def _around(near: Neighbours, point: shapely.Point) -> Iterator[PlacedProp]:
     """The props that a point on the ground is in."""
     for index in near.at(point):
-        if any(obstacle.outline.area.intersects(point) for obstacle in obstacles_of(near, index, _PERSON)):
+        if any(obstacle.outline.area.intersects(point) for obstacle in obstacles_of(near, index, *_HEIGHTS)):
             yield near.props[index]

@@ -9,7 +9,7 @@ it names, the last one that does so counts. A large one lets a lamp hang in the 
 from collections.abc import Sequence
 
 from mirdrake.world_checks.faults import Fault, amount
-from mirdrake.world_checks.outlines import Outline, gap_between
+from mirdrake.worlds.outlines import Outline, gap_between
 from mirdrake.world_checks.overlaps import LEAST_DEPTH, Neighbours, place_of
 from mirdrake.worlds import PlacedProp
 from mirdrake.worlds.props_spec import OnGroundSpec

@@ -10,6 +10,8 @@
         .xodr ──► pieces, edges                        opendrive.py, opendrive_lanes.py, opendrive_parts.py
     patches: ──► Patch                                 regions.py
     props: ──► Prop, PlacedProp                        props.py, arrange.py, layouts.py
+    props ──► outlines between heights                 outlines.py
+    vehicle, props, vehicles ──► how far apart         clearance.py
     rules: ──► what may overlap, and keep how far      rules.py
     World ──► what is seen of it                       scenery.py, meshes.py
     World ──► lock file, SDF world with meshes         lock.py, sdf_export.py, obj_files.py

@@ -25,6 +25,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.paths import search_folders
+from mirdrake.worlds.outlines import outlines_of
 from mirdrake.yaml_io import Angle, Length, Mass, Schema, load_yaml, where
 
 Array = NDArray[np.float64]
@@ -128,6 +129,18 @@ class PlacedProp:
         """What it covers seen from above, in W [m]."""
         hulls = [shapely.MultiPoint(points[:, :2]).convex_hull for points in self._corners]
         return hulls[0] if len(hulls) == 1 else shapely.union_all(hulls)
+
+    def between(self, low: float, high: float) -> tuple[BaseGeometry, ...]:
+        """What its solids cover between two heights [m] seen from above, convex polygons in W [m]."""
+        known = self._between
+        if (low, high) not in known:
+            known[low, high] = tuple(outline.area for outline in outlines_of(self, low, high))
+        return known[low, high]
+
+    @cached_property
+    def _between(self) -> dict[tuple[float, float], tuple[BaseGeometry, ...]]:
+        """What :meth:`between` found."""
+        return {}
 
     @cached_property
     def bottom(self) -> float:

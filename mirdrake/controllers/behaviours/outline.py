@@ -1,9 +1,16 @@
-"""The box around a vehicle that behaviours keep clear of things: about its x axis, also without a URDF."""
+"""What of a vehicle is kept clear of things: its volume, and the box about its x axis; also without a URDF."""
 
+import math
+from itertools import product
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from mirdrake.controllers.ackermann import SteeringGeometry
-from mirdrake.vehicles.outline import measure_outline
+from mirdrake.vehicles.outline import measure_outline, measure_parts
+from mirdrake.worlds.clearance import Part, Volume
+
+_CLEARANCE = 0.06  # ground clearance of an ordinary car over its wheelbase
 
 
 class ShapedVehicle(Protocol):
@@ -44,6 +51,21 @@ def outline_of(vehicle: ShapedVehicle) -> Outline:
             return Outline(box.rear, box.front, max(-box.right, box.left), box.top)
     length = vehicle.geometry.wheelbase
     return Outline(-0.3 * length, 1.4 * length, 0.35 * length, 0.6 * length)
+
+
+def volume_of(vehicle: ShapedVehicle) -> Volume:
+    """What a vehicle can touch something with: its collision shapes, all joints at zero, else :func:`outline_of`."""
+    urdf, radii = getattr(vehicle, "urdf", None), getattr(vehicle.geometry, "wheel_radii", ())
+    parts: list[Part] = []
+    if urdf:
+        spec, packages = vehicle.spec, getattr(vehicle, "packages", {})  # type: ignore[attr-defined]
+        wheels = spec.joints.wheels.names()
+        parts = [Part(*part) for part in measure_parts(urdf, packages=packages, base_link=spec.base_link, wheels=wheels)]
+    if not parts:
+        box, floor = outline_of(vehicle), _CLEARANCE * vehicle.geometry.wheelbase
+        sides = (box.rear, box.front), (-box.half_width, box.half_width), (floor, box.height)
+        parts = [Part(np.array(list(product(*sides))), False)]
+    return Volume.of(parts, min(radii, default=math.inf))
 
 
 def front_of(vehicle: ShapedVehicle) -> float:

@@ -1,4 +1,4 @@
-"""Solids of props seen from above: a convex core and a radius about it, between two heights.
+"""Solids of props seen from above: a convex core and a radius about it, whole or between two heights.
 
 A disc is its middle and its radius, so that nothing is lost by a polygon: two barrels side by side really touch. A
 cylinder that lies or leans is taken for the polygon around it, which is at most 0.9 % of its radius too wide.
@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 from pydrake.geometry import Cylinder, Sphere
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.worlds import PlacedProp
+if TYPE_CHECKING:
+    from mirdrake.worlds.props import PlacedProp
 
 Array = NDArray[np.float64]
 
 _UPRIGHT = 1e-9  # 1 - |cosine| of an axis that counts as upright: 45 µrad
-_QUARTER = 12  # segments of a quarter of a disc that becomes a polygon
+_TOUCH = 1e-9  # [m] what is lower than this between two heights only touches one of them
+_QUARTER = 24  # segments of a quarter of a disc that becomes a polygon
 
 
 @dataclass(frozen=True)
@@ -73,33 +76,64 @@ class Outline:
         return np.column_stack((-edges[:, 1], edges[:, 0]))
 
 
-def outlines_of(placed: PlacedProp) -> tuple[Outline, ...]:
-    """The solids of a prop seen from above, in their order."""
-    return tuple(_outlines(placed))
+def outlines_of(placed: "PlacedProp", low: float = -math.inf, high: float = math.inf) -> tuple[Outline, ...]:
+    """The solids of a prop seen from above, in their order.
+
+    Args:
+        placed: the prop.
+        low: what lies below this height is cut off [m], and so is what lies above `high`; solids of which nothing is
+            left are left out.
+        high: see `low` [m].
+    """
+    return tuple(_outlines(placed, low, high))
 
 
-def _outlines(placed: PlacedProp) -> Iterator[Outline]:
+def section(points: Array, low: float, high: float) -> Array:
+    """Points (m, 2) whose convex hull is a convex solid between two heights, seen from above.
+
+    Args:
+        points: whose convex hull is the solid (n, 3) [m].
+        low: height of the lower plane [m].
+        high: height of the upper plane [m].
+    """
+    z = points[:, 2]
+    kept = [points[(z >= low) & (z <= high)]]
+    for level in (low, high):  # every segment through the plane: those that are no edges end inside of the hull
+        below, above = points[z < level], points[z > level]
+        if len(below) and len(above):
+            share = (level - below[:, 2])[:, None] / (above[None, :, 2] - below[:, None, 2])
+            kept.append((below[:, None] + share[..., None] * (above[None] - below[:, None])).reshape(-1, 3))
+    return np.asarray(np.vstack(kept)[:, :2])
+
+
+def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline]:
     R, p = placed.X_WP.rotation().matrix(), placed.X_WP.translation()
     for solid in placed.prop.solids:
         shape = solid.shape
         middle = R @ solid.X_PS.translation() + p
         if isinstance(shape, Sphere):
-            yield Outline(
-                shapely.Point(middle[:2]), shape.radius(), middle[2] - shape.radius(), middle[2] + shape.radius()
-            )
-            continue
-        if isinstance(shape, Cylinder):
-            upright = abs(float(R[2] @ solid.X_PS.rotation().matrix()[:, 2]))
-            half = 0.5 * shape.length() * upright + shape.radius() * math.sqrt(max(0.0, 1.0 - upright**2))
-            if upright > 1.0 - _UPRIGHT:
-                yield Outline(shapely.Point(middle[:2]), shape.radius(), middle[2] - half, middle[2] + half)
-                continue
-            points = solid.corners @ R.T + p
-            yield Outline(shapely.MultiPoint(points[:, :2]).convex_hull, 0.0, middle[2] - half, middle[2] + half)
+            r = shape.radius()
+            bottom, top = max(low, middle[2] - r), min(high, middle[2] + r)
+            if top - bottom > _TOUCH:
+                off = max(0.0, low - middle[2], middle[2] - high)  # of the widest circle from the sphere's middle
+                yield Outline(shapely.Point(middle[:2]), math.sqrt(r * r - off * off), bottom, top)
             continue
         points = solid.corners @ R.T + p
         bottom, top = float(points[:, 2].min()), float(points[:, 2].max())
-        yield Outline(shapely.MultiPoint(points[:, :2]).convex_hull, 0.0, bottom, top)
+        if isinstance(shape, Cylinder):
+            upright = abs(float(R[2] @ solid.X_PS.rotation().matrix()[:, 2]))
+            half = 0.5 * shape.length() * upright + shape.radius() * math.sqrt(max(0.0, 1.0 - upright**2))
+            bottom, top = middle[2] - half, middle[2] + half
+            if upright > 1.0 - _UPRIGHT:
+                bottom, top = max(low, bottom), min(high, top)
+                if top - bottom > _TOUCH:
+                    yield Outline(shapely.Point(middle[:2]), shape.radius(), bottom, top)
+                continue
+        if min(high, top) - max(low, bottom) <= _TOUCH:
+            continue
+        whole = low <= bottom and high >= top
+        flat = points[:, :2] if whole else section(points, low, high)
+        yield Outline(shapely.MultiPoint(flat).convex_hull, 0.0, max(low, bottom), min(high, top))
 
 
 def gap_between(one: Outline, other: Outline) -> float:

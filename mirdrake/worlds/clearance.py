@@ -1,0 +1,227 @@
+"""How far a vehicle is from props and from other vehicles, on what it can touch.
+
+A vehicle is a :class:`Volume`: outlines seen from above, each between two heights. Each is compared with the parts of
+the solids at its own heights only, so that a vehicle passes below a crown or a bridge, and beside a post below a table
+top. What wheels roll over is no obstacle.
+
+The depth of an overlap is the shortest way in the plane by which the vehicle leaves a body: all parts of the vehicle
+are then free of all parts of that body. Moved by t, two convex parts A and B overlap if t lies within the Minkowski
+difference {b - a}, so the way leads from the origin to the edge of the union of these polygons.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mirdrake.worlds.outlines import section
+
+Array = NDArray[np.float64]
+
+ROLLS_OVER = 2.0 / 3.0
+"""Height over the radius of a wheel up to which it rolls over a step."""
+
+FLAT = 0.02
+"""What is no higher than this [m] never is an obstacle: plates, and lines of paint."""
+
+_SLICES = 4  # heights at which a part that is no prism is cut
+_ALIKE = 1e-6  # [m], [rad] poses that differ less have one depth
+_REACH = 1e-9  # [m] heights that are shared by less only touch
+
+
+class Part(NamedTuple):
+    """A convex part of a vehicle."""
+
+    points: Array
+    """whose convex hull it is (n, 3), in the vehicle's frame B [m]"""
+    wheel: bool
+    """whether it turns with a wheel"""
+
+
+class Slab(NamedTuple):
+    """What a vehicle covers between two heights."""
+
+    outline: Array
+    """corners of a convex polygon (n, 2), in the vehicle's frame B [m]"""
+    low: float
+    """[m]"""
+    high: float
+    """[m]"""
+
+
+@dataclass(frozen=True)
+class Volume:
+    """What a vehicle can touch something with.
+
+    Attributes:
+        slabs: outlines between heights.
+        low: height above the ground from which something is in its way [m].
+    """
+
+    slabs: tuple[Slab, ...]
+    low: float
+
+    @classmethod
+    def of(cls, parts: Sequence[Part], wheel_radius: float) -> "Volume":
+        """That of a vehicle's convex parts.
+
+        It begins at the ground clearance, or where wheels of a radius [m] no longer roll over a step.
+        """
+        body = [float(part.points[:, 2].min()) for part in parts if not part.wheel]
+        low = max(FLAT, min([ROLLS_OVER * wheel_radius, *body]))
+        return cls(tuple(slab for part in parts for slab in _slabs(part.points, low)), low)
+
+    @cached_property
+    def high(self) -> float:
+        """Height of its top [m]."""
+        return max((slab.high for slab in self.slabs), default=self.low)
+
+    @cached_property
+    def outline(self) -> Array:
+        """Corners of the convex hull of all slabs (n, 2), in B [m]."""
+        return _hull(np.vstack([slab.outline for slab in self.slabs]))
+
+    @cached_property
+    def bands(self) -> dict[tuple[float, float], list[Array]]:
+        """Outlines by the heights that they lie between."""
+        found: dict[tuple[float, float], list[Array]] = {}
+        for slab in self.slabs:
+            found.setdefault((slab.low, slab.high), []).append(slab.outline)
+        return found
+
+
+def _slabs(points: Array, low: float) -> Iterator[Slab]:
+    """A convex part above a height, as few slabs: one of a prism, else slices that hold it."""
+    bottom, top = max(low, float(points[:, 2].min())), float(points[:, 2].max())
+    if top - bottom <= _REACH:
+        return
+    levels = np.linspace(bottom, top, _SLICES + 1).tolist()
+    outlines = [_hull(section(points, *pair)) for pair in zip(levels[:-1], levels[1:], strict=True)]
+    whole = _hull(section(points, bottom, top))
+    if all(_area(outline) > (1.0 - 1e-9) * _area(whole) for outline in outlines):
+        yield Slab(whole, bottom, top)
+    else:
+        yield from (Slab(*slab) for slab in zip(outlines, levels[:-1], levels[1:], strict=True))
+
+
+def _hull(points: Array) -> Array:
+    corners = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
+    return np.asarray(corners[:-1] if len(corners) > 2 else corners)
+
+
+def _area(corners: Array) -> float:
+    return float(shapely.MultiPoint(corners).convex_hull.area)
+
+
+def place_outline(outline: Array, poses: Array) -> Array:
+    """Corners (n, m, 2) in W of an outline (m, 2) at poses (n, 3): x, y [m], yaw [rad]."""
+    cos, sin = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+    x, y = outline.T
+    return np.stack((poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y), axis=-1)
+
+
+def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any = slice(None)) -> Array:
+    """Distance of a vehicle to the nearest prop in the plane [m] (n); negative: how deep they overlap.
+
+    Props that are made to be driven over do not count; without any other it is infinite, as where a pose is not
+    finite.
+
+    Args:
+        volume: of the vehicle.
+        poses: x, y [m] and yaw [rad] of its frame B (n, 3).
+        props: with `between` and `prop.driven_over`, see :class:`mirdrake.worlds.PlacedProp`.
+        rows: of the poses that count; the others are infinite.
+    """
+    result = np.full(len(poses), math.inf)
+    good = np.zeros(len(poses), dtype=bool)
+    good[rows] = True
+    good &= np.isfinite(poses).all(axis=1)
+    index = np.flatnonzero(good)
+    solid = [prop for prop in props if not prop.prop.driven_over and prop.top > volume.low and prop.bottom < volume.high]
+    if not solid or not index.size or not volume.slabs:
+        return result
+    touched: set[tuple[int, int]] = set()
+    for (low, high), outlines in volume.bands.items():
+        pairs = [(number, area) for number, prop in enumerate(solid) for area in prop.between(low, high)]
+        if not pairs:
+            continue
+        owners, areas = np.array([number for number, _ in pairs]), [area for _, area in pairs]
+        tree = shapely.STRtree(areas)
+        for outline in outlines:
+            shapes = shapely.polygons(place_outline(outline, poses[index]))
+            (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
+            result[index[row]] = np.minimum(result[index[row]], distance)
+            inside = np.flatnonzero(distance <= 0.0)
+            hit, area = tree.query(shapes[row[inside]], predicate="intersects")
+            touched |= set(zip(index[row[inside][hit]].tolist(), owners[area].tolist(), strict=True))
+    known: dict[tuple[int, ...], float] = {}
+    for at, number in sorted(touched):
+        key = (number, *np.round(poses[at] / _ALIKE).astype(np.int64).tolist())
+        if key not in known:
+            known[key] = depth(_pairs_with_prop(volume, poses[at], solid[number]))
+        result[at] = min(result[at], -known[key])
+    return result
+
+
+def clearance_between(one: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)) -> Array:
+    """Distance of two vehicles that both move in the plane [m] (n); negative: how deep they overlap.
+
+    Args:
+        one: volume of the one.
+        poses: x, y [m] and yaw [rad] of its frame B (n, 3).
+        other: volume of the other.
+        other_poses: its poses (n, 3) at the same times.
+        rows: of the poses that count; the others are infinite.
+    """
+    result = np.full(len(poses), math.inf)
+    good = np.zeros(len(poses), dtype=bool)
+    good[rows] = True
+    good &= np.isfinite(poses).all(axis=1) & np.isfinite(other_poses).all(axis=1)
+    index = np.flatnonzero(good)
+    for a in one.slabs:
+        for b in other.slabs:
+            if min(a.high, b.high) - max(a.low, b.low) > _REACH and index.size:
+                first = shapely.polygons(place_outline(a.outline, poses[index]))
+                second = shapely.polygons(place_outline(b.outline, other_poses[index]))
+                result[index] = np.minimum(result[index], shapely.distance(first, second))
+    known: dict[tuple[int, ...], float] = {}
+    for at in np.flatnonzero(result <= 0.0).tolist():
+        both = np.concatenate((poses[at], other_poses[at]))
+        key = tuple(np.round(both / _ALIKE).astype(np.int64).tolist())
+        if key not in known:
+            known[key] = depth(
+                (place_outline(a.outline, poses[at : at + 1])[0], place_outline(b.outline, other_poses[at : at + 1])[0])
+                for a in one.slabs
+                for b in other.slabs
+                if min(a.high, b.high) - max(a.low, b.low) > _REACH
+            )
+        result[at] = -known[key]
+    return result
+
+
+def depth(pairs: Iterable[tuple[Array, Array]]) -> float:
+    """Length of the shortest move in the plane after which no pair overlaps [m]; 0 where none does.
+
+    Args:
+        pairs: corners of a convex outline that moves (n, 2), and of one that stays (m, 2) [m].
+    """
+    forbidden = [
+        shapely.MultiPoint((stays[None] - moves[:, None]).reshape(-1, 2)).convex_hull for moves, stays in pairs
+    ]
+    if not forbidden:
+        return 0.0
+    area, origin = shapely.union_all(forbidden), shapely.Point(0.0, 0.0)
+    return float(area.boundary.distance(origin)) if area.intersects(origin) else 0.0
+
+
+def _pairs_with_prop(volume: Volume, pose: Array, prop: Any) -> Iterator[tuple[Array, Array]]:
+    for (low, high), outlines in volume.bands.items():
+        for area in prop.between(low, high):
+            stays = shapely.get_coordinates(area)
+            for outline in outlines:
+                yield place_outline(outline, pose[None])[0], stays
