@@ -111,12 +111,16 @@ def _random_prop(rng: np.random.Generator) -> PlacedProp:
     """A prop of one to four leaning boxes, upright cylinders and balls at all heights around a car."""
     solids = []
     for _ in range(rng.integers(1, 5)):
-        middle = RigidTransform(RollPitchYaw(*rng.uniform(-0.7, 0.7, 3)), [*rng.uniform(-0.8, 0.8, 2), rng.uniform(0, 2.2)])
+        middle = RigidTransform(
+            RollPitchYaw(*rng.uniform(-0.7, 0.7, 3)), [*rng.uniform(-0.8, 0.8, 2), rng.uniform(0, 2.2)]
+        )
         kind = rng.integers(3)
         if kind == 0:
             solids.append((Box(*rng.uniform(0.1, 1.5, 3)), middle))
         elif kind == 1:
-            solids.append((Cylinder(rng.uniform(0.05, 0.6), rng.uniform(0.2, 2.0)), RigidTransform(middle.translation())))
+            solids.append(
+                (Cylinder(rng.uniform(0.05, 0.6), rng.uniform(0.2, 2.0)), RigidTransform(middle.translation()))
+            )
         else:
             solids.append((Sphere(rng.uniform(0.1, 0.7)), middle))
     return place(*solids, yaw=rng.uniform(-3, 3))
@@ -124,7 +128,7 @@ def _random_prop(rng: np.random.Generator) -> PlacedProp:
 
 def _layers(prop: PlacedProp, low: float, high: float) -> list[Any]:
     """What the solids of a prop cover between two heights, from thin layers of their own formulas."""
-    found = []
+    found: list[Any] = []
     for solid in prop.prop.solids:
         X = prop.X_WP @ solid.X_PS
         x, y, z = X.translation()
@@ -156,7 +160,7 @@ def test_distance_and_depth_agree_with_brute_force_on_random_props() -> None:
     angles = np.linspace(0.0, 2.0 * math.pi, 72, endpoint=False)
     overlapping = 0
     for _ in range(40):
-        prop, pose = _random_prop(rng), at(*rng.uniform(-4, 4, 2), rng.uniform(-3, 3))
+        prop, pose = _random_prop(rng), rng.uniform([-4, -4, -3], [4, 4, 3])[None]
         found = float(clearance(BOLT, pose, [prop])[0])
         car = [(shapely.Polygon(place_outline(slab.outline, pose)[0]), shapely.union_all(layers))
                for slab in BOLT.slabs if (layers := _layers(prop, slab.low + 1e-6, slab.high - 1e-6))]  # fmt: skip

@@ -18,9 +18,9 @@ from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks import Fault, check_world, examine, overlaps
 from mirdrake.world_checks.gaps import Passage
 from mirdrake.world_checks.obstacles import Body, Obstacle, Room
-from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 from mirdrake.world_checks.search import search_way
 from mirdrake.worlds import PlacedProp, Prop, load_world, make_world
+from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 from mirdrake.worlds.props import Solid
 from tests.timing import reference_seconds
 

@@ -121,7 +121,9 @@ def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, tru
     wiring.link(truth.state, scan.state)
     if scan.prop_poses is not None:
         props = scan.movable[: len(scan.movable) - len(others)]
-        bodies = [parts.props.bodies[name].index() for name in props] + [other.base.index() for other in others.values()]
+        bodies = [parts.props.bodies[name].index() for name in props] + [
+            other.base.index() for other in others.values()
+        ]
         poses = PropPoses(bodies, scan.movable)
         wiring.add(f"{part.name}.prop_poses", poses)
         wiring.link(parts.plant.get_body_poses_output_port(), poses.body_poses)

@@ -244,7 +244,9 @@ class RangeScan(LeafSystem):
         self._fixed = _Shapes(_polygons(shapely.union_all(fixed)) if fixed else [])
         moving = [(prop.name, _planar_pose(prop.X_WP), _at_origin(prop, areas)) for prop, areas in seen
                   if not prop.static and areas]  # fmt: skip
-        moving += [(name, _NOWHERE, _outline_between(other, low, volume.high)) for name, other in (vehicles or {}).items()]
+        moving += [
+            (name, _NOWHERE, _outline_between(other, low, volume.high)) for name, other in (vehicles or {}).items()
+        ]
         self.movable = tuple(name for name, _, _ in moving)
         parts = [(index, part) for index, (_, _, area) in enumerate(moving) for part in _polygons(area)]
         self._moving, self._owner = _Shapes([part for _, part in parts]), np.array([index for index, _ in parts], int)

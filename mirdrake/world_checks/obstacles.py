@@ -13,9 +13,9 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.behaviours.outline import outline_of
 from mirdrake.vehicles import Vehicle
+from mirdrake.world_checks.overlaps import Neighbours
 from mirdrake.worlds.clearance import Volume
 from mirdrake.worlds.outlines import Outline, outlines_of
-from mirdrake.world_checks.overlaps import Neighbours
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

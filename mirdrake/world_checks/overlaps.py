@@ -24,8 +24,8 @@ from pydrake.math import RigidTransform
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.world_checks.faults import Fault, amount, spot
-from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 from mirdrake.worlds import PlacedProp
+from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 
 LEAST_DEPTH = 1e-4
 """Depth from which props overlap [m]; less is touching, and rounding."""

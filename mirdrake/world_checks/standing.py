@@ -9,9 +9,9 @@ it names, the last one that does so counts. A large one lets a lamp hang in the 
 from collections.abc import Sequence
 
 from mirdrake.world_checks.faults import Fault, amount
-from mirdrake.worlds.outlines import Outline, gap_between
 from mirdrake.world_checks.overlaps import LEAST_DEPTH, Neighbours, place_of
 from mirdrake.worlds import PlacedProp
+from mirdrake.worlds.outlines import Outline, gap_between
 from mirdrake.worlds.props_spec import OnGroundSpec
 from mirdrake.worlds.rules import Rules
 

@@ -9,6 +9,7 @@ are then free of all parts of that body. Moved by t, two convex parts A and B ov
 difference {b - a}, so the way leads from the origin to the edge of the union of these polygons.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -101,7 +102,7 @@ def _slabs(points: Array, low: float) -> Iterator[Slab]:
     if top - bottom <= _REACH:
         return
     levels = np.linspace(bottom, top, _SLICES + 1).tolist()
-    outlines = [_hull(section(points, *pair)) for pair in zip(levels[:-1], levels[1:], strict=True)]
+    outlines = [_hull(section(points, *pair)) for pair in itertools.pairwise(levels)]
     whole = _hull(section(points, bottom, top))
     if all(_area(outline) > (1.0 - 1e-9) * _area(whole) for outline in outlines):
         yield Slab(whole, bottom, top)
@@ -142,7 +143,9 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
     good[rows] = True
     good &= np.isfinite(poses).all(axis=1)
     index = np.flatnonzero(good)
-    solid = [prop for prop in props if not prop.prop.driven_over and prop.top > volume.low and prop.bottom < volume.high]
+    solid = [
+        prop for prop in props if not prop.prop.driven_over and prop.top > volume.low and prop.bottom < volume.high
+    ]
     if not solid or not index.size or not volume.slabs:
         return result
     touched: set[tuple[int, int]] = set()
@@ -153,7 +156,7 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
         owners, areas = np.array([number for number, _ in pairs]), [area for _, area in pairs]
         tree = shapely.STRtree(areas)
         for outline in outlines:
-            shapes = shapely.polygons(place_outline(outline, poses[index]))
+            shapes: Any = shapely.polygons(place_outline(outline, poses[index]))
             (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
             result[index[row]] = np.minimum(result[index[row]], distance)
             inside = np.flatnonzero(distance <= 0.0)
@@ -168,7 +171,9 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
     return result
 
 
-def clearance_between(one: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)) -> Array:
+def clearance_between(
+    one: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)
+) -> Array:
     """Distance of two vehicles that both move in the plane [m] (n); negative: how deep they overlap.
 
     Args:

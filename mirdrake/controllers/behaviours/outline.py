@@ -60,7 +60,9 @@ def volume_of(vehicle: ShapedVehicle) -> Volume:
     if urdf:
         spec, packages = vehicle.spec, getattr(vehicle, "packages", {})  # type: ignore[attr-defined]
         wheels = spec.joints.wheels.names()
-        parts = [Part(*part) for part in measure_parts(urdf, packages=packages, base_link=spec.base_link, wheels=wheels)]
+        parts = [
+            Part(*part) for part in measure_parts(urdf, packages=packages, base_link=spec.base_link, wheels=wheels)
+        ]
     if not parts:
         box, floor = outline_of(vehicle), _CLEARANCE * vehicle.geometry.wheelbase
         sides = (box.rear, box.front), (-box.half_width, box.half_width), (floor, box.height)
