@@ -502,3 +502,161 @@ def test_meshcat_takes_the_gltf_with_its_texture(tmp_path):
     diagram.ForcedPublish(diagram.CreateDefaultContext())
     page = meshcat.StaticHtml()
     assert base64.b64encode((tmp_path / "meshes/part_0.png").read_bytes()).decode() in page or "part_0.png" in page
+
+
+# --- winding -----------------------------------------------------------------------------------------------------
+
+
+def random_map(rng):
+    """An affine map with a random sign of its determinant."""
+    frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    matrix = np.eye(4)
+    matrix[:3, :3] = frame @ np.diag(rng.uniform(0.5, 2.0, 3) * rng.choice([-1.0, 1.0], 3)) @ frame.T
+    matrix[:3, 3] = rng.normal(size=3)
+    return matrix
+
+
+def faces_of_a_cube(rng, wrong):
+    """Corners (12, 3, 3) and normals (12, 3); a share of the triangles is wound against its normals."""
+    triangles = box((0, 0, 0), (1, 2, 3))
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    against = rng.random(12) < wrong
+    triangles[against] = triangles[against][:, ::-1]
+    return triangles, cross / np.linalg.norm(cross, axis=1)[:, None]
+
+
+def as_obj(path, triangles, normals, matrix):
+    """The map is in the coordinates; normals go with its inverse transpose."""
+    triangles = triangles @ matrix[:3, :3].T + matrix[:3, 3]
+    normals = normals @ np.linalg.inv(matrix[:3, :3])
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in triangles.reshape(-1, 3)]
+    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in normals]
+    lines += [f"f {3 * k + 1}//{k + 1} {3 * k + 2}//{k + 1} {3 * k + 3}//{k + 1}" for k in range(len(triangles))]
+    path.write_text("\n".join(lines))
+
+
+def as_dae(path, triangles, normals, matrix):
+    """The map is that of a node."""
+
+    def source(name, rows):
+        values = " ".join(f"{value:.9g}" for value in rows.ravel())
+        axes = "".join(f'<param name="{axis}" type="float"/>' for axis in "XYZ")
+        return (
+            f'<source id="{name}"><float_array id="{name}a" count="{rows.size}">{values}</float_array>'
+            f'<technique_common><accessor source="#{name}a" count="{len(rows)}" stride="3">{axes}</accessor>'
+            "</technique_common></source>"
+        )
+
+    index = " ".join(f"{3 * k + corner} {k}" for k in range(len(triangles)) for corner in range(3))
+    path.write_text(
+        '<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>'
+        f'<library_geometries><geometry id="g"><mesh>{source("p", triangles.reshape(-1, 3))}{source("n", normals)}'
+        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
+        f'<triangles count="{len(triangles)}"><input semantic="VERTEX" source="#v" offset="0"/>'
+        f'<input semantic="NORMAL" source="#n" offset="1"/><p>{index}</p></triangles></mesh></geometry>'
+        '</library_geometries><library_visual_scenes><visual_scene id="s"><node>'
+        f'<matrix>{" ".join(f"{value:.9g}" for value in matrix.ravel())}</matrix><instance_geometry url="#g"/></node>'
+        '</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+
+
+def as_glb(path, triangles, normals, matrix):
+    """The map is that of a node."""
+    solid = trimesh.Trimesh(
+        triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0),
+        process=False,
+    )  # fmt: skip
+    scene = trimesh.Scene()
+    scene.add_geometry(solid, transform=matrix)
+    path.write_bytes(scene.export(file_type="glb", include_normals=True))
+
+
+def against_normals(written):
+    """Share of the area of a glTF that is wound against its normals, and its volume."""
+    document = json.loads(written.mesh.read_text())
+    blob = written.mesh.with_suffix(".bin").read_bytes()
+
+    def array(number):
+        accessor = document["accessors"][number]
+        kind, width = ("<u4", 1) if accessor["type"] == "SCALAR" else ("<f4", int(accessor["type"][-1]))
+        start = document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+        return np.frombuffer(blob, kind, accessor["count"] * width, start).reshape(-1, width)
+
+    wrong = total = volume = 0.0
+    for primitive in document["meshes"][0]["primitives"]:
+        index = array(primitive["indices"]).reshape(-1, 3)
+        corners = array(primitive["attributes"]["POSITION"]).astype(float)[index]
+        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        mean = array(primitive["attributes"]["NORMAL"])[index].mean(axis=1)
+        area = np.linalg.norm(face, axis=1)
+        wrong += float(area[np.einsum("ij,ij->i", face, mean) < 0].sum())
+        total += float(area.sum())
+        volume += float(np.einsum("ij,ij->", corners[:, 0], face)) / 6.0
+    return wrong / total, volume
+
+
+@pytest.mark.parametrize("kind", ["obj", "dae", "glb"])
+@pytest.mark.parametrize("seed", range(8))
+def test_stated_normals_decide_the_winding_whatever_mirrors_nodes_and_scales_have(tmp_path, kind, seed):
+    rng = np.random.default_rng(seed)
+    matrix = random_map(rng)
+    triangles, normals = faces_of_a_cube(rng, wrong=(0.0, 0.3, 1.0)[seed % 3])
+    path = tmp_path / f"c.{kind}"
+    {"obj": as_obj, "dae": as_dae, "glb": as_glb}[kind](path, triangles, normals, matrix)
+    scale = tuple((rng.choice([-1.0, 1.0], 3) * rng.uniform(0.5, 2.0, 3)).tolist())
+    written, _, _ = converted(mesh(path, scale=scale), tmp_path)
+    wrong, volume = against_normals(written)
+    assert wrong == 0.0
+    assert volume == pytest.approx(6.0 * abs(np.linalg.det(matrix[:3, :3]) * np.prod(scale)), rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_without_normals_the_outside_stays_outside_under_any_map(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    stretch = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.5, 2.0, 3)
+    scale = tuple((rng.choice([-1.0, 1.0], 3) * rng.uniform(0.5, 2.0, 3)).tolist())
+    text = f"<rotate>0 1 1 {rng.uniform(0, 360):g}</rotate><scale>{' '.join(f'{value:g}' for value in stretch)}</scale>"
+    for path in (
+        write_dae(tmp_path / "n.dae", size=(1, 2, 3), matrix=text),
+        write_stl(tmp_path / "n.stl", box((0, 0, 0), (1, 2, 3)) * stretch * np.sign(np.prod(stretch))),
+    ):
+        written, _, _ = converted(mesh(path, scale=scale), tmp_path, path.suffix[1:])
+        wrong, volume = against_normals(written)
+        assert wrong == 0.0
+        assert volume == pytest.approx(6.0 * np.prod(np.abs(stretch)) * np.prod(np.abs(scale)), rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_two_coincident_opposite_faces_one_is_left_and_all_others_stay(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    triangles, normals = faces_of_a_cube(rng, wrong=0.0)
+    doubled = rng.random(12) < 0.5
+    doubled[0] = True
+    back = np.roll(triangles[doubled][:, ::-1], int(rng.integers(3)), axis=1)
+    again = triangles[~doubled][:1]  # facing the same way, as a sticker does
+    order = rng.permutation(12 + len(back) + len(again))
+    as_obj(
+        tmp_path / "d.obj",
+        np.concatenate((triangles, back, again))[order],
+        np.concatenate((normals, -normals[doubled], normals[~doubled][:1]))[order],
+        np.eye(4),
+    )
+    written, changes, _ = converted(mesh(tmp_path / "d.obj"), tmp_path)
+    wrong, volume = against_normals(written)
+    assert wrong == 0.0
+    assert volume >= 6.0 - 1e-5  # those that face outwards are left
+    assert [change.was for change in changes] == [f"{doubled.sum()} pairs of coincident opposite triangles"]
+
+
+def test_the_camera_sees_both_sides_of_a_body_with_a_mirrored_node_equally_bright(tmp_path, look):
+    """The left half is wound as if its node were not mirrored, as exporters do that reverse it themselves."""
+    triangles, normals = faces_of_a_cube(np.random.default_rng(0), wrong=0.0)
+    brightness = []
+    for name, winding in (("right", 1), ("left", -1)):
+        matrix = np.diag([1.0, 1.0, 1.0, 1.0]) if winding == 1 else np.diag([1.0, -1.0, 1.0, 1.0])
+        as_dae(tmp_path / f"{name}.dae", triangles[:, ::winding], normals, matrix)
+        written, _, _ = converted(mesh(tmp_path / f"{name}.dae"), tmp_path, name)
+        picture = look([written], eye=(6.0, 0.0, 4.5), target=(0.5, winding * 1.0, 1.5))
+        lit = picture.sum(axis=2)
+        brightness.append(float(np.median(lit[lit > 0])))
+    assert brightness[1] == pytest.approx(brightness[0], rel=0.3)

@@ -8,13 +8,12 @@ import numpy as np
 from collada import Collada
 from collada.material import Map
 from collada.polylist import Polylist
-from collada.scene import ControllerNode, GeometryNode, Node
+from collada.scene import ControllerNode, GeometryNode, Node, RotateTransform
 from collada.triangleset import TriangleSet
 
-from mirdrake.vehicles.importing.mesh_read import Array, Material, Note, Piece, TextureFolder
+from mirdrake.vehicles.importing.mesh_read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
 
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # ITU-R BT.709-4, as COLLADA 1.4.1 says for RGB_ZERO
-_INVISIBLE = 0.01
 
 
 def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
@@ -39,6 +38,20 @@ def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
         return
     for geometry in document.geometries:
         yield from reader.geometry(geometry, {}, matrix, ())
+
+
+def _matrix(node: Node) -> Array:
+    """The transformation of a node; unlike pycollada's it takes axes of rotations of any length."""
+    matrix = np.eye(4)
+    for step in node.transforms:
+        own = np.asarray(step.matrix, dtype=float)
+        if isinstance(step, RotateTransform):
+            length = float(np.linalg.norm((step.x, step.y, step.z)))
+            if length > 0.0:
+                axis = (step.x / length, step.y / length, step.z / length)
+                own = np.asarray(RotateTransform(*axis, step.angle).matrix, dtype=float)
+        matrix = matrix @ own
+    return matrix
 
 
 def _tag(element: Element) -> str:
@@ -75,7 +88,7 @@ class _Reader:
             inner = getattr(node, "node", None) or node
             own = tuple(str(word) for word in (inner.xmlnode.get("name"), inner.id) if word)
             for child in node.children:
-                yield from self.walk(child, matrix @ np.asarray(node.matrix, dtype=float), names + own)
+                yield from self.walk(child, matrix @ _matrix(inner), names + own)
 
     def _bound(self, bindings: Any) -> dict[str, Any]:
         return {binding.symbol: binding.target for binding in bindings}
@@ -140,7 +153,7 @@ class _Reader:
             opacity = 1.0 - float(_LUMINANCE @ color[:3]) * factor
         else:
             opacity = (float(color[3]) if len(color) > 3 else 1.0) * factor
-        if not opacity >= _INVISIBLE:
+        if not opacity >= INVISIBLE:
             self.folder.notes.append(
                 Note(f"material {name} invisible", "opaque", "some exporters write transparency the wrong way round")
             )

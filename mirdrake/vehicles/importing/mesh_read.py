@@ -8,7 +8,7 @@ and reads the unit itself; gz-common: AssimpLoader.cc drops the root's rotation)
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from io import BytesIO
@@ -27,7 +27,11 @@ from mirdrake.vehicles.importing.model import Change
 Array = NDArray[np.float64]
 
 FORMATS = ("dae", "stl", "obj", "gltf", "glb", "ply")
+INVISIBLE = 0.01
+"""Opacity below which a material is taken for one whose transparency is written the wrong way round."""
+
 _FAR = 1e9  # in the file's unit, beyond which a coordinate is taken for a broken number
+_GRAZING = 0.05  # cosine between a face and its stated normals below which these do not decide its winding
 EXTRA = "pip install 'mirdrake[import]'"
 
 
@@ -46,6 +50,10 @@ class MeshError(ModelError):
     def left_out(self, where: str, what: str) -> Change:
         """The line of the report if the shape is left out."""
         return Change(where, what, str(self.file), "left out", self.reason)
+
+
+class SubmeshError(MeshError):
+    """A mesh has no submesh of the name that is asked for."""
 
 
 class Note(NamedTuple):
@@ -97,13 +105,17 @@ class Piece:
         """The triangles of a mask or of indices."""
         return self._with(lambda array: array[which])
 
+    def reversed(self, which: NDArray[Any]) -> "Piece":
+        """The piece with the winding of the triangles of a mask reversed; their normals stay."""
+        return self._with(lambda array: np.where(which[:, None, None], array[:, ::-1], array))
+
     def _with(self, change: Callable[[Array], Array]) -> "Piece":
         arrays: dict[str, Any] = {key: getattr(self, key) for key in ("corners", "normals", "uv", "colors")}
         changed: dict[str, Any] = {key: array if array is None else change(array) for key, array in arrays.items()}
         return replace(self, **changed)
 
     def moved(self, matrix: Array) -> "Piece":
-        """The piece under an affine map (4, 4); a mirror turns the winding, so that outside stays outside."""
+        """The piece under an affine map (4, 4); a mirror reverses the winding, so that outside stays outside."""
         linear = matrix[:3, :3]
         corners = self.corners @ linear.T + matrix[:3, 3]
         normals = self.normals
@@ -160,7 +172,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     try:
         with warnings.catch_warnings():  # those of the readers say nothing about the file
             warnings.simplefilter("ignore")
-            pieces = list(_read_dae(data, folder) if kind == "dae" else _read_with_trimesh(data, kind, folder))
+            pieces = list(_reader(kind)(data, folder))
     except (MeshError, MissingDependencyError):
         raise
     except Exception as error:  # the readers' own errors are of every kind
@@ -169,6 +181,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     pieces = _without_broken(pieces, notes)
     if not pieces:
         raise MeshError(path, "has no triangle")
+    pieces = _without_doubles(_wound_by_normals(pieces, notes), notes)
     return ReadMesh(tuple(pieces), tuple(dict.fromkeys(notes)))
 
 
@@ -183,7 +196,7 @@ def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
     found = tuple(piece for piece in mesh.pieces if name in piece.names)
     if not found:
         names = [known for piece in mesh.pieces for known in piece.names]
-        raise MeshError(path, f"has no submesh '{name}': {did_you_mean(name, names)}")
+        raise SubmeshError(path, f"has no submesh '{name}': {did_you_mean(name, names)}")
     return found
 
 
@@ -201,6 +214,81 @@ def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     if broken:
         notes.append(Note(f"{count} triangles", f"{count - broken} triangles", "coordinates that are no numbers"))
     return kept
+
+
+def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
+    """The pieces with each triangle wound as its stated normals want it.
+
+    A renderer takes the outside of a triangle from its winding and the light from its normals; where they disagree it
+    draws black. The normals decide. They have gone through the same transformations, and unlike the winding they are
+    not reversed by a mirror, which some exporters account for and others do not.
+    """
+    result, turned, count = [], 0, 0
+    for piece in pieces:
+        count += len(piece.corners)
+        if piece.normals is not None:
+            face, mean = _unit(_areas(piece.corners)), _unit(np.nan_to_num(_unit(piece.normals)).sum(axis=1))
+            against = np.einsum("ij,ij->i", face, mean) < -_GRAZING
+            if against.any():
+                turned += int(against.sum())
+                piece = piece.reversed(against)
+        result.append(piece)
+    if turned:
+        notes.append(Note(f"{turned} of {count} triangles wound against their normals", "reversed", "normals decide"))
+    return result
+
+
+def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
+    """The pieces without one of each two coincident triangles that face opposite ways.
+
+    Surfaces are drawn from both sides, so that one is enough; two flicker, and are not a solid. Of a pair in one
+    submesh the one with a texture stays, else the one that faces away from the middle of the mesh.
+    """
+    if not pieces:
+        return []
+    corners = np.concatenate([piece.corners for piece in pieces])
+    low, extent = corners.min(axis=(0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max()) or 1.0
+    grid = np.round((corners - low) / (1e-6 * extent)).astype(np.int64)
+    codes = np.sort((grid[..., 0] << 42) | (grid[..., 1] << 21) | grid[..., 2], axis=1)
+    submeshes = {names: number for number, names in enumerate(dict.fromkeys(piece.names for piece in pieces))}
+    owner = np.concatenate([np.full(len(piece.corners), submeshes[piece.names]) for piece in pieces])
+    order = np.lexsort((np.arange(len(codes)), codes[:, 2], codes[:, 1], codes[:, 0], owner))
+    same = (codes[order[1:]] == codes[order[:-1]]).all(axis=1) & (owner[order[1:]] == owner[order[:-1]])
+    if not same.any():
+        return list(pieces)
+    face = _areas(corners)
+    rank = np.einsum("ij,ij->i", face, corners.mean(axis=1) - corners.mean(axis=(0, 1)))
+    textured = np.concatenate([np.full(len(piece.corners), piece.material.picture is not None) for piece in pieces])
+    rank = np.where(textured, np.inf, rank)
+    dropped = np.zeros(len(corners), dtype=bool)
+    for start, end in _runs(same):
+        run = order[start : end + 1]
+        along = face[run] @ face[run[0]] > 0.0
+        for one, other in zip(run[along].tolist(), run[~along].tolist(), strict=False):
+            dropped[other if rank[one] >= rank[other] else one] = True
+    if dropped.any():
+        why = "both would be drawn at the same place"
+        notes.append(Note(f"{int(dropped.sum())} pairs of coincident opposite triangles", "one of each", why))
+    kept = np.split(~dropped, np.cumsum([len(piece.corners) for piece in pieces])[:-1])
+    return [piece.taking(keep) for piece, keep in zip(pieces, kept, strict=True) if keep.any()]
+
+
+def _runs(same: NDArray[Any]) -> Iterator[tuple[int, int]]:
+    """First and last index of each run of equal neighbours."""
+    edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
+    yield from zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True)
+
+
+def _areas(corners: Array) -> Array:
+    """Normals of triangles (n, 3, 3), twice as long as their area."""
+    normals: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors of length one; not a number where they have none."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 1e-12)
 
 
 class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ignore]
@@ -244,15 +332,15 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
         """A resolver for a folder below (for trimesh)."""
         return TextureFolder(self.folder / namespace, self.notes)
 
-    def picture(self, address: str) -> Image.Image | None:
-        """A texture, opened; None and a note if it is missing or unreadable."""
+    def picture(self, address: str, *, alpha: bool = False) -> Image.Image | None:
+        """A texture, opened, with its opacity if `alpha`; None and a note if it is missing or unreadable."""
         found = self.find(address)
         if found is None:
             self.notes.append(_missing(address))
             return None
         try:
             with Image.open(BytesIO(found.read_bytes())) as image:
-                return _plain(image)
+                return _plain(image, alpha=alpha)
         except Exception as error:  # Pillow's errors are of every kind
             self.notes.append(Note(f"texture {address}", "left out", f"cannot be read: {error}"))
             return None
@@ -292,9 +380,22 @@ def _plain(image: Image.Image, *, alpha: bool = False) -> Image.Image:
     return image.convert("RGB")
 
 
+def _reader(kind: str) -> Callable[[bytes, TextureFolder], Iterable[Piece]]:
+    if kind == "dae":
+        return _read_dae
+    if kind == "obj":
+        return _read_obj
+    return lambda data, folder: _read_with_trimesh(data, kind, folder)
+
+
+def _read_obj(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
+    from mirdrake.vehicles.importing.mesh_obj import read_obj
+
+    return read_obj(data, folder)
+
+
 def _read_with_trimesh(data: bytes, kind: str, folder: TextureFolder) -> Iterator[Piece]:
-    options: dict[str, Any] = {"split_objects": True, "split_groups": True} if kind == "obj" else {}
-    scene = trimesh.load_scene(BytesIO(data), file_type=kind, resolver=folder, process=False, **options)
+    scene = trimesh.load_scene(BytesIO(data), file_type=kind, resolver=folder, process=False)
     if kind in ("gltf", "glb"):
         folder.notes.append(Note("glTF", "axes as in the file", "Gazebo and RViz do not turn glTF from y up to z up"))
     for node in sorted(scene.graph.nodes_geometry):

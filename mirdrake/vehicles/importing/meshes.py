@@ -18,6 +18,7 @@ from mirdrake.vehicles.importing.mesh_read import (
     MeshError,
     Note,
     Piece,
+    SubmeshError,
     TextureFolder,
     read_mesh,
     select_submesh,
@@ -27,7 +28,7 @@ from mirdrake.vehicles.importing.model import Change, Shape
 
 Array = NDArray[np.float64]
 
-__all__ = ["MeshError", "convert_collision", "convert_visual", "mesh_bounds"]
+__all__ = ["MeshError", "convert_collision", "convert_visual", "mesh_bounds", "with_known_submesh"]
 
 
 def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
@@ -51,6 +52,26 @@ def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
     half = _half_extent(shape)
     middle = shape.X_LG.translation()
     return middle - half, middle + half
+
+
+def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
+    """The shape with its whole mesh where the mesh has no submesh of the name given, and the change to report.
+
+    A body that is drawn with more than its submesh is noticed; one that is not drawn is lost.
+    """
+    if shape.kind != "mesh" or shape.mesh is None or not shape.submesh:
+        return shape, []
+    try:
+        read = read_mesh(shape.mesh)
+    except MeshError:  # reported where the mesh is converted
+        return shape, []
+    try:
+        select_submesh(read, shape.mesh, shape.submesh)
+    except SubmeshError as error:
+        what = f"mesh {shape.address or shape.mesh}"
+        change = Change(shape.where, what, f"submesh '{shape.submesh}'", "the whole mesh", error.reason)
+        return replace(shape, submesh=""), [change]
+    return shape, []
 
 
 def _half_extent(shape: Shape) -> Array:

@@ -13,6 +13,7 @@ from mirdrake.vehicles.importing.joints import imported_gains, say_joints
 from mirdrake.vehicles.importing.kinematics import Tree, source_name
 from mirdrake.vehicles.importing.limits import collect_numbers, driven_wheels, steering_limit
 from mirdrake.vehicles.importing.masses import centre_of_mass, check_balance, gather_masses, total_mass
+from mirdrake.vehicles.importing.meshes import with_known_submesh
 from mirdrake.vehicles.importing.model import Change, Shape, SourceModel
 from mirdrake.vehicles.importing.names import Names
 from mirdrake.vehicles.importing.recognise import Roles
@@ -143,6 +144,8 @@ def _make_parts(
         wheels[key] = Part(names.link(child), tree.rigid_with(child, free), layout.parts[key])
     for part in (body, *knuckles, *wheels.values()):
         _take_shapes(tree, part)
+    body.visuals = _with_known_submeshes(body.visuals, changes)
+    body.collisions = _with_known_submeshes(body.collisions, changes)
     return body, (knuckles[0], knuckles[1]), wheels
 
 
@@ -152,6 +155,23 @@ def _take_shapes(tree: Tree, part: Part) -> None:
         link, X_PL = tree.model.links[name], X_PM.multiply(tree.poses[name])
         part.visuals += [replace(shape, X_LG=X_PL.multiply(shape.X_LG)) for shape in link.visuals]
         part.collisions += [replace(shape, X_LG=X_PL.multiply(shape.X_LG)) for shape in link.collisions]
+
+
+def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> list[Shape]:
+    """Shapes of the body with whole meshes where a submesh does not exist; the same whole mesh at one place once."""
+    kept: list[Shape] = []
+    for shape in shapes:
+        known, found = with_known_submesh(shape)
+        changes += found
+        if not found or not any(
+            other.mesh == known.mesh
+            and not other.submesh
+            and other.scale == known.scale
+            and other.X_LG.IsNearlyEqualTo(known.X_LG, 1e-9)
+            for other in kept
+        ):
+            kept.append(known)
+    return kept
 
 
 def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
