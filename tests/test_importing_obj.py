@@ -117,7 +117,7 @@ def test_all_forms_of_corners(tmp_path, face):
     (piece,) = read(tmp_path, text).pieces
     assert piece.corners.tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
     assert (piece.uv is not None) == (face.count("/") in (3, 6) and "//" not in face)
-    assert (piece.normals is not None) == ("/1" in face and face != "1/1 2/2 3/3" or face.startswith("-"))
+    assert (piece.normals is not None) == (("/1" in face and face != "1/1 2/2 3/3") or face.startswith("-"))
     if piece.uv is not None:
         assert piece.uv.tolist() == [[[0, 0], [1, 0], [0, 1]]]
 

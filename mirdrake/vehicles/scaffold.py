@@ -7,7 +7,6 @@ README.md, number by number, and in ``sources`` of its vehicle.yaml. The files a
 import json
 import os
 import re
-import shutil
 from math import atan, ceil, hypot, pi, sqrt, tan
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import jinja2
 
 from mirdrake.errors import ConfigError
-from mirdrake.paths import search_folders
+from mirdrake.paths import search_folders, staging
 from mirdrake.vehicles.bodywork.generic import write_car
 from mirdrake.vehicles.questions import ask
 from mirdrake.vehicles.vehicle import load_vehicle
@@ -104,17 +103,13 @@ def write_vehicle(
     """Write the folder of a planned vehicle; see :func:`new_vehicle`."""
     check_name(name)
     target = vehicle_place(name, folder=folder, force=force)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    building = target.parent / f".{name}.{os.getpid()}"
-    shutil.rmtree(building, ignore_errors=True)
-    try:
+    with staging(target.parent) as stage:
+        building = stage.path / target.name
         building.mkdir()
         _write_files(building, name, title or name.replace("_", " ").capitalize(), plan)
         load_vehicle(str(building))
         load_vehicle(f"{building}@springs")
-        _move(building, target)
-    finally:
-        shutil.rmtree(building, ignore_errors=True)
+        stage.publish()
     return target
 
 
@@ -238,22 +233,6 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
 
 def _cell(value: Any) -> str:
     return " x ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else f"{value:.10g}"
-
-
-def _move(building: Path, target: Path) -> None:
-    """Put a finished folder in its place; a vehicle that is replaced goes only when the new one stands."""
-    old = None
-    if target.exists():
-        old = building.with_name(f"{building.name}.old")
-        target.rename(old)
-    try:
-        building.rename(target)
-    except OSError:
-        if old is not None:
-            old.rename(target)
-        raise
-    if old is not None:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def write_visuals(folder: Path, plan: Plan) -> None:

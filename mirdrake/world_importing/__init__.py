@@ -15,7 +15,6 @@ Nothing is written until everything has worked; every difference from the source
 
 import os
 import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 import shapely
 
 from mirdrake.errors import ConfigError, ModelError, WorldError
+from mirdrake.paths import staging
 from mirdrake.vehicles.importing.model import Change
 from mirdrake.vehicles.importing.places import Places
 from mirdrake.vehicles.scaffold import check_name
@@ -104,18 +104,9 @@ def import_world(
     target = Path(folder or "worlds")
     replaced = _check_place(target, name, force=force)
     places = Places(source)
-    missing = [parent for parent in (target, *target.parents) if not parent.exists()]
-    building = target / f".{name}.{os.getpid()}"
-    try:
-        building.mkdir(parents=True)
-        result = _build(world, name, building, places, strict=strict, say=say)
-        _move(building, target, name, replaced)
-    except BaseException:
-        shutil.rmtree(building, ignore_errors=True)
-        for parent in missing:  # the inner ones first
-            if parent.is_dir() and not any(parent.iterdir()):
-                parent.rmdir()
-        raise
+    with staging(target) as stage:
+        result = _build(world, name, stage.path, places, strict=strict, say=say)
+        stage.publish(replaced)
     return WorldImport(target / f"{name}.yaml", *result)
 
 
@@ -243,29 +234,6 @@ def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
 
 def _exists(path: Path) -> bool:
     return path.is_symlink() or path.exists()
-
-
-def _move(building: Path, target: Path, name: str, replaced: list[Path]) -> None:
-    """Put finished files in their places, the world file last; what they replace goes only when all of them stand."""
-    old = target / f".{name}.{os.getpid()}.old"
-    moved: list[tuple[Path, Path]] = []
-    try:
-        if replaced:
-            old.mkdir()
-        for path in replaced:
-            path.rename(old / path.name)
-            moved.append((old / path.name, path))
-        for part in (name, f"{name}.md", f"{name}.yaml"):
-            if (building / part).exists():
-                (building / part).rename(target / part)
-                moved.append((target / part, building / part))
-    except OSError:
-        for place_now, place_before in reversed(moved):
-            place_now.rename(place_before)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
-    shutil.rmtree(building, ignore_errors=True)
 
 
 def _say_nothing(_text: str) -> None:

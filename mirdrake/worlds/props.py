@@ -24,7 +24,7 @@ from pydrake.multibody.tree import SpatialInertia
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import search_folders
+from mirdrake.paths import is_hidden, search_folders
 from mirdrake.worlds.outlines import outlines_of
 from mirdrake.yaml_io import Angle, Length, Mass, Schema, load_yaml, where
 
@@ -209,7 +209,8 @@ def prop_names() -> dict[str, Path]:
     found: dict[str, Path] = {}
     for folder in search_folders("models"):
         for path in sorted(folder.glob("props/*/prop.yaml")):
-            found.setdefault(path.parent.name, path.parent)
+            if not is_hidden(path.parent.name):
+                found.setdefault(path.parent.name, path.parent)
     return dict(sorted(found.items()))
 
 

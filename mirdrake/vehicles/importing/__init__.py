@@ -12,15 +12,14 @@ Nothing is written until everything has worked; every difference from the source
 the README.md of the new folder.
 """
 
-import os
 import re
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.paths import staging
 from mirdrake.vehicles.importing.check import check_loads
 from mirdrake.vehicles.importing.model import Change
 from mirdrake.vehicles.importing.places import shorten
@@ -93,23 +92,14 @@ def import_vehicle(
     roles = recognise(model, drive)
     say("repairing")
     car = repair(model, roles, name=name)
-    missing = [parent for parent in (target.parent, *target.parent.parents) if not parent.exists()]
-    building = target.parent / f".{name}.{os.getpid()}"
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(building, ignore_errors=True)
+    with staging(target.parent) as stage:
+        building = stage.path / target.name
         building.mkdir()
         say("converting meshes")
         write_car(car, model, building, places=places)
         say("loading")
         check_loads(building)
-        _move(building, target)
-    except BaseException:
-        shutil.rmtree(building, ignore_errors=True)
-        for parent in missing:  # the inner ones first
-            if parent.is_dir() and not any(parent.iterdir()):
-                parent.rmdir()
-        raise
+        stage.publish()
     return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)))
 
 
@@ -121,19 +111,3 @@ def _plain(name: str) -> str:
     """A folder's name from a model's."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
     return plain if re.match(r"[a-z]", plain) else f"vehicle_{plain}"[:64].rstrip("_")
-
-
-def _move(building: Path, target: Path) -> None:
-    """Put a finished folder in its place; a vehicle that is replaced goes only when the new one stands."""
-    old = None
-    if target.exists():
-        old = building.with_name(f"{building.name}.old")
-        target.rename(old)
-    try:
-        building.rename(target)
-    except OSError:
-        if old is not None:
-            old.rename(target)
-        raise
-    if old is not None:
-        shutil.rmtree(old, ignore_errors=True)

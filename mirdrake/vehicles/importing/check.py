@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from mirdrake.errors import MirdrakeError, ModelError
+from mirdrake.yaml_io import shown
 
 SLOWEST = 600.0
 """Seconds after which loading is given up."""
@@ -35,7 +36,8 @@ def check_loads(folder: Path) -> None:
         return
     lines = done.stderr.strip().splitlines()
     if done.returncode == 2 and lines:
-        raise ModelError(f"the imported vehicle does not load: {lines[-1]}")
+        reason = lines[-1].replace(f"{shown(folder)}{os.sep}", "").replace(f"{folder}{os.sep}", "")
+        raise ModelError(f"the imported vehicle does not load: {reason}")
     last = f": {lines[-1]}" if lines else ""
     raise ModelError(f"the imported vehicle crashes Drake (exit {done.returncode}){last}")
 

@@ -103,7 +103,8 @@ def _table(rows: list[list[float]], width: int) -> Array:
 def _read_lines(text: str) -> _Content:
     content = _Content()
     vertex_lists = {"v": content.points, "vt": content.uv, "vn": content.normals}
-    target, groups, material = "", (), ""
+    target, material = "", ""
+    groups: tuple[str, ...] = ()
     part: _Part | None = None
     for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
         words = line.split()

@@ -288,7 +288,8 @@ def _areas(corners: Array) -> Array:
 def _unit(vectors: Array) -> Array:
     """Vectors of length one; not a number where they have none."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 1e-12)
+    unit: Array = np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 1e-12)
+    return unit
 
 
 class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ignore]
