@@ -1,7 +1,7 @@
 """sensors.yaml: what is mounted in which frame of a vehicle."""
 
 from collections.abc import Mapping
-from math import degrees, pi
+from math import copysign, degrees, pi
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -125,6 +125,9 @@ class SteeringAngleMount(Mount):
         return self.resolution if self.counts is None else 2.0 * pi / self.counts
 
 
+ROUNDED_TURN = 6.3
+"""A full turn rounded to two digits [rad]: the widest fan of beams, which is shortened to 2 pi."""
+
 MAX_RAYS = 1_000_000
 """Of one scan: casting them takes about 0.2 kB each."""
 
@@ -162,7 +165,7 @@ class LaserScannerMount(Turning):
 
     @model_validator(mode="after")
     def _one_turn(self) -> Self:
-        _check_turn(self.start_angle, self.end_angle)
+        self.end_angle = _within_turn(self.start_angle, self.end_angle)
         return self
 
 
@@ -179,7 +182,7 @@ class LidarMount(Turning):
 
     @model_validator(mode="after")
     def _one_turn(self) -> Self:
-        _check_turn(self.horizontal_start, self.horizontal_end)
+        self.horizontal_end = _within_turn(self.horizontal_start, self.horizontal_end)
         _check_rays(self.columns, self.rows)
         return self
 
@@ -286,10 +289,17 @@ SensorMount = Annotated[
 ]
 
 
-def _check_turn(start: float, end: float) -> None:
-    """Refuse a fan of beams [rad] of more than one turn."""
-    if abs(end - start) > 2.0 * pi + 1e-6:
+def _within_turn(start: float, end: float) -> float:
+    """Return the last angle of a fan of beams [rad]; a turn rounded to two digits or more, as 6.28319, is a full turn.
+
+    Raises:
+        ValueError: the fan is wider than one turn.
+    """
+    if abs(end - start) > ROUNDED_TURN + 1e-9:
         raise ValueError(f"from {start:g} to {end:g} rad is more than a turn of {2.0 * pi:.6g} rad")
+    if abs(end - start) > 2.0 * pi + 1e-6:
+        return start + copysign(2.0 * pi, end - start)
+    return end
 
 
 def _check_rays(columns: int, rows: int) -> None:

@@ -3,7 +3,11 @@
 from collections.abc import Callable
 from xml.etree import ElementTree
 
+import numpy as np
+
+from mirdrake.errors import ModelError
 from mirdrake.vehicles.importing.model import Change, Plugin, SensorTag, Shape, SourceModel, Surface
+from mirdrake.vehicles.importing.plugin_sensors import take_plugin
 from mirdrake.vehicles.importing.xml_lines import leaves, make_pose, read_number, read_numbers
 
 Where = Callable[[ElementTree.Element], str]
@@ -39,9 +43,10 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
     for child in element:
         tag, text = child.tag, (child.get("value") or child.text or "").strip()  # Gazebo takes either
         if tag == "sensor":
-            model.sensors.append(read_sensor(child, name, where))
+            model.sensors.append(read_sensor(child, name, where, model))
         elif tag == "plugin":
-            model.plugins.append(Plugin(child.get("name", ""), child.get("filename", ""), leaves(child), where(child)))
+            plugin = Plugin(child.get("name", ""), child.get("filename", ""), leaves(child), where(child))
+            take_plugin(plugin, name, model)
         elif link is not None and tag in _SURFACE:
             link.surface = link.surface or Surface(where=place)
             setattr(link.surface, _SURFACE[tag], read_number(text, where=where(child), what=f"<{tag}>"))
@@ -64,23 +69,38 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             model.changes.append(Change(where(child), about, text[:80] or "…", "left out", why))
 
 
-def read_sensor(element: ElementTree.Element, link: str, where: Where) -> SensorTag:
-    """A ``<sensor>`` tag on a link, as SDF and ``<gazebo>`` tags have it."""
-    pose = element.find("pose")
-    place = read_numbers(
-        pose.text if pose is not None else None, count=6, default=[0.0] * 6, where=where(element), what="<pose>"
-    )
-    rate = element.find("update_rate")
+def read_sensor(element: ElementTree.Element, link: str, where: Where, model: SourceModel) -> SensorTag:
+    """A ``<sensor>`` tag on a link, as SDF and ``<gazebo>`` tags have it; unreadable numbers become a Change."""
+    name = element.get("name", "") or element.get("type", "sensor")
+    values = leaves(element)
+
+    place, rate = np.zeros(6), None
+    rates = (values.get(key) for key in ("update_rate", "updateRate", "plugin.updateRate"))
+    try:
+        place = read_numbers(values.get("pose"), count=6, default=place, where=where(element), what="<pose>")
+        if values.get("pose.degrees") in ("1", "true"):
+            place[3:] = np.radians(place[3:])
+    except ModelError as error:
+        model.changes.append(Change(where(element), f"sensor '{name}': place", _after(error), "at the link", "no pose"))
+    try:
+        rate = read_number(next(filter(None, rates), None), where=where(element), what="<update_rate>")
+    except ModelError as error:
+        model.changes.append(Change(where(element), f"sensor '{name}': rate", _after(error), "usual", "no rate"))
     return SensorTag(
-        name=element.get("name", "") or element.get("type", "sensor"),
+        name=name,
         kind=element.get("type", "").lower(),
         link=link,
         X_LS=make_pose(place[:3], place[3:]),
-        rate=read_number(rate.text, where=where(rate), what="<update_rate>") if rate is not None else None,
-        values={key: value for key, value in leaves(element).items() if not key.startswith("plugin")},
+        rate=rate,
+        values=values,
         plugins=tuple(plugin.get("filename", "") for plugin in element.iter("plugin")),
         where=where(element),
     )
+
+
+def _after(error: ModelError) -> str:
+    """What an error says, without its place."""
+    return str(error).partition(": ")[2]
 
 
 def colour_of(name: str) -> tuple[float, float, float, float] | None:

@@ -27,6 +27,7 @@ from mirdrake.vehicles.importing.model import (
     Surface,
 )
 from mirdrake.vehicles.importing.packages import Packages
+from mirdrake.vehicles.importing.plugin_sensors import take_plugin
 from mirdrake.vehicles.importing.xml_lines import leaves, make_pose, parse_xml, read_number, read_numbers
 from mirdrake.yaml_io import shown
 
@@ -95,6 +96,7 @@ class _Reader:
         self._model, self._packages, self._places = model, packages, places
         self._frames: dict[str, _Frame] = {}
         self._poses: dict[str, RigidTransform] = {}
+        self._plugins: list[Plugin] = []
 
     def where(self, element: ElementTree.Element) -> str:
         return self._places.get(element, shown(self._model.files[0]))
@@ -124,6 +126,8 @@ class _Reader:
         for link in self._model.links.values():
             self._pose(link.name)
         self._set_joints()
+        for plugin in self._plugins:  # which may name links that stand after them
+            take_plugin(plugin, "", self._model)
         names = {name: self._pose(name) for name in self._model.links}
         self._link_poses = names
 
@@ -189,8 +193,7 @@ class _Reader:
             elif child.tag == "include":
                 self._include(child, scope, depth)
             elif child.tag == "plugin":
-                values = leaves(child)
-                self._model.plugins.append(Plugin(name, child.get("filename", ""), values, self.where(child)))
+                self._plugins.append(Plugin(name, child.get("filename", ""), leaves(child), self.where(child)))
             elif child.tag not in _WITHOUT_EFFECT:
                 self._change(child, f"model: <{child.tag}>", "…", "left out", "nothing here corresponds to it")
 
@@ -262,7 +265,7 @@ class _Reader:
                 if child.tag == "collision":
                     self._surface(child.find("surface"), link)
             elif child.tag == "sensor":
-                self._model.sensors.append(read_sensor(child, name, self.where))
+                self._model.sensors.append(read_sensor(child, name, self.where, self._model))
             elif child.tag not in _IN_LINK:
                 self._change(child, f"link '{name}': <{child.tag}>", "…", "left out", "nothing here corresponds to it")
         return link

@@ -1,0 +1,162 @@
+"""Corrections that make a sensor of a source valid by the schema of sensors.yaml, one sensor at a time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import copysign, inf, isfinite, pi, radians
+from types import MappingProxyType
+from typing import Any, get_args
+
+from pydantic import ValidationError
+
+from mirdrake.vehicles.mounts import MAX_RAYS, ROUNDED_TURN, Mount, SensorMount
+
+NEAREST, FARTHEST = 1e-3, 1e5
+"""Distances [m] in place of zero or less, and of infinity or more."""
+
+WIDEST = 3.13
+"""Widest field of view of a camera without a fisheye lens [rad]."""
+
+_ANGLES = (("start_angle", "end_angle"), ("horizontal_start", "horizontal_end"), ("vertical_start", "vertical_end"),
+           ("horizontal_fov",), ("cone",))  # fmt: skip
+_FANS = _ANGLES[:2]
+_RANGES = (("near", "far"), ("depth_near", "depth_far"))
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One corrected value: key of the mount, what the source has, what replaces it, and why."""
+
+    key: str
+    was: str
+    became: str
+    why: str
+
+
+def fit_mount(
+    mount: dict[str, Any], defaults: Mapping[str, float] = MappingProxyType({})
+) -> tuple[dict[str, Any] | None, list[Correction], str]:
+    """Correct the values of a mount that the schema does not allow and that have an unambiguous correction.
+
+    Args:
+        mount: entry of sensors.yaml with a known kind; its numbers may be anything.
+        defaults: what replaces required values that are out of range, by key.
+
+    Returns:
+        the valid mount, its corrections and ""; or None, the corrections so far and the schema's reason.
+    """
+    cls, mount = mount_classes()[mount["kind"]], dict(mount)
+    found: list[Correction] = []
+    _convert_degrees(cls, mount, found)
+    _bound(cls, mount, defaults, found)
+    _order(mount, found)
+    _narrow(mount, found)
+    if "rows" in mount and mount["columns"] * mount["rows"] > MAX_RAYS:
+        _set(mount, "columns", MAX_RAYS // mount["rows"], f"at most {MAX_RAYS} rays a scan are cast", found)
+    for _ in range(len(mount)):
+        try:
+            cls.model_validate({"frame": "any", **mount})
+            return mount, found, ""
+        except ValidationError as error:
+            first = error.errors()[0]
+        key, reason = str(first["loc"][0]) if first["loc"] else "", first["msg"].removeprefix("Value error, ")
+        if key not in mount or cls.model_fields[key].is_required():
+            break
+        found.append(Correction(key, str(mount.pop(key))[:60], "left out", reason))
+    return None, found, f"{key}: {reason}" if key else reason
+
+
+def mount_classes() -> dict[str, type[Mount]]:
+    """The schema of each kind of mount."""
+    classes = get_args(get_args(SensorMount)[0])
+    return {get_args(cls.model_fields["kind"].annotation)[0]: cls for cls in classes}
+
+
+def limits_of(cls: type[Mount], key: str) -> tuple[float, float, bool]:
+    """The least and the largest value that the schema allows for a key, and whether the least itself is excluded."""
+    low, high, strict = -inf, inf, False
+    if key == "horizontal_fov":  # whose upper limit is a validator of its own
+        high = WIDEST
+    for item in cls.model_fields[key].metadata:
+        if (bound := getattr(item, "ge", None)) is not None:
+            low = float(bound)
+        if (bound := getattr(item, "gt", None)) is not None:
+            low, strict = float(bound), True
+        for name in ("le", "lt"):
+            if (bound := getattr(item, name, None)) is not None:
+                high = float(bound)
+    return low, high, strict
+
+
+def _set(mount: dict[str, Any], key: str, value: float, why: str, found: list[Correction]) -> None:
+    found.append(Correction(key, f"{mount[key]:.6g}", f"{value:.6g}", why))
+    mount[key] = value
+
+
+def _convert_degrees(cls: type[Mount], mount: dict[str, Any], found: list[Correction]) -> None:
+    """Angles beyond what radians can mean, which fit as degrees, are degrees; both ends of a fan alike."""
+    for keys in _ANGLES:
+        if any(key not in mount for key in keys):
+            continue
+        single = len(keys) == 1
+        # A field of view between 180 degrees and 2 pi may be a fisheye's in radians.
+        highest = 2.0 * pi if single else limits_of(cls, keys[0])[1]
+        if max(abs(mount[key]) for key in keys) > highest:
+            turned = [radians(mount[key]) for key in keys]
+            if all(abs(angle) <= min(highest, pi if single else highest) for angle in turned):
+                for key, angle in zip(keys, turned, strict=True):
+                    _set(mount, key, angle, "in degrees: no such angle in radians", found)
+
+
+def _bound(cls: type[Mount], mount: dict[str, Any], defaults: Mapping[str, float], found: list[Correction]) -> None:
+    """Counts above the largest allowed become it; distances of zero a small one; invalid extras are dropped."""
+    for key, value in list(mount.items()):
+        if isinstance(value, str | dict | bool):
+            continue
+        low, high, strict = limits_of(cls, key)
+        field, distance = cls.model_fields[key], any(key in pair for pair in _RANGES)
+        if distance and value > FARTHEST:
+            _set(mount, key, FARTHEST, f"at most {FARTHEST:g} m", found)
+        elif key == "cone" and value >= high and isfinite(value):
+            _set(mount, key, WIDEST, "a cone is narrower than half a turn", found)
+        elif value > high and field.annotation is int:
+            _set(mount, key, int(high), f"at most {high:g}", found)
+        elif value < low or value > high or (strict and value == low) or not isfinite(value):
+            if key in defaults:
+                _set(mount, key, defaults[key], f"{low:g} to {high:g} is allowed; Gazebo's default", found)
+            elif key in ("near", "depth_near"):
+                _set(mount, key, NEAREST, "above 0", found)
+            elif not field.is_required():
+                del mount[key]
+                default = field.get_default(call_default_factory=True)
+                text = f"{default:g}" if isinstance(default, int | float) else "0"
+                found.append(Correction(key, f"{value:.6g}", text, f"{low:g} to {high:g} is allowed"))
+    # Noise is a mapping in the schema: a plain number is its standard deviation.
+    for key in [key for key, value in mount.items() if key.endswith("noise") and not isinstance(value, str | dict)]:
+        if not (isfinite(mount[key]) and mount[key] >= 0.0):
+            found.append(Correction(key, f"{mount[key]:.6g}", "0", "a standard deviation is 0 or more"))
+            del mount[key]
+
+
+def _order(mount: dict[str, Any], found: list[Correction]) -> None:
+    """A nearest distance beyond the farthest one was written in the other's place."""
+    for near, far in _RANGES:
+        if near in mount and far in mount and mount[near] > mount[far] > 0.0:
+            was = f"{mount[near]:.6g} to {mount[far]:.6g} m"
+            mount[near], mount[far] = mount[far], mount[near]
+            became = f"{mount[near]:.6g} to {mount[far]:.6g} m"
+            found.append(Correction(f"{near} and {far}", was, became, "exchanged: near should be below far"))
+
+
+def _narrow(mount: dict[str, Any], found: list[Correction]) -> None:
+    """A fan of more than one turn becomes one turn, which sees the same."""
+    for start, end in _FANS:
+        if start not in mount or end not in mount:
+            continue
+        span = mount[end] - mount[start]
+        if abs(span) > ROUNDED_TURN:
+            was = f"{mount[start]:.6g} to {mount[end]:.6g} rad"
+            if abs(mount[start] + mount[end]) < 1e-3 * abs(span):
+                mount[start] = -copysign(pi, span)
+            mount[end] = mount[start] + copysign(2.0 * pi, span)
+            became = f"{mount[start]:.6g} to {mount[end]:.6g} rad"
+            found.append(Correction(f"{start} and {end}", was, became, "a fan of beams is at most one turn"))
