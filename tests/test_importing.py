@@ -714,6 +714,62 @@ def test_plausible_limits_of_the_source_are_kept_with_their_place():
     assert numbers["steering_rate"].value == 0.5
 
 
+PRIUS = {
+    "front_torque": "859.4", "back_torque": "0", "front_brake_torque": "1031.28", "back_brake_torque": "687.52",
+    "max_speed": "38.0", "max_steer": "0.55", "min_gas_flow": "9e-05", "flwheel_steering_p_gain": "1e4",
+}  # fmt: skip
+
+
+def test_figures_of_a_drive_plugin_replace_estimates_and_beat_wider_limits_of_joints():
+    model = car()
+    for name in ("j1a", "j1b", "j2a", "j2b"):
+        model.joints[name].limits = Limits(effort=1e7, velocity=1e6)
+    model.plugins.append(Plugin("drive", "libPriusHybridPlugin.so", PRIUS, "car.urdf:80"))
+    numbers = mend(model, drive=None).numbers
+    assert recognise(model).drive == "front"
+    assert {key: numbers[key].value for key in ("steering_limit", "max_torque", "brake_torque")} == pytest.approx(
+        {"steering_limit": 0.55, "max_torque": 2 * 859.4, "brake_torque": 2 * (1031.28 + 687.52)}
+    )
+    assert numbers["brake_front_share"].value == pytest.approx(0.6)
+    assert numbers["wheel_speed_limit"].value == pytest.approx(38.0 / RADIUS)
+    assert all(
+        numbers[key].source.startswith("imported: plugin, car.urdf:80") for key in ("max_torque", "brake_torque")
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "key", "value"),
+    [
+        ({"max_steer": "0.5", "max_steering_angle": "7.5", "max_speed": "20"}, "steering_limit", 0.5),  # of ROS 2
+        ({"max_steer": "0.5", "max_steering_angle": "7.5", "max_speed": "20"}, "steering_ratio", 15.0),
+        ({"steering_limit": "0.4", "max_velocity": "12", "min_velocity": "-3"}, "steering_limit", 0.4),  # of gz-sim
+        ({"steering_limit": "0.4", "max_velocity": "12", "min_velocity": "-3"}, "wheel_speed_limit", 12 / RADIUS),
+        ({"maxSteeringAngle": "0.3"}, "steering_limit", 0.3),
+        ({"steeringAngleLimitDeg": "20"}, "steering_limit", np.radians(20)),
+        ({"max_steer": "0.9"}, "steering_limit", 0.6),  # wider than the joints
+        ({"wheelTorque": "350"}, "max_torque", 700.0),  # of diff_drive, of one wheel
+        ({"max_steering_rate": "0.4"}, "steering_rate", 0.4),
+        ({"max_brake_torque": "900"}, "brake_torque", 3600.0),  # of one wheel
+        ({"max_brake_torque": "5000"}, "brake_torque", 5000.0),  # of all wheels
+    ],
+)
+def test_figures_of_common_plugins_are_understood(values, key, value):
+    model = car()
+    model.plugins.append(Plugin("drive", "libdrive.so", values, "car.urdf:80"))
+    assert mend(model).numbers[key].value == pytest.approx(value)
+
+
+@pytest.mark.parametrize("factor", [0.02, 0.5, 6.0, 30.0])
+def test_an_unusual_limit_is_kept_with_a_warning_and_only_an_impossible_one_replaced(factor):
+    share = 0.25 * 1500 * 9.80665 * RADIUS
+    model = car()
+    for name in ("j2a", "j2b"):
+        model.joints[name].limits = Limits(effort=factor * share)
+    result = mend(model)
+    assert result.numbers["max_torque"].value == pytest.approx(2 * factor * share)
+    assert said(result, "torque of a driven wheel", "please check") == (factor != 0.5)
+
+
 @pytest.mark.parametrize(("mu", "became"), [(10000.0, 0.9), (0.0, 0.9), (0.6, 0.6), (1.75, 1.75)])
 def test_friction_of_a_tyre_is_kept_and_that_of_a_solver_is_not(mu, became):
     model = car()

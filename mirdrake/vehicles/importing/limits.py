@@ -1,14 +1,23 @@
-"""Limits, torques and friction of a car: what a source says plausibly is kept, the rest is estimated."""
+"""Limits, torques and friction of a car: what a source states is kept unless it is impossible, the rest is estimated.
 
-import re
-from collections.abc import Sequence
+Limits of joints and figures of drive plugins count alike: the tightest one acts.
+"""
+
+from collections.abc import Iterator, Sequence
 from math import inf, isfinite, pi
 
 from mirdrake.vehicles.estimates import HOW, Estimates
 from mirdrake.vehicles.importing.car import Number
 from mirdrake.vehicles.importing.model import Change, Limits, Link, Surface
 from mirdrake.vehicles.importing.recognise import Roles, Wheel, turns_freely
+from mirdrake.vehicles.importing.stated import Stated, read_stated
 from mirdrake.vehicles.spec import Drive
+
+Given = tuple[float | None, str]
+"""A value of the source and its place; None where the source has none."""
+
+POWER_SHARE = 0.45
+"""Of the top speed up to which a powertrain has its full torque, as in :mod:`mirdrake.vehicles.estimates`."""
 
 STEERING_LIMIT = 0.6
 """Of the inner wheel [rad], where a source has none: Bolt, Escape and Polaris GEM have 0.6 to 0.61."""
@@ -16,19 +25,27 @@ STEERING_LIMIT = 0.6
 FRICTION = (0.1, 2.0)
 """Friction that a tyre on a road may have; Gazebo models have up to 1e7, meant as "does not slip"."""
 
-TORQUE = (0.1, 4.0)
-"""Drive torque of a source over the estimate, within which it is believed."""
+USUAL_LIMIT = (0.1, 1.2)
+"""Steering limits [rad] that need no check."""
 
-EFFORT = (0.3, 100.0)
+TORQUE = (0.1, 4.0)
+"""Drive torque of a source over the estimate that needs no check."""
+
+EFFORT = (0.3, 10.0)
 """The same for the steering."""
 
 RATE = (0.2, 20.0)
-"""Steering rates [rad/s] that are believed."""
+"""Steering rates [rad/s] that need no check."""
 
-WHEEL_SPEED = (5.0, 1000.0)
-"""Wheel speeds [rad/s] that are believed."""
+SPEED = (1.5, 100.0)
+"""Maximum speeds [m/s] that need no check."""
 
-_STEERING_LIMIT = re.compile("max_?steer|steer(ing)?(_angle)?_?limit", re.IGNORECASE)
+BRAKE = (0.2, 4.0)
+"""Brake torque of a source over the estimate that needs no check."""
+
+MOST_TORQUE, MOST_EFFORT, MOST_RATE, MOST_SPEED = 40.0, 100.0, 100.0, 150.0
+"""Above them a number means "no limit": a thrust of 20 g; a steering torque that moves 80 wheel loads at the wheel's
+radius; a rate [rad/s] of no servo; a speed [m/s] of no vehicle on wheels that roll."""
 
 
 def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
@@ -68,12 +85,14 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             why = "steering has an end; a continuous joint has none, but its numbers say where it was meant"
             changes.append(Change(where, what, was, f"±{reach:.4g} rad", why))
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
-    plugin = None if inner else _plugin_limit(roles)
-    if plugin is not None:
-        value, where = plugin
-        why = "the limit of the plugin, taken for the inner wheel"
-        changes.append(Change(where, "steering limit", "none at the joints", f"±{value:.4g} rad", why))
-        return Number(value, f"imported: plugin, {where}"), changes
+    stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
+    tight = min((item for item in stated if item.value > 0.0), key=lambda item: item.value, default=None)
+    if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):
+        was = f"±{min(inner)[0]:.4g} rad at the joints" if inner else "none at the joints"
+        why = f"{tight.key} of the plugin, taken for the inner wheel"
+        changes.append(Change(tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why))
+        changes += _check_usual("steering limit", "rad", tight.value, tight.where, USUAL_LIMIT)
+        return Number(tight.value, f"imported: plugin, {tight.where}"), changes
     if not inner:
         text = f"estimated: {STEERING_LIMIT:g} rad, as the Bolt; no usable limit in the source"
         where = roles.steering[0].where
@@ -83,22 +102,8 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
     if len(inner) == 2 and abs(inner[0][0] - inner[1][0]) > 0.01 * limit:
         was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
         changes.append(Change(where, "steering limit", was, f"±{limit:.4g} rad", "a car steers alike to both sides"))
+    changes += _check_usual("steering limit", "rad", limit, where, USUAL_LIMIT)
     return Number(limit, f"imported: {where}"), changes
-
-
-def _plugin_limit(roles: Roles) -> tuple[float, str] | None:
-    """The steering limit [rad] that a plugin has, and where; None if none has one."""
-    for plugin in roles.tree.model.plugins:
-        for key, text in plugin.values.items():
-            if _STEERING_LIMIT.search(key.rpartition(".")[2]) is None:
-                continue
-            try:
-                value = abs(float(text))
-            except ValueError:
-                continue
-            if 0.0 < value < pi / 2.0:
-                return value, plugin.where
-    return None
 
 
 def _range(limits: Limits) -> tuple[float, float]:
@@ -125,57 +130,57 @@ def collect_numbers(
     changes: list[Change] = []
     numbers = {"steering_limit": limit}
     steering, wheels = roles.steering, roles.wheels
-    driven = driven_wheels(roles.drive)
+    stated = read_stated(roles.tree.model.plugins)
+    radius = min(wheel.shape.radius for wheel in wheels.values())
+
+    def plugins(figure: str, scale: float = 1.0) -> list[Given]:
+        found = [item for item in stated if item.figure == figure]
+        return [(item.value * scale, f"plugin, {item.where}") for item in found]
+
+    # Joints and plugins side by side.
+    rates = [(joint.limits.velocity, joint.where) for joint in steering]
     numbers["steering_rate"] = _believe(
         "steering rate",
         "rad/s",
-        [(joint.limits.velocity, joint.where) for joint in steering],
+        [*plugins("steering_rate"), *rates],
         RATE,
+        MOST_RATE,
         _estimate(estimates, "steering_rate"),
         changes,
     )
     effort = estimates.steering_effort
+    efforts = [(joint.limits.effort, joint.where) for joint in steering]
     numbers["steering_effort"] = _believe(
         "steering torque",
         "N m",
-        [(joint.limits.effort, joint.where) for joint in steering],
+        [*plugins("steering_effort"), *efforts],
         (EFFORT[0] * effort, EFFORT[1] * effort),
+        MOST_EFFORT * effort,
         _estimate(estimates, "steering_effort"),
         changes,
     )
     speeds = [(_limits(wheel).velocity, wheel.joint.where) for wheel in wheels.values()]
-    torques = [(_limits(wheels[name]).effort, wheels[name].joint.where) for name in driven]
     numbers["wheel_speed_limit"] = _believe(
         "speed limit of the wheels",
         "rad/s",
-        speeds,
-        WHEEL_SPEED,
+        [*plugins("max_speed", 1.0 / radius), *speeds],
+        (SPEED[0] / radius, SPEED[1] / radius),
+        MOST_SPEED / radius,
         _estimate(estimates, "wheel_speed_limit"),
         changes,
     )
-    share = estimates.max_torque / len(driven)
-    torque = _believe(
-        "torque of a driven wheel",
-        "N m",
-        torques,
-        (TORQUE[0] * share, TORQUE[1] * share),
-        Number(share, HOW["max_torque"]),
-        changes,
-    )
-    total = torque.value * len(driven)
-    text = torque.source if torque.source.startswith("estimated") else f"{torque.source}, of {len(driven)} wheels"
-    numbers["max_torque"] = Number(total, text)
-    for key, field in (
-        ("max_power", "max_power"),
-        ("brake_torque", "brake_torque"),
-        ("brake_front_share", "brake_front_share"),
-        ("rolling_resistance", "rolling_resistance"),
-        ("steering_ratio", "steering_ratio"),
-        ("drag_area", "drag_area"),
-        ("tyre_resolution", "tyre_resolution"),
-        ("tyre_dissipation", "tyre_dissipation"),
-    ):
-        numbers[key] = _estimate(estimates, field)
+    numbers["max_torque"] = _drive_torque(roles, stated, estimates, changes)
+    numbers["brake_torque"], numbers["brake_front_share"] = _brakes(stated, estimates, changes)
+    for field in ("rolling_resistance", "steering_ratio", "drag_area", "tyre_resolution", "tyre_dissipation"):
+        numbers[field] = _estimate(estimates, field)
+    ratio = next((item for item in stated if item.figure == "steering_ratio" and 1.0 <= item.value <= 100.0), None)
+    if ratio is not None:
+        numbers["steering_ratio"] = Number(ratio.value, f"imported: plugin, {ratio.where}")
+    # As estimates do it: full torque up to a part of the top speed.
+    top = min(numbers["wheel_speed_limit"].value, estimates.wheel_speed_limit)
+    own = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
+    power = numbers["max_torque"].value * top * POWER_SHARE if own else estimates.max_power
+    numbers["max_power"] = Number(power, HOW["max_power"])
     for end, own in zip(("front", "rear"), tyres, strict=True):
         pair = [wheels[f"{end}_{side}"] for side in ("left", "right")]
         numbers[f"{end}_tyre_modulus"] = _estimate(own, "tyre_modulus")
@@ -183,6 +188,56 @@ def collect_numbers(
         numbers[f"{end}_friction"] = _friction(roles, end, pair, changes)
     _say_stiffness(roles, list(wheels.values()), numbers, changes)
     return numbers, changes
+
+
+def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> Number:
+    """Torque of all driven wheels together [N m]."""
+    driven = driven_wheels(roles.drive)
+    share = estimates.max_torque / len(driven)
+    ends = {name.split("_")[0] for name in driven}
+    given: list[Given] = []
+    for item in stated:
+        if item.figure == "torque" and item.value > 0.0 and item.end in (*ends, ""):
+            per_wheel = item.end or "wheel" in item.key.lower() or item.value <= share * len(driven) ** 0.5
+            given.append((item.value if per_wheel else item.value / len(driven), f"plugin, {item.where}"))
+    given += [(_limits(roles.wheels[name]).effort, roles.wheels[name].joint.where) for name in driven]
+    torque = _believe(
+        "torque of a driven wheel",
+        "N m",
+        given,
+        (TORQUE[0] * share, TORQUE[1] * share),
+        MOST_TORQUE * share,
+        Number(share, HOW["max_torque"]),
+        changes,
+    )
+    by_end = {item.end: item for item in stated if item.figure == "torque" and item.end and item.value > 0.0}
+    total = torque.value * len(driven)
+    if roles.drive == "all" and len(by_end) == 2 and torque.source.startswith("imported: plugin"):
+        total = 2.0 * sum(item.value for item in by_end.values())
+    text = torque.source if torque.source.startswith("estimated") else f"{torque.source}, of {len(driven)} wheels"
+    return Number(total, text)
+
+
+def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> tuple[Number, Number]:
+    """Brake torque of all wheels together [N m], and the part of it in front [-]."""
+    found = [item for item in stated if item.figure == "brake_torque" and item.value > 0.0]
+    by_end = {item.end: item for item in found}
+    front, rear = by_end.get("front"), by_end.get("rear")
+    estimate = _estimate(estimates, "brake_torque")
+    share = _estimate(estimates, "brake_front_share")
+    if not found:
+        return estimate, share
+    where = found[0].where
+    if front is not None and rear is not None:
+        total = 2.0 * (front.value + rear.value)
+        share = Number(front.value / (front.value + rear.value), f"imported: plugin, {where}")
+    else:  # of one wheel, or of all together: whichever is nearer to the estimate
+        total = found[0].value if found[0].value >= 0.5 * estimate.value else 4.0 * found[0].value
+    allowed = (BRAKE[0] * estimate.value, BRAKE[1] * estimate.value)
+    total_number = _believe(
+        "brake torque", "N m", [(total, f"plugin, {where}")], allowed, MOST_TORQUE * estimate.value, estimate, changes
+    )
+    return total_number, share
 
 
 def driven_wheels(drive: Drive) -> tuple[str, ...]:
@@ -202,32 +257,47 @@ def _estimate(estimates: Estimates, field: str) -> Number:
 def _believe(
     what: str,
     unit: str,
-    given: Sequence[tuple[float | None, str]],
-    allowed: tuple[float, float],
+    given: Sequence[Given],
+    usual: tuple[float, float],
+    most: float,
     estimate: Number,
     changes: list[Change],
 ) -> Number:
-    """The smallest given value if all are plausible, else the estimate."""
+    """The smallest given value that is possible, else the estimate; an unusual one is kept with a change."""
     known = [(value, where) for value, where in given if value is not None]
-    good = [(value, where) for value, where in known if isfinite(value) and allowed[0] <= value <= allowed[1]]
-    if known and len(good) == len(known):
-        value, where = min(good)
-        return Number(value, f"imported: {where}")
+    good = [(value, where) for value, where in known if isfinite(value) and 0.0 < value <= most]
     how = estimate.source.removeprefix("estimated: ")
+    if good:
+        value, where = min(good, key=lambda item: item[0])  # the first of equals
+        changes += _check_usual(what, unit, value, where, usual)
+        return Number(value, f"imported: {where}")
     if known:
-        value, where = next(item for item in known if item not in good)
+        value, where = known[0]
         why = (
             "zero or less, meant as no limit"
             if value <= 0.0
-            else "no number"
+            else "not a number"
             if value != value
-            else (f"plausible are {allowed[0]:.3g} to {allowed[1]:.3g} {unit}")
+            else f"impossible, meant as no limit; at most {most:.3g} {unit} is possible"
         )
-        changes.append(Change(where, what, f"{value:.4g} {unit}", f"{estimate.value:.4g} {unit}: {how}", why))
+        became = f"{estimate.value:.4g} {unit}: {how}"
+        changes.append(Change(_place(where), what, f"{value:.4g} {unit}", became, why))
     else:
         where = given[0][1]
         changes.append(Change(where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source"))
     return estimate
+
+
+def _check_usual(what: str, unit: str, value: float, where: str, usual: tuple[float, float]) -> Iterator[Change]:
+    """A change for a value that is possible but unusual, and kept."""
+    if not usual[0] <= value <= usual[1]:
+        why = f"unusual: {usual[0]:.3g} to {usual[1]:.3g} {unit} is common"
+        yield Change(_place(where), what, f"{value:.4g} {unit}", "as it was: please check", why)
+
+
+def _place(where: str) -> str:
+    """``file:line`` of a source."""
+    return where.removeprefix("plugin, ")
 
 
 # --- contact -----------------------------------------------------------------------------------------------------
