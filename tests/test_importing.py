@@ -324,6 +324,51 @@ def test_a_wheel_whose_mesh_is_lost_is_named():
 # --- what is driven ----------------------------------------------------------------------------------------------
 
 
+def unusable(change):
+    """The car whose left steering joint is not usable, with the reason."""
+
+    def build():
+        model = car()
+        for letter in "ab":
+            model.joints[f"k{letter}"].name = f"steer_{letter}"
+        model.joints = {joint.name: joint for joint in model.joints.values()}
+        for name in ("steer_a", "steer_b"):
+            change(model.joints[name])
+        return model
+
+    return build
+
+
+def lean(joint):
+    joint.axis = np.array([1.0, 0.0, 1.0])
+
+
+UNUSABLE = {
+    "fixed": (lambda joint: setattr(joint, "kind", "fixed"), "'steer_a' is fixed, 'steer_b' is fixed"),
+    "prismatic": (lambda joint: setattr(joint, "kind", "prismatic"), "'steer_a' is prismatic"),
+    "leaning": (lean, r"'steer_a' has an axis 45 degrees off the vertical \(at most 37\)"),
+    "level": (lambda joint: setattr(joint, "axis", X), "'steer_a' has an axis 90 degrees off the vertical"),
+}
+
+
+@pytest.mark.parametrize(("change", "reason"), UNUSABLE.values(), ids=UNUSABLE)
+def test_steering_joints_that_cannot_be_used_are_named_with_the_reason(change, reason):
+    with pytest.raises(ModelError, match=f"no usable steering joint; cannot be used as steering: .*{reason}") as caught:
+        recognise(unusable(change)())
+    assert "\n" not in str(caught.value)
+
+
+def test_steering_joints_without_a_wheel_below_and_wheels_that_are_fixed_are_named():
+    model = skid_steer()
+    add(model, Link("column"), kingpin("steering_wheel_joint", "chassis", "column", 0.0, 0.0, 0.5))
+    with pytest.raises(ModelError, match="'steering_wheel_joint' carries no wheel"):
+        recognise(model)
+    model = car()
+    model.joints["j2b"].kind, model.joints["j2b"].name = "fixed", "rear_wheel_b"
+    with pytest.raises(ModelError, match=r"tricycle: .*cannot be used as wheels: 'rear_wheel_b' is fixed"):
+        recognise(model)
+
+
 def test_transmissions_say_what_is_driven_and_the_caller_knows_better():
     model = car()
     model.transmissions = [Transmission(name, ("velocity",), where="car.urdf:9") for name in ("j1a", "j1b")]

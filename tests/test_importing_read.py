@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mirdrake.errors import ModelError
 from mirdrake.vehicles.importing.packages import Packages
 from mirdrake.vehicles.importing.read import read_source
+from mirdrake.vehicles.importing.recognise import recognise
 from mirdrake.vehicles.xacro_render import MissingArgumentsError
 from tests import trap_packages as traps
 
@@ -293,3 +294,40 @@ def test_packages_beside_are_those_of_the_same_name(tmp_path):
         (tmp_path / name / "package.xml").write_text(f"<package><name>{name}</name></package>")
     path = written(tmp_path / "car_description/urdf", URDF)
     assert [folder.name for folder in Packages(path).beside()] == ["car", "car_control"]
+
+
+MACRO = """<robot name="cart" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="wheel" params="name"><link name="${name}"/></xacro:macro>
+  <link name="base_link"/>
+  <wheel name="front"/>
+  %s
+</robot>"""
+
+
+LOST = '<joint name="j" type="fixed"><parent link="base_link"/><child link="front"/></joint>'
+
+
+@pytest.mark.parametrize("more", ["", LOST])
+def test_a_macro_call_without_the_prefix_of_xacro_is_named_in_the_rejection(tmp_path, more):
+    path = tmp_path / "cart.urdf.xacro"
+    path.write_text(MACRO % more)
+    with pytest.raises(ModelError, match=r"<wheel> \(.*:4\) looks like a call of the macro 'wheel' without the prefix"):
+        recognise(read_source(path))
+
+
+def test_tags_of_xacro_without_prefix_are_named_and_other_unknown_elements_are_not(tmp_path):
+    path = tmp_path / "cart.urdf"
+    path.write_text('<robot name="cart"><property name="a" value="1"/><sprocket/><link name="base_link"/></robot>')
+    model = read_source(path)
+    assert len(model.hints) == 1
+    assert model.hints[0].startswith("<property> (")
+    with pytest.raises(ModelError, match=r"no movable joints.*<property>"):
+        recognise(model)
+
+
+def test_an_expression_that_nobody_expanded_is_named_in_the_rejection(tmp_path):
+    path = tmp_path / "model.sdf"
+    inertial = "<inertial><mass>${mass}</mass></inertial>"
+    path.write_text(f'<sdf version="1.6"><model name="m"><link name="a">{inertial}</link></model></sdf>')
+    with pytest.raises(ModelError, match=r"mass '\$\{mass\}' should be a number; it is an expression of xacro"):
+        read_source(path)

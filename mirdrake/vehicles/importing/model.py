@@ -233,6 +233,7 @@ class SourceModel:
         files: that took part, main file first.
         changes: what was left out or changed already while reading.
         texts: licence and author found in the package, by file name.
+        hints: mistakes in the files that would explain why a model is rejected, each a clause.
     """
 
     name: str
@@ -245,3 +246,4 @@ class SourceModel:
     files: list[Path] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     texts: dict[str, str] = field(default_factory=dict)
+    hints: list[str] = field(default_factory=list)

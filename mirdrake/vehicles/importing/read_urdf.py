@@ -23,6 +23,8 @@ _KNOWN = {
     "link": {"inertial", "visual", "collision", "contact"},
     "joint": {"parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
 }
+_MACRO = re.compile(r"<(?:xacro:)?macro\s[^>]*?\bname\s*=\s*[\"']([\w.-]+)")
+_XACRO = {"macro", "property", "include", "arg", "if", "unless", "insert_block", "call"}
 _TYPES = {
     "revolute", "continuous", "prismatic", "fixed", "floating", "planar", "universal", "ball", "screw", "revolute2"
 }  # fmt: skip
@@ -43,8 +45,27 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
         raise ModelError(f"{urdf.where(urdf.root)}: <{urdf.root.tag}> is no URDF; it should begin with <robot>")
     model = SourceModel(urdf.root.get("name", "") or path.name.split(".")[0], files=list(urdf.files))
     model.changes += [_warning(text) for text in urdf.warnings]
-    _Reader(urdf, model, packages, path.parent).read()
+    model.hints = list(_missing_prefixes(urdf))
+    try:
+        _Reader(urdf, model, packages, path.parent).read()
+    except ModelError as error:
+        raise ModelError("; ".join([str(error), *model.hints])) from None
     return model
+
+
+def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
+    """Elements that look like xacro without the prefix ``xacro:``: calls of a macro, and tags of xacro itself."""
+    macros: set[str] = set()
+    for path in urdf.files:
+        macros |= set(_MACRO.findall(path.read_text(encoding="utf-8", errors="replace")))
+    standard = set().union(*_KNOWN.values())
+    found = [child for parent in (urdf.root, *urdf.root) for child in parent if isinstance(child.tag, str)]
+    for element in found:
+        tag = element.tag
+        if tag in standard or not (tag in macros or tag in _XACRO):
+            continue
+        meant = f"a call of the macro '{tag}'" if tag in macros else "a tag of xacro"
+        yield f"<{tag}> ({urdf.where(element)}) looks like {meant} without the prefix xacro:, write <xacro:{tag}>"
 
 
 def _warning(text: str) -> Change:
@@ -87,7 +108,9 @@ class _Reader:
         for child in element:
             if child.tag not in _KNOWN[kind] and not child.tag.startswith("{"):
                 name = element.get("name", "")
-                self._change(child, f"{kind} '{name}': <{child.tag}>", "…", "left out", "no URDF reader knows it")
+                hint = next((hint for hint in self._model.hints if hint.startswith(f"<{child.tag}> ")), "")
+                why = hint.partition(") ")[2] or "no URDF reader knows it"
+                self._change(child, f"{kind} '{name}': <{child.tag}>", "…", "left out", why)
 
     def _change(self, element: ElementTree.Element, what: str, was: str, became: str, why: str) -> None:
         self._model.changes.append(Change(self._urdf.where(element), what, was, became, why))

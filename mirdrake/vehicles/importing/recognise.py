@@ -17,6 +17,7 @@ from mirdrake.vehicles.importing.driven import find_drive
 from mirdrake.vehicles.importing.kinematics import Tree, frame_about, make_tree, source_name
 from mirdrake.vehicles.importing.model import Change, Joint, Limits, SourceModel, Vector
 from mirdrake.vehicles.importing.round_shapes import Round, bounds_in, find_rounds
+from mirdrake.vehicles.importing.unusable import unusable_steering, unusable_wheels
 from mirdrake.vehicles.spec import WHEELS, Drive
 
 LEVEL = 0.35
@@ -190,11 +191,11 @@ def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Whe
     """The wheels of two axles, or an error that says what there is instead."""
     if not wheels:
         what = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
-        raise _refusal(tree, what + _blank_words(tree, blank))
+        raise _refusal(tree, what + _blank_words(tree, blank), wheels)
     axes = np.array([wheel.axis * (1.0 if wheel.axis @ wheels[0].axis >= 0.0 else -1.0) for wheel in wheels])
     lateral = _level(axes.sum(axis=0))
     if (np.abs(axes @ lateral) < 1.0 - LEVEL**2).any():
-        raise _refusal(tree, f"{_named(wheels)}, whose axes are not parallel")
+        raise _refusal(tree, f"{_named(wheels)}, whose axes are not parallel", wheels)
     along = np.cross(lateral, UP)
     places = sorted(wheels, key=lambda wheel: wheel.point @ along)
     reach = 0.5 * min(wheel.shape.radius for wheel in wheels)
@@ -207,9 +208,9 @@ def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Whe
     if len(wheels) == 4 and [len(axle) for axle in axles] == [2, 2]:
         for left, right in axles:
             if abs((left.point - right.point) @ lateral) < 0.5 * (left.shape.width + right.shape.width):
-                raise _refusal(tree, f"{_named(wheels)}, two of which stand in the same place")
+                raise _refusal(tree, f"{_named(wheels)}, two of which stand in the same place", wheels)
         return axles
-    raise _refusal(tree, _other_vehicle(tree, wheels, axles) + _blank_words(tree, blank))
+    raise _refusal(tree, _other_vehicle(tree, wheels, axles) + _blank_words(tree, blank), wheels)
 
 
 def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) -> str:
@@ -237,19 +238,20 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change])
     casters = [wheel for wheel in wheels if _is_caster(tree, wheel)]
     if len(casters) == 2:
         driven = [wheel for wheel in wheels if wheel not in casters]
-        raise _refusal(tree, f"2 driven wheels and 2 casters (differential drive): {_names(driven)}")
+        raise _refusal(tree, f"2 driven wheels and 2 casters (differential drive): {_names(driven)}", wheels)
     steered = [axle for axle in axles if all(_own(wheel, axle) for wheel in axle)]
     for axle in axles:
         own = [bool(_own(wheel, axle)) for wheel in axle]
         if any(own) and not all(own):
-            raise _refusal(tree, f"{_named(axle)} on one axle, only one of which is steered")
+            steered_one = axle[own.index(True)].joint.name
+            what = f"{_named(axle)} on one axle, only one of which is steered ('{steered_one}')"
+            raise _refusal(tree, what, wheels)
         shared = [joint for joint in axle[0].steering if joint in axle[1].steering]
         if shared and not any(own):
-            raise _refusal(
-                tree, f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
-            )
+            what = f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
+            raise _refusal(tree, what, wheels)
     if not steered:
-        raise _refusal(tree, f"skid-steer: {_named(wheels)}, no steering joint")
+        raise _refusal(tree, f"skid-steer: {_named(wheels)}, no steering joint", wheels)
     if len(steered) == 1:
         front = steered[0]
         rear = next(axle for axle in axles if axle is not front)
@@ -303,10 +305,18 @@ def _count_skids(tree: Tree, wheels: Sequence[Wheel]) -> int:
 # --- words -------------------------------------------------------------------------------------------------------
 
 
-def _refusal(tree: Tree, found: str) -> ModelError:
-    return ModelError(
-        f"{source_name(tree.model)}: not a car with four wheels on two axles, two of them steered; found {found}"
-    )
+def _refusal(tree: Tree, found: str, wheels: Sequence[Wheel]) -> ModelError:
+    """The error for what is not a car, with what was found, joints that cannot be used, and mistakes in the files."""
+    names, used = [wheel.joint.name for wheel in wheels], [joint.name for wheel in wheels for joint in wheel.steering]
+    faults = unusable_wheels(tree, names, level=LEVEL) if len(wheels) != 4 else ""
+    steering = unusable_steering(tree, names, used, upright=UPRIGHT)
+    faults += steering
+    if steering:
+        found = found.replace("no steering joint", "no usable steering joint")
+    hints = "".join(f"; {hint}" for hint in tree.model.hints)
+    place = source_name(tree.model)
+    what = "not a car with four wheels on two axles, two of them steered"
+    return ModelError(f"{place}: {what}; found {found}{faults}{hints}")
 
 
 def _inventory(tree: Tree) -> str:

@@ -73,7 +73,7 @@ def read_numbers(text: str | None, *, count: int, default: Sequence[float], wher
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
         wanted = f"{count} finite numbers" if count > 1 else "a finite number"
-        raise ModelError(f"{where}: {what} '{' '.join(text.split())[:60]}' should be {wanted}")
+        raise ModelError(f"{where}: {what} '{' '.join(text.split())[:60]}' should be {wanted}{_template(text)}")
     return np.array(values)
 
 
@@ -90,8 +90,16 @@ def read_number(text: str | None, *, where: str, what: str) -> float | None:
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        raise ModelError(f"{where}: {what} '{text.strip()[:60]}' should be a number")
+        raise ModelError(f"{where}: {what} '{text.strip()[:60]}' should be a number{_template(text)}")
     return value
+
+
+def _template(text: str) -> str:
+    """What to do about an expression that some program should have replaced."""
+    for mark, name in (("${", "xacro"), ("$(", "xacro"), ("<%", "ERB"), ("{{", "Jinja"), ("@(", "Empy")):
+        if mark in text:
+            return f"; it is an expression of {name} that was not expanded: give the expanded file"
+    return ""
 
 
 def make_pose(xyz: Sequence[float] | Vector, rpy: Sequence[float] | Vector) -> RigidTransform:
