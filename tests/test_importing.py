@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.cli import main
 from mirdrake.diagram import assemble
 from mirdrake.errors import ConfigError, ModelError
 from mirdrake.simulation import Simulation
@@ -1072,3 +1073,27 @@ def test_an_imported_vehicle_imported_again_is_the_same_car(driven, tmp_path, sa
     texts = [(result.folder / "properties.xacro").read_text() for result in (first, again)]
     masses = [[line for line in text.splitlines() if "mass" in line or "_i" in line] for text in texts]
     assert masses[0] == masses[1]
+
+
+# --- before anything is written ----------------------------------------------------------------------------------
+
+
+def test_a_dry_run_reports_changes_and_rejections_and_writes_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mirdrake.vehicles.importing.write_car", lambda *_, **__: pytest.fail("meshes are converted"))
+    write(tmp_path / "source", extra=SENSORS)
+    assert main(["import", "vehicle", "source/car.urdf", "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    assert "would be written" in out
+    assert "car.urdf:31: sensor 'bumper': type contact -> left out (no sensor of mirdrake corresponds to it)" in out
+    (tmp_path / "source" / "car.urdf").write_text(urdf().replace("continuous", "fixed"))
+    assert main(["import", "vehicle", "source/car.urdf", "--dry-run"]) == 2
+    assert "no road wheels" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"source"}
+
+
+def test_left_out_sensors_stand_in_the_terminal_and_in_the_readme(tmp_path, capsys, same_process):
+    source = write(tmp_path / "source", extra=SENSORS.replace("<min>1.5</min>", "<min>80</min>"))
+    assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
+    assert "sensor 'flat': type ray -> left out (near (80 m) should be below far (80 m))" in capsys.readouterr().out
+    assert "sensor 'flat' | type ray | left out" in (tmp_path / "buggy" / "README.md").read_text()

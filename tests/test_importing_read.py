@@ -331,3 +331,35 @@ def test_an_expression_that_nobody_expanded_is_named_in_the_rejection(tmp_path):
     path.write_text(f'<sdf version="1.6"><model name="m"><link name="a">{inertial}</link></model></sdf>')
     with pytest.raises(ModelError, match=r"mass '\$\{mass\}' should be a number; it is an expression of xacro"):
         read_source(path)
+
+
+def test_all_missing_arguments_are_listed_at_once_also_those_of_files_included_later(tmp_path):
+    head = '<robot name="cart" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    (tmp_path / "part.xacro").write_text(f'{head}<xacro:arg name="late"/><link name="$(arg late)"/></robot>')
+    path = tmp_path / "cart.xacro"
+    path.write_text(
+        f'{head}<xacro:arg name="first"/>\n<link name="a$(arg first)"/><link name="b$(arg second)"/>'
+        '<xacro:include filename="part.xacro"/></robot>'
+    )
+    with pytest.raises(MissingArgumentsError) as caught:
+        read_source(path)
+    assert set(caught.value.arguments) == {"first", "second", "late"}
+    with pytest.raises(MissingArgumentsError) as caught:
+        read_source(path, arguments={"first": "1"})
+    assert set(caught.value.arguments) == {"second", "late"}
+
+
+def test_relative_paths_in_arguments_count_from_the_working_directory(tmp_path, monkeypatch):
+    head = '<robot name="cart" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    (tmp_path / "here").mkdir()
+    (tmp_path / "there").mkdir()
+    (tmp_path / "here" / "part.xacro").write_text(f'{head}<link name="part"/></robot>')
+    path = tmp_path / "there" / "cart.xacro"
+    path.write_text(
+        f'{head}<xacro:arg name="file"/><xacro:arg name="ns"/><xacro:include filename="$(arg file)"/>'
+        '<link name="$(arg ns)"/></robot>'
+    )
+    monkeypatch.chdir(tmp_path / "here")
+    for text in ("part.xacro", "./part.xacro", "../here/part.xacro"):
+        assert "part" in read_source(path, arguments={"file": text, "ns": "here"}).links
+    assert set(read_source(path, arguments={"file": "part.xacro", "ns": "a/b"}).links) == {"part", "a/b"}

@@ -3,14 +3,15 @@
 import argparse
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
-    from mirdrake.vehicles.importing import ImportResult
+    from mirdrake.vehicles.importing import Change, ImportPlan, ImportResult
 
 HELP = "make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package"
 MORE = """\
@@ -19,6 +20,7 @@ repairs what no body can have. The README.md of the new folder says what was cha
 
 examples:
   mirdrake import vehicle my_car_description/urdf/my_car.urdf.xacro
+  mirdrake import vehicle my_car_description/urdf/my_car.urdf.xacro --dry-run
   mirdrake import vehicle buggy/model.sdf --name buggy --drive rear
   mirdrake import vehicle car.xacro --package car_meshes=../car_meshes --argument camera=false"""
 
@@ -30,14 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="of the vehicle (default: that of the model)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the new one (default: models)")
     parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="where a ROS package lies")
-    parser.add_argument("--argument", action="append", default=[], metavar="NAME=VALUE", help="a xacro argument")
+    parser.add_argument(
+        "--argument",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a xacro argument; relative paths count from here",
+    )
     parser.add_argument("--drive", choices=["front", "rear", "all"], help="driven axle, if the files do not say it")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="only report what would be changed or rejected; writes nothing"
+    )
     parser.add_argument("--force", action="store_true", help="replace a folder of that name")
 
 
 def run(options: argparse.Namespace) -> int:
     """Import."""
-    from mirdrake.vehicles.importing import import_vehicle
+    from mirdrake.vehicles.importing import import_vehicle, plan_import
     from mirdrake.vehicles.xacro_render import MissingArgumentsError
 
     packages = {name: Path(value) for name, value in _pairs("--package", options.package).items()}
@@ -45,23 +56,25 @@ def run(options: argparse.Namespace) -> int:
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
     while True:
         try:
-            result = import_vehicle(
-                options.file,
-                name=options.name,
-                folder=options.out,
-                packages=packages,
-                arguments=arguments,
-                drive=options.drive,
-                force=options.force,
-                progress=progress,
-            )
+            given: dict[str, Any] = {
+                "name": options.name,
+                "folder": options.out,
+                "packages": packages,
+                "arguments": arguments,
+                "drive": options.drive,
+                "force": options.force,
+                "progress": progress,
+            }
+            if options.dry_run:
+                _print_plan(plan_import(options.file, **given))
+            else:
+                _print_result(import_vehicle(options.file, **given))
         except MissingArgumentsError as error:
             if not sys.stdin.isatty():
                 raise
             for name, place in error.arguments.items():
                 arguments[name] = input(f"{place}: value of the xacro argument {name}: ")
         else:
-            _print_result(result)
             return 0
 
 
@@ -72,10 +85,34 @@ def _print_result(result: "ImportResult") -> None:
         f"  wheelbase {geometry.wheelbase:.3f} m, track {geometry.front_track:.3f} and {geometry.rear_track:.3f} m, "
         f"wheel radius {geometry.front_wheel_radius:.3f} m, {result.vehicle.spec.drive} drive"
     )
-    kinds = Counter("left out" if change.became == "left out" else "changed" for change in result.changes)
-    counted = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())) or "nothing changed"
-    print(f"  {counted}; every one is in {shown(result.folder / 'README.md')}")
+    print(f"  {_count(result.changes)}; every one is in {shown(result.folder / 'README.md')}")
+    for change in result.changes:
+        if change.what.startswith(("sensor '", "suspension")) or "please check" in change.became:
+            print(f"  {_line(change)}")
     print(f"next: mirdrake view {name}; mirdrake inspect {name}")
+
+
+def _print_plan(plan: "ImportPlan") -> None:
+    layout = plan.car.layout
+    print(f"{shown(plan.folder)}/ would be written")
+    print(
+        f"  wheelbase {layout.wheelbase:.3f} m, track {layout.tracks[0]:.3f} and {layout.tracks[1]:.3f} m, "
+        f"wheel radius {layout.radii[0]:.3f} m, {plan.car.drive} drive, {len(plan.car.mounts)} sensors"
+    )
+    print(f"  {_count(plan.changes)}; meshes are converted and checked by the import only")
+    for change in plan.changes:
+        place = f"{change.where}: " if change.where else ""
+        print(f"  {place}{_line(change)}")
+
+
+def _count(changes: Sequence["Change"]) -> str:
+    kinds = Counter("left out" if change.became == "left out" else "changed" for change in changes)
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())) or "nothing changed"
+
+
+def _line(change: "Change") -> str:
+    """One change in one line."""
+    return " ".join(f"{change.what}: {change.was} -> {change.became} ({change.why})".split())
 
 
 def _pairs(option: str, texts: list[str]) -> dict[str, str]:

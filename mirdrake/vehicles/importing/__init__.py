@@ -6,7 +6,7 @@
     SourceModel ── recognise ──► Roles                  recognise.py, round_shapes.py, kinematics.py, driven.py
     Roles ── repair ──► Car, Changes                    repair.py: straighten.py, masses.py, limits.py, sensors.py, ...
     Car ── write_car ──► folder                         write.py, shapes.py, report.py, templates/
-    all of it: import_vehicle ──► ImportResult          here
+    all of it: import_vehicle ──► ImportResult          here; without the last step: plan_import ──► ImportPlan
 
 Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
 the README.md of the new folder.
@@ -20,9 +20,10 @@ from typing import get_args
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.paths import staging
+from mirdrake.vehicles.importing.car import Car
 from mirdrake.vehicles.importing.check import check_loads
-from mirdrake.vehicles.importing.model import Change
-from mirdrake.vehicles.importing.places import shorten
+from mirdrake.vehicles.importing.model import Change, SourceModel
+from mirdrake.vehicles.importing.places import Places, shorten
 from mirdrake.vehicles.importing.read import read_source
 from mirdrake.vehicles.importing.recognise import recognise
 from mirdrake.vehicles.importing.repair import repair
@@ -31,7 +32,7 @@ from mirdrake.vehicles.scaffold import check_name, vehicle_place
 from mirdrake.vehicles.spec import Drive
 from mirdrake.vehicles.vehicle import Vehicle, load_vehicle
 
-__all__ = ["Change", "ImportResult", "import_vehicle"]
+__all__ = ["Change", "ImportPlan", "ImportResult", "import_vehicle", "plan_import"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,28 @@ class ImportResult:
     folder: Path
     vehicle: Vehicle
     changes: tuple[Change, ...]
+
+
+@dataclass(frozen=True)
+class ImportPlan:
+    """What an import would make.
+
+    Attributes:
+        folder: of the vehicle.
+        car: repaired; its meshes are not converted yet.
+        model: as read.
+        places: how files of the source are named.
+    """
+
+    folder: Path
+    car: Car
+    model: SourceModel
+    places: Places
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """Everything that would differ from the source, without the changes of meshes."""
+        return tuple(dict.fromkeys(map(self.places.change, self.car.changes)))
 
 
 def import_vehicle(
@@ -78,6 +101,46 @@ def import_vehicle(
         MissingDependencyError: a mesh format needs a package that is not installed.
     """
     say = progress or _say_nothing
+    plan = plan_import(
+        path,
+        name=name,
+        folder=folder,
+        packages=packages,
+        arguments=arguments,
+        drive=drive,
+        force=force,
+        progress=progress,
+    )
+    car, target = plan.car, plan.folder
+    with staging(target.parent) as stage:
+        building = stage.path / target.name
+        building.mkdir()
+        say("converting meshes")
+        write_car(car, plan.model, building, places=plan.places)
+        say("loading")
+        check_loads(building)
+        stage.publish()
+    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)))
+
+
+def plan_import(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    folder: Path | str | None = None,
+    packages: Mapping[str, Path] | None = None,
+    arguments: Mapping[str, str] | None = None,
+    drive: Drive | None = None,
+    force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> ImportPlan:
+    """Return what :func:`import_vehicle` would make with the same arguments; nothing is written or converted.
+
+    Raises:
+        ConfigError: name, place or drive are not allowed.
+        ModelError: the files cannot be read, or describe no car.
+    """
+    say = progress or _say_nothing
     if drive is not None and drive not in get_args(Drive):
         raise ConfigError(f"drive '{drive}' is not allowed; {did_you_mean(drive, get_args(Drive))}")
     if name is not None:
@@ -92,15 +155,7 @@ def import_vehicle(
     roles = recognise(model, drive)
     say("repairing")
     car = repair(model, roles, name=name)
-    with staging(target.parent) as stage:
-        building = stage.path / target.name
-        building.mkdir()
-        say("converting meshes")
-        write_car(car, model, building, places=places)
-        say("loading")
-        check_loads(building)
-        stage.publish()
-    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)))
+    return ImportPlan(target, car, model, places)
 
 
 def _say_nothing(_text: str) -> None:

@@ -1,5 +1,6 @@
 """A description file of any kind into a :class:`SourceModel`."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -23,13 +24,14 @@ def read_source(
     Args:
         path: the file, or the folder of a package or model with one description.
         packages: package name -> folder; others are looked for around the file.
-        arguments: values of xacro arguments.
+        arguments: values of xacro arguments; relative paths in them count from the working directory.
 
     Raises:
         MissingArgumentsError: xacro arguments need values.
         ModelError: no such file, nothing that describes a vehicle, or something in it makes no sense.
     """
     path = _main_file(Path(path))
+    arguments = {name: _absolute(value) for name, value in (arguments or {}).items()}
     around = Packages(path, packages)
     name, folder = around.own()
     if _is_sdf(path):
@@ -37,7 +39,7 @@ def read_source(
             raise ModelError(f"{shown(path)}: an SDF file has no arguments, but {', '.join(arguments)} given")
         model = read_sdf(path, packages=around)
     else:
-        model = read_urdf(path, packages=around, arguments=arguments or {})
+        model = read_urdf(path, packages=around, arguments=arguments)
     if not model.links:
         raise ModelError(f"{shown(path)}:1: no links in the model")
     read_controllers(dict.fromkeys([folder, *around.used.values()]), model)
@@ -45,6 +47,18 @@ def read_source(
     model.texts = _texts(folder)
     model.texts.setdefault("package", name)
     return model
+
+
+def _absolute(value: str) -> str:
+    """The value of an argument; a relative path to something that is there becomes absolute."""
+    path = Path(value)
+    if path.is_absolute() or not value or (os.sep not in value and not path.suffix and value not in (".", "..")):
+        return value
+    try:
+        there = path.exists()
+    except (OSError, ValueError):
+        return value
+    return str(path.absolute()) if there else value
 
 
 def _main_file(path: Path) -> Path:

@@ -15,7 +15,7 @@ from mirdrake.vehicles.importing.model import Change, Inertial, Joint, Limits, L
 from mirdrake.vehicles.importing.packages import Packages
 from mirdrake.vehicles.importing.ros_control import read_ros2_control, read_transmission
 from mirdrake.vehicles.importing.xml_lines import make_pose, read_number, read_numbers
-from mirdrake.vehicles.xacro_render import Urdf, render_xacro
+from mirdrake.vehicles.xacro_render import MissingArgumentsError, Urdf, render_xacro
 
 _SPRING = re.compile("stiff|spring", re.IGNORECASE)
 _KNOWN = {
@@ -40,7 +40,7 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
         MissingArgumentsError: xacro arguments need values.
         ModelError: it is no URDF, or something in it makes no sense.
     """
-    urdf = render_xacro(path, arguments=arguments, find=packages.find)
+    urdf = _render(path, packages, arguments)
     if urdf.root.tag != "robot":
         raise ModelError(f"{urdf.where(urdf.root)}: <{urdf.root.tag}> is no URDF; it should begin with <robot>")
     model = SourceModel(urdf.root.get("name", "") or path.name.split(".")[0], files=list(urdf.files))
@@ -51,6 +51,31 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
     except ModelError as error:
         raise ModelError("; ".join([str(error), *model.hints])) from None
     return model
+
+
+def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urdf:
+    """The expanded file. Arguments without value are collected over all files: each round goes on with stand-ins.
+
+    Raises:
+        MissingArgumentsError: with all arguments that need values.
+    """
+    missing: dict[str, tuple[str, int]] = {}
+    while True:
+        try:
+            urdf = render_xacro(path, arguments={**dict.fromkeys(missing, "0"), **arguments}, find=packages.find)
+        except MissingArgumentsError as error:
+            places = {name: place.rpartition(":") for name, place in error.arguments.items() if name not in missing}
+            if not places:
+                raise MissingArgumentsError(missing) from None
+            missing |= {name: (file, int(line)) for name, (file, _, line) in places.items()}
+        except ModelError:
+            if missing:  # with a stand-in as value, other errors mean nothing
+                raise MissingArgumentsError(missing) from None
+            raise
+        else:
+            if missing:
+                raise MissingArgumentsError(missing)
+            return urdf
 
 
 def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
