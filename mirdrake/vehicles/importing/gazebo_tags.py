@@ -77,7 +77,7 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
     place, rate = np.zeros(6), None
     rates = (values.get(key) for key in ("update_rate", "updateRate", "plugin.updateRate"))
     try:
-        place = read_numbers(values.get("pose"), count=6, default=place, where=where(element), what="<pose>")
+        place = read_numbers(values.get("pose"), count=6, default=[0.0] * 6, where=where(element), what="<pose>")
         if values.get("pose.degrees") in ("1", "true"):
             place[3:] = np.radians(place[3:])
     except ModelError as error:

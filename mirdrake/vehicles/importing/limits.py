@@ -178,8 +178,8 @@ def collect_numbers(
         numbers["steering_ratio"] = Number(ratio.value, f"imported: plugin, {ratio.where}")
     # As estimates do it: full torque up to a part of the top speed.
     top = min(numbers["wheel_speed_limit"].value, estimates.wheel_speed_limit)
-    own = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
-    power = numbers["max_torque"].value * top * POWER_SHARE if own else estimates.max_power
+    limited = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
+    power = numbers["max_torque"].value * top * POWER_SHARE if limited else estimates.max_power
     numbers["max_power"] = Number(power, HOW["max_power"])
     for end, own in zip(("front", "rear"), tyres, strict=True):
         pair = [wheels[f"{end}_{side}"] for side in ("left", "right")]
