@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from mirdrake.blocks import make_block
 from mirdrake.diagram_parts.forces import add_outer_forces, add_rolling_resistance, add_tyres
-from mirdrake.diagram_parts.places import check_starts, find_start, load_by_name
+from mirdrake.diagram_parts.places import check_starts, find_start
 from mirdrake.diagram_parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
 from mirdrake.diagram_parts.taps import Tap, add_taps
 from mirdrake.diagram_parts.vehicles import add_vehicle_systems
@@ -35,6 +36,7 @@ from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.perception import add_cloud_overlays
 from mirdrake.plant import PlantParts, make_plant, set_start
+from mirdrake.scene import Scene, make_scene
 from mirdrake.sensors import Camera, Lidar
 from mirdrake.tyres import WheelTyres
 from mirdrake.wiring import Wiring
@@ -77,6 +79,11 @@ class Assembly:
     arrays: dict[str, System] = field(default_factory=dict)
     tyres: dict[str, WheelTyres] = field(default_factory=dict)
 
+    @cached_property
+    def scene(self) -> Scene:
+        """The world and the vehicles."""
+        return Scene(self.parts.world, {name: part.vehicle for name, part in self.parts.vehicles.items()})
+
     def own_systems(self) -> dict[str, System]:
         """The user's own systems, those written as ``module:Class``, by name."""
         own = {name for name, entry in self.spec.systems.items() if ":" in entry.kind}
@@ -109,13 +116,18 @@ def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshca
 
 
 def assemble(
-    spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None, drawing_period: float = math.inf
+    spec: DiagramSpec | Mapping[str, Any] | str,
+    *,
+    meshcat: Meshcat | None = None,
+    scene: Scene | None = None,
+    drawing_period: float = math.inf,
 ) -> Assembly:
     """Return the diagram of :func:`make_diagram` with the handles that a run needs.
 
     Args:
         spec: see :func:`make_diagram`.
         meshcat: see :func:`make_diagram`.
+        scene: of this spec, if it is made already; see :func:`mirdrake.scene.make_scene`.
         drawing_period: simulated time between the visualizer's own drawings [s]. By default it draws at time 0 and when
             its ``ForcedPublish`` is called: an exception of Meshcat within a step would end the simulation.
     """
@@ -125,8 +137,8 @@ def assemble(
         spec = make_spec(spec)
 
     # World and vehicles.
-    world = spec.world.load(where=where(spec, "world"))
-    vehicles = {name: load_by_name(spec, name) for name in spec.vehicles}
+    scene = make_scene(spec) if scene is None else scene
+    world, vehicles = scene.world, scene.vehicles
     starts = {name: find_start(spec, name, world) for name in spec.vehicles}
     check_starts(spec, vehicles, starts)
     for key in ("control", "sensors"):

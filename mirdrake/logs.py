@@ -4,6 +4,7 @@
 
     runs/<diagram>-<UTC time>/
       spec.yaml          the resolved spec, seed, versions and hash
+      scene/             the world and the vehicles as they were, see :mod:`mirdrake.scene`
       signals.parquet    time [s] and named signals; units in the column metadata
       events.jsonl       what happened, one JSON object a line
       ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
@@ -40,6 +41,7 @@ from mirdrake.recording.parts import PartedTable, read_part, stored
 from mirdrake.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.recording.pictures import picture_name as picture_name
 from mirdrake.recording.vectors import ROWS, make_table
+from mirdrake.scene import Scene, read_scene, write_scene
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
 
@@ -55,6 +57,7 @@ class Run:
         units: unit of every signal, "" for pure numbers.
         events: what happened: time [s], kind, text.
         table: the samples of a run that is only in memory; use :attr:`signals`.
+        laid_out: the scene of a run that was made in this process; use :meth:`scene`.
     """
 
     folder: Path | None
@@ -63,11 +66,33 @@ class Run:
     units: dict[str, str] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
     table: pd.DataFrame | None = None
+    laid_out: Scene | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def signals(self) -> pd.DataFrame:
-        """Samples by name, index ``time`` [s]; read from the folder when first asked for."""
-        return self.table if self.table is not None else read_signals(self.folder)
+        """Samples by name, index ``time`` [s]; read from the folder when first asked for.
+
+        ``signals.attrs["units"]`` has the unit of each column.
+        """
+        table = self.table if self.table is not None else read_signals(self.folder)
+        table.attrs["units"] = dict(self.units)
+        return table
+
+    def scene(self) -> Scene:
+        """Return the world and the vehicles of the run as they were, read from the folder when first asked for.
+
+        Raises:
+            RunError: the run carries no scene, or a damaged one.
+        """
+        return self._scene
+
+    @cached_property
+    def _scene(self) -> Scene:
+        if self.laid_out is not None:
+            return self.laid_out
+        if self.folder is None:
+            raise RunError("run: it is only in memory and carries no scene")
+        return read_scene(self.folder)
 
     @property
     def start(self) -> datetime:
@@ -151,12 +176,13 @@ class RunWriter:
     Args:
         folder: created; must not exist yet or be empty.
         spec: the resolved spec as plain data.
+        scene: the world and the vehicles, if there are any.
 
     Raises:
         RunError: the folder cannot be made.
     """
 
-    def __init__(self, folder: Path, spec: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, spec: Mapping[str, Any], scene: Scene | None = None) -> None:
         self.folder = folder
         self._signals = PartedTable(folder / SIGNALS, rows=ROWS)
         new = not folder.exists()
@@ -172,6 +198,8 @@ class RunWriter:
             if new:
                 folder.rmdir()
             raise
+        if scene is not None:
+            write_scene(scene, folder)
 
     def write_signals(self, times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> None:
         """Add a block of samples; it is on disk within a quarter of a second."""

@@ -115,7 +115,7 @@ class Simulation:
         if change is not None:
             change(context)
         self._check_inputs(context)
-        writer = RunWriter(Path(folder), data) if folder is not None else None
+        writer = RunWriter(Path(folder), data, assembly.scene) if folder is not None else None
         simulator.reset_context(context)
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
@@ -172,7 +172,8 @@ class Simulation:
         if failure is not None:
             place = f"{writer.folder}: " if writer is not None else ""
             raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {failure}")
-        return Run(writer.folder if writer else None, data, summary, telemetry.units, events.entries, table)
+        written = writer.folder if writer else None
+        return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
 
     def _check_inputs(self, context: Context) -> None:
         """Refuse a diagram with open inputs, as of a vehicle that nobody drives, unless `change` gave them values."""

@@ -10,6 +10,7 @@ from mirdrake.diagram import DiagramSpec, assemble
 from mirdrake.drawing import draw_svg, write_dot
 from mirdrake.errors import MissingDependencyError
 from mirdrake.logs import Run, write_file
+from mirdrake.scene import Scene
 from mirdrake.simulation import Progress, Simulation, default_folder
 from mirdrake.viewer import FollowCamera, write_recording
 
@@ -17,6 +18,7 @@ from mirdrake.viewer import FollowCamera, write_recording
 def run_diagram(
     spec: DiagramSpec | Mapping[str, Any] | str,
     *,
+    scene: Scene | None = None,
     folder: Path | None = None,
     duration: float | None = None,
     meshcat: Meshcat | None = None,
@@ -28,6 +30,7 @@ def run_diagram(
 
     Args:
         spec: a diagram spec, its data or its name.
+        scene: of the spec, if it is made already.
         folder: run folder; ``runs/<name>-<UTC time>`` if left out.
         duration: simulated time [s]; the spec's if left out.
         meshcat: shows the run while it goes on.
@@ -39,7 +42,7 @@ def run_diagram(
         MirdrakeError: what is wrong, on one line.
     """
     tell = say or (lambda _: None)
-    assembly = assemble(spec, meshcat=meshcat)
+    assembly = assemble(spec, meshcat=meshcat, scene=scene)
     folder = folder or default_folder(assembly.spec.name)
     monitor = FollowCamera(meshcat, assembly) if meshcat is not None else None
     run = Simulation(assembly).run(

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from mirdrake.diagram_parts.places import load_by_name
 from mirdrake.diagram_spec import DiagramSpec
 from mirdrake.errors import ConfigError
+from mirdrake.scene import make_scene
 from mirdrake.simulation import simulate
 from mirdrake.yaml_io import parse_yaml
 
@@ -14,7 +14,7 @@ TEXT = "world: empty\nvehicles:\n  ego:\n    model: bolt\n    control:\n      {}
 
 
 def control(entry: str) -> Any:
-    return load_by_name(parse_yaml(TEXT.format(entry), DiagramSpec, name="d.yaml"), "ego").control
+    return make_scene(parse_yaml(TEXT.format(entry), DiagramSpec, name="d.yaml")).vehicles["ego"].control
 
 
 def test_entries_are_laid_over() -> None:

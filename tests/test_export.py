@@ -1,6 +1,7 @@
 """Exports, read back by readers that know nothing of mirdrake."""
 
 import csv
+import io
 import json
 import math
 import shutil
@@ -25,6 +26,7 @@ from mirdrake.vehicles import load_vehicle
 from tests.recording_rigs import COLUMNS, ROWS, stubs
 from tests.test_recording import drive
 
+SEEN_LINKS = [f"{end}_{side}_wheel" for end in ("front", "rear") for side in ("left", "right")]
 START = 1780228800 * 10**9  # 2026-05-31 12:00 UTC [ns]
 
 
@@ -34,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("export") / "run"
     record = {"cameras": True, "meshcat": False, "report": False, "start_time": "2026-05-31 12:00"}
     spec = drive(record=record)
-    spec["sensors"] = {"ego": ["left_camera", "front_lidar", "roof_lidar", "gps"]}
+    spec["sensors"] = {"ego": ["left_camera", "front_lidar", "roof_lidar", "gps", "imu"]}
     spec["control"] = {"ego": {"kind": "constant", "speed": 2.0, "steering": 0.2}}
     with pytest.MonkeyPatch.context() as patch:
         for kind, make in stubs(several=True).items():
@@ -47,6 +49,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def run(folder: Path) -> Run:
     return load_run(folder)
+
+
+def decode_ros2(schema: Any, data: bytes) -> Any:
+    """A ROS 2 message by rosbags, which knows its type; the definition in the file is that type."""
+    typesys = pytest.importorskip("rosbags.typesys")
+    assert schema.encoding == "ros2msg"
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    given = typesys.get_types_from_msg(schema.data.decode(), schema.name)
+    for name, definition in given.items():
+        assert definition[1] == store.fielddefs[name][1], name
+    return store.deserialize_cdr(data, schema.name)
 
 
 def export(folder: Path, kind: str, out: Path) -> int:
@@ -71,6 +84,8 @@ def messages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
             data = message.data
             if channel.message_encoding == "protobuf":
                 content: Any = decoding.DecoderFactory().decoder_for("protobuf", schema)(data)
+            elif channel.message_encoding == "cdr":
+                content = decode_ros2(schema, data)
             else:
                 content = json.loads(data)
             assert message.log_time == message.publish_time
@@ -82,7 +97,7 @@ def messages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     return found
 
 
-def test_every_topic_has_its_schema_and_no_message_is_missing(messages: dict[str, Any]) -> None:
+def test_every_topic_has_its_schema_and_no_message_is_missing(messages: dict[str, Any], run: Run) -> None:
     about = {topic: (entries[0][1], len(entries)) for topic, entries in messages.items()}
     assert about == {
         "/ego/gps": ("foxglove.LocationFix", 11),
@@ -95,6 +110,9 @@ def test_every_topic_has_its_schema_and_no_message_is_missing(messages: dict[str
         "/ego/left_camera/label": ("foxglove.CompressedImage", 31),
         "/ego/front_lidar": ("foxglove.LaserScan", 30),
         "/ego/roof_lidar": ("foxglove.PointCloud", 5),
+        "/ego/imu": ("sensor_msgs/msg/Imu", len(run.arrays["ego.imu"]["wz"])),
+        "/ego/joint_states": ("sensor_msgs/msg/JointState", 51),
+        "/scene": ("foxglove.SceneUpdate", 1),
         "/log": ("foxglove.Log", 1),
     }
 
@@ -112,7 +130,7 @@ def test_times_are_those_of_the_recording(messages: dict[str, Any], run: Run) ->
         stamps = [at - START for at, _, _ in messages[topic]]
         np.testing.assert_allclose(stamps, 1e9 * times, atol=1.0, err_msg=topic)
         for at, schema, content in messages[topic]:
-            if schema.startswith("foxglove") and topic != "/tf":
+            if schema.startswith("foxglove") and topic not in {"/tf", "/scene"}:
                 assert content.timestamp.seconds * 10**9 + content.timestamp.nanos == at
 
 
@@ -161,7 +179,8 @@ def test_transforms_lead_from_the_world_to_the_pictures(messages: dict[str, Any]
         "ego.front_lidar": "ego",
         "ego.roof_lidar": "ego",
         "ego.gps": "ego",
-    }
+        "ego.imu": "ego",
+    } | {f"ego/{link}": "ego" for link in SEEN_LINKS}
     row = run.signals.iloc[-1]
     X_WB = pose(final["ego"])
     np.testing.assert_allclose(X_WB.translation(), [row[f"ego.{key}"] for key in "xyz"], atol=1e-12)
@@ -191,6 +210,43 @@ def test_positions_are_where_the_receiver_says(messages: dict[str, Any], run: Ru
     assert [content["vx"] for _, _, content in messages["/ego/gps/sample"]] == samples["vx"].tolist()
 
 
+def test_an_imu_and_the_joints_are_messages_of_ros(messages: dict[str, Any], run: Run) -> None:
+    samples = run.arrays["ego.imu"]
+    imu = [content for _, _, content in messages["/ego/imu"]]
+    assert [one.angular_velocity.z for one in imu] == samples["wz"].tolist()
+    assert [one.linear_acceleration.x for one in imu] == samples["fx"].tolist()
+    assert {one.header.frame_id for one in imu} == {"ego.imu"}
+    assert {one.orientation_covariance[0] for one in imu} == {-1.0}  # no orientation, as REP 145 has it
+    joints = [content for _, _, content in messages["/ego/joint_states"]]
+    names = run.scene().vehicles["ego"].spec.joints.wheels
+    index = joints[0].name.index(names.rear_left)
+    assert [one.position[index] for one in joints] == run["ego.wheel_angle.rear_left"].tolist()
+    assert [one.velocity[index] for one in joints] == run["ego.wheel_speed.rear_left"].tolist()
+    for (at, _, content), time in zip(messages["/ego/joint_states"], run.signals.index, strict=True):
+        assert at - START == content.header.stamp.sec * 10**9 + content.header.stamp.nanosec - START
+        assert at - START == pytest.approx(1e9 * time, abs=1.0)
+
+
+def test_the_3d_panel_shows_the_vehicle_and_its_wheels(messages: dict[str, Any]) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    (entry,) = messages["/scene"]
+    entities = {entity.id: entity for entity in entry[2].entities}
+    frames = {"world"} | {e.child_frame_id for _, _, content in messages["/tf"] for e in content.transforms}
+    assert {entity.frame_id for entity in entities.values()} <= frames
+    assert {"ego", "scenery/world", *(f"ego/{link}" for link in SEEN_LINKS)} <= set(entities)
+    wheel = entities[f"ego/{SEEN_LINKS[0]}"]
+    assert wheel.frame_locked
+    for entity in entities.values():
+        for model in entity.models:  # each is a whole GLB
+            assert model.media_type == "model/gltf-binary"
+            loaded = trimesh.load(io.BytesIO(model.data), file_type="glb")
+            assert np.isfinite(loaded.bounds).all()
+    radius = load_vehicle("catvehicle").geometry.front_wheel_radius
+    (model,) = wheel.models
+    loaded = trimesh.load(io.BytesIO(model.data), file_type="glb")
+    assert 0.5 * np.ptp(loaded.bounds[:, 0]) == pytest.approx(radius, rel=0.1)
+
+
 # --- CSV -------------------------------------------------------------------------------------------------------------
 
 
@@ -206,7 +262,11 @@ def test_a_table_has_units_in_its_header_and_every_digit(folder: Path, run: Run,
     table = pd.read_csv(path)
     assert np.array_equal(table["ego.vx [m/s]"].to_numpy(), run["ego.vx"].to_numpy())
     assert np.array_equal(table["time [s]"].to_numpy(), run.signals.index.to_numpy())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["signals.csv", "signals.ego.gps.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "signals.csv",
+        "signals.ego.gps.csv",
+        "signals.ego.imu.csv",
+    ]
     samples = pd.read_csv(tmp_path / "signals.ego.gps.csv")
     assert np.array_equal(samples["time [s]"].to_numpy(), run.arrays["ego.gps"].times)
     assert np.array_equal(samples["latitude [deg]"].to_numpy(), run.arrays["ego.gps"]["latitude"])

@@ -14,12 +14,14 @@ import pytest
 
 from mirdrake.errors import RunError
 from mirdrake.report import write_report
-from mirdrake.report.drive import draw_drive, load_roads, load_scene, outlines
+from mirdrake.report.drive import draw_drive, load_roads, outlines
 from mirdrake.report.figures import thin
 from mirdrake.report.run_report import render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import middle_tangent
 from mirdrake.report.words import clock, lasting, spoken, tell
+from mirdrake.scene import Scene
+from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.timing import reference_seconds
 
@@ -35,6 +37,14 @@ class FakeRun:
     signals: pandas.DataFrame = field(default_factory=pandas.DataFrame)
     units: dict[str, str] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
+    world: str | None = None
+    model: str | None = None
+
+    def scene(self) -> Scene:
+        if self.world is None:
+            raise RunError("no scene")
+        vehicles = {} if self.model is None else {"ego": load_vehicle(self.model)}
+        return Scene(load_world(self.world), vehicles)
 
 
 def drive_track(
@@ -106,7 +116,7 @@ def make_run(folder: Path, *, duration: float = 200.0, rate: float = 50.0, name:
         {"time": 0.0, "kind": "start", "text": "ego starts at line"},
         {"time": duration, "kind": "stop", "text": "the duration is over"},
     ]
-    return FakeRun(folder, spec, summary, signals, {}, events)
+    return FakeRun(folder, spec, summary, signals, {}, events, world="test_track", model="bolt")
 
 
 class Page(HTMLParser):
@@ -288,7 +298,7 @@ def test_without_a_track_the_drive_is_shown_and_track_figures_are_left_out(tmp_p
     gone = [
         f"ego.{key}" for key in ("lateral_error", "heading_error", "progress", "lap", "curvature", "wheels_on_road")
     ]
-    page = render_report(replace(run, signals=run.signals.drop(columns=gone), spec={**run.spec, "world": "empty"}))
+    page = render_report(replace(run, signals=run.signals.drop(columns=gone), world="empty"))
     assert "The drive from above" in page
     assert "Lateral error" not in page
     assert "coloured by speed" in page
@@ -311,10 +321,11 @@ def test_values_that_are_not_finite_leave_gaps(tmp_path):
     assert not re.search(r"[ ML\">](nan|inf)", page.partition("<script>")[0])
 
 
-def test_an_unknown_world_and_an_unknown_model_only_cost_the_road_and_the_wheelbase(tmp_path):
+def test_a_run_without_a_scene_is_reported_without_the_road_and_the_wheelbase(tmp_path):
     run = short_run(tmp_path)
     spec = {**run.spec, "world": "atlantis", "vehicles": {"ego": {"model": "nautilus"}}}
-    page = render_report(replace(run, spec=spec, summary={}))
+    page = render_report(replace(run, spec=spec, summary={}, world=None))
+    assert "no scene" in page
     assert "The Nautilus drove" in page
     assert "Grey: the road" not in page
     assert "v·tan" not in page
@@ -399,7 +410,7 @@ def test_a_run_that_is_only_in_memory_can_be_rendered_but_not_written():
 
 
 def test_the_roads_of_the_test_track_close_and_are_three_metres_wide():
-    (road,) = load_roads(load_scene("test_track"))
+    (road,) = load_roads(load_world("test_track"))
     assert road.closed
     np.testing.assert_allclose(road.left[0], road.left[-1], atol=1e-9)
     np.testing.assert_allclose(np.hypot(*(road.left - road.right).T), 3.0, atol=1e-9)
@@ -448,7 +459,7 @@ def test_the_map_shows_what_stands_in_the_world(tmp_path):
     path = tmp_path / "yard.yaml"
     text = "mirdrake: world/1\nparams: {x: 5}\nprops:\n  - {box: [2, 1, 1], at: [$x, 3]}\n"
     path.write_text(text, encoding="utf-8")
-    (outline,) = outlines(load_scene({"name": str(path), "params": {"x": 10}}))
+    (outline,) = outlines(load_world(str(path), overrides=["params.x=10"]))
     assert (outline[:, 0].min(), outline[:, 0].max()) == (9.0, 11.0)
     signals = pandas.DataFrame({"ego.x": [0.0, 20.0], "ego.y": [0.0, 0.0]}, index=pandas.Index([0.0, 1.0], name="time"))
     bare, full = (draw_drive(["ego"], signals, [], props) for props in ([], [outline]))
@@ -456,4 +467,3 @@ def test_the_map_shows_what_stands_in_the_world(tmp_path):
     assert full is not None
     assert full["props"]
     assert full["picture"].count("var(--edge)") > bare["picture"].count("var(--edge)")
-    assert load_scene({"name": "nowhere_at_all"}) is None

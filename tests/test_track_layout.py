@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line
 from mirdrake.diagram import assemble, make_spec
 from mirdrake.errors import ConfigError, WorldError
-from mirdrake.report.drive import load_roads, load_scene
+from mirdrake.report.drive import load_roads
 from mirdrake.report.vehicle_charts import VehicleSignals, make_charts
 from mirdrake.report.words import tell
 from mirdrake.simulation import Simulation
@@ -280,7 +280,7 @@ rules: [{{keep_clear: {{track: main, margin: 0.5}}}}]"""
 
 
 def test_the_report_knows_the_edges(circuit_file: Path):
-    (road,) = load_roads(load_scene(str(circuit_file)))
+    (road,) = load_roads(load_world(str(circuit_file)))
     assert road.edges is not None
     gap = np.hypot(*(road.left - road.right).T)
     assert (gap.min(), gap.max()) == pytest.approx((7.1, 10.9), abs=0.1)

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from mirdrake.cli.verb import print_changes
 from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
 
@@ -33,6 +34,8 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.logs import load_run
 
     done = load_run(options.run)
+    if options.to == "mcap":
+        print_changes(done.scene())
     folder = Path(options.run)
     if options.to == "video":
         from mirdrake.export.video import write_videos

@@ -4,6 +4,7 @@ import argparse
 import contextlib
 from pathlib import Path
 
+from mirdrake.cli.verb import print_changes
 from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
 
@@ -35,9 +36,11 @@ def run(options: argparse.Namespace) -> int:
         if options.out.is_dir():
             raise ConfigError(f"--out {options.out}: is a folder; a file is expected")
         write_replay(done, options.out)
+        print_changes(done.scene())
         print(shown(options.out))
         return 0
     replay = Replay(done, port=options.port)
+    print_changes(done.scene())
     print(f"Replay: {replay.url}  (Ctrl-C ends)", flush=True)
     with contextlib.suppress(KeyboardInterrupt):
         replay.serve()

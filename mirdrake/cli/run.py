@@ -54,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from mirdrake.diagram_spec import load_diagram
+    from mirdrake.scene import make_scene
     from mirdrake.workflow import run_diagram
 
     overrides = list(options.set)
@@ -66,11 +67,11 @@ def run(options: argparse.Namespace) -> int:
         lasts = _drive_from(spec, options.commands)
         duration = duration or lasts
     terminal = sys.stdout.isatty() and not options.quiet
-    meshcat: Any = None
+    scene, meshcat = make_scene(spec), None
     if options.view or (options.view is None and terminal):
         from mirdrake.viewer import make_meshcat
 
-        meshcat = make_meshcat(world=spec.world.load())
+        meshcat = make_meshcat(world=scene.world)
         print(f"Meshcat: {meshcat.web_url()}", flush=True)
     end = duration or spec.duration
     bar = tqdm(
@@ -96,6 +97,7 @@ def run(options: argparse.Namespace) -> int:
     with _terminated_like_interrupted(), bar:
         done = run_diagram(
             spec,
+            scene=scene,
             folder=options.out,
             duration=duration,
             meshcat=meshcat,

@@ -1,11 +1,16 @@
 """What several verbs share."""
 
 import argparse
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.paths import names
 from mirdrake.yaml_io import shown
+
+if TYPE_CHECKING:
+    from mirdrake.scene import Scene
 
 
 def add_set(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +30,12 @@ STUDIES = {
     "identification/1": "mirdrake.identification.study:load_identification",
 }
 """What reads the files of studies/, by the format in their first line."""
+
+
+def print_changes(scene: "Scene") -> None:
+    """Print a note for each mesh that has changed since a run."""
+    for line in scene.changes:
+        print(f"note: {line}", file=sys.stderr)
 
 
 def kind_of(name: str) -> str:

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mirdrake.cli.verb import kind_of
+from mirdrake.cli.verb import kind_of, print_changes
 from mirdrake.errors import ConfigError
 from mirdrake.yaml_io import shown
 
@@ -34,14 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show."""
-    from mirdrake.diagram_spec import WorldEntry, load_diagram
+    from mirdrake.diagram_spec import load_diagram
     from mirdrake.logs import load_run
+    from mirdrake.scene import make_scene
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
     from mirdrake.viewer.meshcat import make_offline_meshcat, meshcat_faults
     from mirdrake.viewer.recording import draw_run, views_of
-    from mirdrake.viewer.show import views_of_diagram, write_page
-    from mirdrake.viewer.views import ViewButtons
+    from mirdrake.viewer.show import write_page
+    from mirdrake.viewer.views import ViewButtons, make_views
     from mirdrake.worlds import load_world
 
     kind = kind_of(options.name)
@@ -56,14 +57,16 @@ def run(options: argparse.Namespace) -> int:
     views: tuple[Any, ...] = ()
     if kind == "runs":
         run = load_run(options.name)
-        meshcat = make(world=WorldEntry(**run.spec["world"]).load())
+        print_changes(run.scene())
+        meshcat = make(world=run.scene().world)
         draw_run(run, meshcat)
         views = views_of(run)
     elif kind == "diagrams":
         spec = load_diagram(options.name)
-        meshcat = make(world=spec.world.load())
-        diagram = show_diagram(spec, meshcat)
-        views = views_of_diagram(spec)
+        scene = make_scene(spec)
+        meshcat = make(world=scene.world)
+        diagram = show_diagram(spec, meshcat, scene=scene)
+        views = make_views(next(iter(scene.vehicles.values())))
     elif kind == "worlds":
         world = load_world(options.name)
         meshcat = make(world=world)

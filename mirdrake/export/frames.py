@@ -1,4 +1,7 @@
-"""Where things are in a run: vehicles and loose props in the world, sensors on their vehicles."""
+"""Where things are in a run: vehicles, their links and loose props in the world, sensors on their vehicles.
+
+All is read from the scene of the run (:mod:`mirdrake.scene`) and from its signals.
+"""
 
 from collections.abc import Iterator
 from math import isfinite
@@ -6,13 +9,14 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.logs import SIGNALS, Run
-from mirdrake.plant import PlantSpec, make_plant
+from mirdrake.plant import SIDES, PlantParts, PlantSpec, VehicleInPlant, make_plant
 from mirdrake.recording.parts import read_groups
-from mirdrake.vehicles import load_vehicle
-from mirdrake.worlds import load_world
+from mirdrake.vehicles import WHEELS
 
 Pose = tuple[float, ...]
 """x, y, z [m] and the quaternion w, x, y, z."""
@@ -40,54 +44,102 @@ def eyes_of(name: str, mount: Any) -> dict[str, float]:
     return {f"{name}.left": half, f"{name}.right": -half} if half else {name: 0.0}
 
 
-def frame_poses(run: Run) -> Iterator[tuple[float, list[Entry]]]:
-    """At each sample of the signals the time [s], and where all that moves is."""
-    assert run.folder is not None
-    props = [name.removesuffix(".yaw") for name in run.units if name.startswith("props.") and name.endswith(".yaw")]
-    moving = [*run.spec["vehicles"], *props]
-    columns = [f"{name}.{key}" for name in moving for key in _KEYS]
-    for group in read_groups(run.folder / SIGNALS, ["time", *columns]):
-        for time, *values in zip(*(group[name].to_pylist() for name in ("time", *columns)), strict=True):
-            entries = []
-            for index, name in enumerate(moving):
-                place = values[6 * index : 6 * index + 6]
-                if all(map(isfinite, place)):  # a run that diverged
-                    entries.append((WORLD, name, _pose(RigidTransform(RollPitchYaw(place[3:]), place[:3]))))
-            yield time, entries
+def link_name(vehicle: str, body: RigidBody) -> str:
+    """The frame of a link of a vehicle; that of its base link is the vehicle's own."""
+    return f"{vehicle}/{body.name()}"
 
 
 def sensor_mounts(run: Run) -> dict[str, Any]:
-    """The mounts of the sensors in use by ``<vehicle>.<sensor>``; those of a vehicle that has gone are left out."""
-    mounts: dict[str, Any] = {}
-    for vehicle, sensors in run.spec.get("sensors", {}).items():
-        entry = run.spec["vehicles"][vehicle]
-        known = load_vehicle(entry["model"], arguments=entry.get("arguments", {})).sensors.mounts
-        mounts |= {f"{vehicle}.{sensor}": known[sensor] for sensor in sensors if sensor in known}
-    return mounts
-
-
-def sensor_frames(run: Run) -> list[Entry]:
-    """Where the sensors in use are on their vehicles; a camera also has a frame of its pictures."""
-    mounts = sensor_mounts(run)
-    if not mounts:
-        return []
-    vehicles = {
-        name: load_vehicle(entry["model"], arguments=entry.get("arguments", {}))
-        for name, entry in run.spec["vehicles"].items()
+    """The mounts of the sensors in use by ``<vehicle>.<sensor>``, as they were in the run."""
+    vehicles = run.scene().vehicles
+    return {
+        f"{name}.{sensor}": vehicles[name].sensors.mounts[sensor]
+        for name, sensors in run.spec.get("sensors", {}).items()
+        for sensor in sensors
     }
-    parts = make_plant(DiagramBuilder(), load_world("empty"), vehicles, spec=PlantSpec(contact="point"))
-    context = parts.plant.CreateDefaultContext()
-    entries = []
-    for name, mount in mounts.items():
-        vehicle = name.split(".")[0]
-        part = parts.vehicles[vehicle]
-        frame = parts.plant.GetFrameByName(mount.frame, part.instance)
-        X_BS = parts.plant.CalcRelativeTransform(context, part.base.body_frame(), frame)
-        entries.append((vehicle, name, _pose(X_BS)))
-        for eye, y in eyes_of(name, mount).items():
-            entries.append((name, optical_name(eye), _pose(RigidTransform([0.0, y, 0.0]) @ X_SC)))
-    return entries
 
 
-def _pose(transform: RigidTransform) -> Pose:
+def joint_columns(run: Run, part: VehicleInPlant) -> list[tuple[Joint, str, str | None]]:
+    """The joints of a vehicle whose positions were recorded: the column of each, and that of its velocity if any."""
+    joints = [
+        (joint, f"wheel_angle.{wheel}", f"wheel_speed.{wheel}")
+        for wheel, joint in zip(WHEELS, part.wheels, strict=True)
+    ]
+    joints += [(joint, f"steering_angle.{side}", "") for side, joint in zip(SIDES, part.steering, strict=True)]
+    joints += [(joint, f"travel.{wheel}", "") for wheel, joint in zip(WHEELS, part.suspension, strict=False)]
+    named = [(joint, f"{part.name}.{key}", f"{part.name}.{rate}") for joint, key, rate in joints]
+    return [(joint, key, rate if rate in run.units else None) for joint, key, rate in named if key in run.units]
+
+
+class Frames:
+    """The frames of a run.
+
+    Args:
+        run: with a folder and a scene.
+
+    Attributes:
+        parts: a plant of the scene; its vehicles are moved by :meth:`moving`.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run, scene = run, run.scene()
+        self.parts: PlantParts = make_plant(
+            DiagramBuilder(), scene.world, scene.vehicles, spec=PlantSpec(contact="point")
+        )
+        self._plant: MultibodyPlant = self.parts.plant
+        self._context = self._plant.CreateDefaultContext()
+
+    def moving(self) -> Iterator[tuple[float, list[Entry]]]:
+        """Yield at each sample of the signals the time [s], and where all that moves is."""
+        assert self._run.folder is not None
+        units, vehicles = self._run.units, self.parts.vehicles
+        props = [name.removesuffix(".yaw") for name in units if name.startswith("props.") and name.endswith(".yaw")]
+        names = [name for name in (*vehicles, *props) if f"{name}.yaw" in units]
+        columns = [f"{name}.{key}" for name in names for key in _KEYS]
+        joints = [joint for name in names if name in vehicles for joint in joint_columns(self._run, vehicles[name])]
+        columns += [column for _, column, _ in joints]
+        positions = self._plant.GetPositions(self._context).copy()
+        links = {name: self._links(part) for name, part in vehicles.items()}
+
+        for group in read_groups(self._run.folder / SIGNALS, ["time", *columns]):
+            for time, *values in zip(*(group[name].to_pylist() for name in ("time", *columns)), strict=True):
+                entries = []
+                for index, name in enumerate(names):
+                    place = values[6 * index : 6 * index + 6]
+                    if all(map(isfinite, place)):  # a run that diverged
+                        entries.append((WORLD, name, pose_of(RigidTransform(RollPitchYaw(place[3:]), place[:3]))))
+                angles = values[6 * len(names) :]
+                for (joint, _, _), value in zip(joints, angles, strict=True):
+                    if isfinite(value):
+                        positions[joint.position_start()] = value
+                self._plant.SetPositions(self._context, positions)
+                for name, bodies in links.items():
+                    entries += [(name, link_name(name, body), self._pose_of(name, body)) for body in bodies]
+                yield time, entries
+
+    def sensors(self) -> list[Entry]:
+        """Where the sensors in use are on their vehicles; a camera also has a frame of its pictures."""
+        entries = []
+        for name, mount in sensor_mounts(self._run).items():
+            vehicle = name.split(".")[0]
+            part = self.parts.vehicles[vehicle]
+            frame = self._plant.GetFrameByName(mount.frame, part.instance)
+            X_BS = self._plant.CalcRelativeTransform(self._context, part.base.body_frame(), frame)
+            entries.append((vehicle, name, pose_of(X_BS)))
+            for eye, y in eyes_of(name, mount).items():
+                entries.append((name, optical_name(eye), pose_of(RigidTransform([0.0, y, 0.0]) @ X_SC)))
+        return entries
+
+    def _links(self, part: VehicleInPlant) -> list[RigidBody]:
+        """The links of a vehicle that are seen, but its base link."""
+        bodies = [self._plant.get_body(index) for index in self._plant.GetBodyIndices(part.instance)]
+        return [b for b in bodies if b.index() != part.base.index() and self._plant.GetVisualGeometriesForBody(b)]
+
+    def _pose_of(self, vehicle: str, body: RigidBody) -> Pose:
+        base = self.parts.vehicles[vehicle].base.body_frame()
+        return pose_of(self._plant.CalcRelativeTransform(self._context, base, body.body_frame()))
+
+
+def pose_of(transform: RigidTransform) -> Pose:
+    """A transform as position and quaternion."""
     return (*transform.translation().tolist(), *transform.rotation().ToQuaternion().wxyz().tolist())

@@ -1,9 +1,11 @@
-"""A run as an MCAP file that Foxglove opens: its standard schemas in Protobuf, and the signals as JSON.
+"""A run as an MCAP file that Foxglove opens: its schemas in Protobuf, two of ROS 2, and the signals as JSON.
 
 =========================  ===========================  ===========================================================
 topic                      schema                       what
 =========================  ===========================  ===========================================================
-/tf                        foxglove.FrameTransforms     vehicles and loose props in ``world``, sensors on vehicles
+/tf                        foxglove.FrameTransforms     vehicles, their links and sensors, and loose props
+/scene                     foxglove.SceneUpdate         once: the world, its props and the vehicles, for the 3D panel
+/<vehicle>/joint_states    sensor_msgs/msg/JointState   wheels, steering and springs at record.rate (ROS 2, CDR)
 /<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle at record.rate, units in the schema
 /<vehicle>/<camera>        foxglove.CompressedImage     JPEG of colours, PNG of 16 bits of depths (mm) and labels
 /<vehicle>/<camera>/info   foxglove.CameraCalibration   once a picture, as the picture's
@@ -11,7 +13,8 @@ topic                      schema                       what
 /<vehicle>/<lidar>         foxglove.PointCloud          returns in the frame of the sensor
 /<vehicle>/<gps>           foxglove.LocationFix         each sample
 /<vehicle>/<gps>/sample    mirdrake.Signals (JSON)      each sample, with its velocity
-/<vehicle>/<imu>           mirdrake.Signals (JSON)      each sample of it, and of others that give a vector
+/<vehicle>/<imu>           sensor_msgs/msg/Imu          each sample; no orientation (ROS 2, CDR)
+/<vehicle>/<sensor>        mirdrake.Signals (JSON)      each sample of other sensors that give a vector
 /log                       foxglove.Log                 events of the run
 =========================  ===========================  ===========================================================
 
@@ -32,8 +35,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mirdrake.errors import MissingDependencyError
-from mirdrake.export.frames import Pose, eyes_of, frame_poses, optical_name, sensor_frames, sensor_mounts
+from mirdrake.export.frames import Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
+from mirdrake.export.models import scene_entities
+from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
 from mirdrake.logs import SIGNALS, Run
+from mirdrake.plant import VehicleInPlant
 from mirdrake.recording.arrays import Samples
 from mirdrake.recording.files import told
 from mirdrake.recording.parts import read_groups, stored
@@ -41,6 +47,7 @@ from mirdrake.recording.pictures import EPOCH, Picture
 
 SECOND = 10**9  # ns
 _FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations
+_IMU = ("wx", "wy", "wz", "fx", "fy", "fz")  # of the samples of an IMU
 _GPS = {"latitude", "longitude", "altitude"}  # of the samples of a receiver
 
 
@@ -50,7 +57,7 @@ class Message(NamedTuple):
     Attributes:
         time: since 1970-01-01 [ns].
         topic: name.
-        content: a Protobuf message, or a mapping that becomes JSON.
+        content: a Protobuf message, one of ROS 2, or a mapping that becomes JSON.
     """
 
     time: int
@@ -99,14 +106,20 @@ def write_mcap(run: Run, path: Path) -> dict[str, int]:
 
 def _register(writer: Any, message: Message, schema: dict[str, Any] | None) -> int:
     """A channel for a topic; its number."""
+    content = message.content
+    if isinstance(content, Ros2Message):
+        number = writer.register_schema(content.kind, SCHEMA, DEFINITIONS[content.kind].encode())
+        return int(writer.register_channel(message.topic, ENCODING, number))
     if schema is not None:
         number = writer.register_schema("mirdrake.Signals", "jsonschema", json.dumps(schema).encode())
         return int(writer.register_channel(message.topic, "json", number))
-    number = _import("mcap_protobuf.schema").register_schema(writer, type(message.content))
+    number = _import("mcap_protobuf.schema").register_schema(writer, type(content))
     return int(writer.register_channel(message.topic, "protobuf", number))
 
 
 def _bytes(content: Any) -> bytes:
+    if isinstance(content, Ros2Message):
+        return content.bytes()
     data: bytes = json.dumps(content).encode() if isinstance(content, dict) else content.SerializeToString()
     return data
 
@@ -131,6 +144,7 @@ class _Streams:
         self._start = round((run.start - EPOCH).total_seconds() * 1e6) * 1000
         self.schemas: dict[str, dict[str, Any]] = {}
         self._mounts = sensor_mounts(run)
+        self._frames = Frames(run)
         self._eyes = {
             eye: (mount, y) for name, mount in self._mounts.items() for eye, y in eyes_of(name, mount).items()
         }
@@ -140,7 +154,9 @@ class _Streams:
         run, streams = self._run, [self._events()]
         if run.folder is not None and stored(run.folder / SIGNALS):
             streams += [self._signals(vehicle) for vehicle in run.spec["vehicles"]]
+            streams += [self._joints(part) for part in self._frames.parts.vehicles.values()]
             streams.append(self._transforms())
+            streams.append(self._scene())
         for name, pictures in run.pictures.items():
             streams.append(self._images(name, pictures))
             if name in self._eyes:
@@ -184,8 +200,8 @@ class _Streams:
     def _transforms(self) -> Iterator[Message]:
         """Poses of what moves at each sample, and of the sensors on their vehicles once a second: they do not move."""
         transform, many = _make("FrameTransform"), _make("FrameTransforms")
-        fixed, next_fixed = sensor_frames(self._run), 0.0
-        for time, poses in frame_poses(self._run):
+        fixed, next_fixed = self._frames.sensors(), 0.0
+        for time, poses in self._frames.moving():
             entries = list(poses)
             if time >= next_fixed - 1e-9:
                 entries += fixed
@@ -197,6 +213,30 @@ class _Streams:
                 _put_pose(entry.translation, entry.rotation, pose)
                 content.transforms.append(entry)
             yield Message(at, "/tf", content)
+
+    def _scene(self) -> Iterator[Message]:
+        """The shapes of all that is seen, once at the first sample; they follow the frames of :meth:`_transforms`."""
+        first = next(iter(self._rows([])), None)
+        if first is None:
+            return
+        content, at = _make("SceneUpdate")(), self._stamp(first[0])
+        for name, frame, primitives in scene_entities(self._frames):
+            entity = content.entities.add(id=name, frame_id=frame, frame_locked=True)
+            entity.timestamp.FromNanoseconds(at)
+            for key, fields in primitives:
+                _fill(getattr(entity, key).add(), fields)
+        yield Message(at, "/scene", content)
+
+    def _joints(self, part: VehicleInPlant) -> Iterator[Message]:
+        joints, topic = joint_columns(self._run, part), f"/{part.name}/joint_states"
+        names = [joint.name() for joint, _, _ in joints]
+        rates = [rate for _, _, rate in joints if rate is not None]
+        where = [rates.index(rate) if rate is not None else None for _, _, rate in joints]
+        for time, *values in self._rows([*(column for _, column, _ in joints), *rates]):
+            given = values[len(names) :]
+            speeds = [math.nan if index is None else given[index] for index in where]
+            at = self._stamp(time)
+            yield Message(at, topic, joint_message(at, names, values[: len(names)], speeds))
 
     def _images(self, name: str, pictures: list[Picture]) -> Iterator[Message]:
         frame, topic = optical_name(name if name in self._eyes else self._mounted(name)), _topic(name)
@@ -231,6 +271,8 @@ class _Streams:
             make = self._cloud
         elif hasattr(self._mounts.get(name), "start_angle"):
             make = self._fan
+        elif set(samples) >= set(_IMU):
+            make = self._imu
         if make == self._values:
             number, units = {"type": "number"}, samples.units
             kinds = {key: number if samples.is_number(key) else {"type": "array", "items": number} for key in samples}
@@ -260,6 +302,11 @@ class _Streams:
         message.content.pose.orientation.w = 1.0
         return message
 
+    def _imu(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+        values = [float(arrays[key]) for key in _IMU]
+        at = self._stamp(time)
+        return Message(at, topic, imu_message(at, name, values[:3], values[3:]))
+
     def _values(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
         del name
         flat = {
@@ -283,3 +330,22 @@ def _topic(name: str) -> str:
 def _put_pose(translation: Any, rotation: Any, pose: Pose) -> None:
     translation.x, translation.y, translation.z = pose[:3]
     rotation.w, rotation.x, rotation.y, rotation.z = pose[3:]
+
+
+def _fill(primitive: Any, fields: dict[str, Any]) -> None:
+    """Set the fields of a primitive of a SceneEntity."""
+    for key, value in fields.items():
+        target = getattr(primitive, key)
+        if key == "pose":
+            _put_pose(target.position, target.orientation, value)
+        elif key == "color":
+            target.r, target.g, target.b, target.a = value
+        elif key in {"size", "scale"}:
+            target.x, target.y, target.z = value
+        elif key == "points":
+            for point in value.tolist():
+                target.add(x=point[0], y=point[1], z=point[2])
+        elif key == "indices":
+            target.extend(int(index) for index in value)
+        else:
+            setattr(primitive, key, value)

@@ -23,6 +23,7 @@ from mirdrake.logs import RunWriter, write_file
 from mirdrake.manoeuvres.base import Diverged
 from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.record import Record, bicycle_angles
+from mirdrake.scene import Scene
 from mirdrake.simulation import Simulation
 from mirdrake.single_track import SingleTrack, SingleTrackControl
 from mirdrake.single_track.dynamics import Variant
@@ -224,7 +225,7 @@ class Rig:
             data = dict(run.spec)
             data["world"] = {**data["world"], "name": "world.yaml"}
             summary = run.summary | {"stop_reason": look.reason if ended == "condition" else ended, "world": label}
-            self._write(folder, data, signals, run.units, summary, world)
+            self._write(folder, data, signals, run.units, summary, world, run.scene())
         if ended.startswith("diverged"):
             raise Diverged(f"{label}: {ended}")
         columns = {str(name).removeprefix("ego."): signals[name].to_numpy() for name in signals}
@@ -308,7 +309,7 @@ class Rig:
             named = {f"ego.{name}" if name != "time" else name: unit for name, unit in units.items()}
             data = {"model": "single_track", "vehicle": self.model, "driver": dict(driver), "speed": speed}
             summary = {"stop_reason": look.reason, "wall_s": round(time.perf_counter() - began, 3)}
-            self._write(self.folder / label, data, table, named, summary, world)
+            self._write(self.folder / label, data, table, named, summary, world, Scene(scene, {"ego": self.vehicle}))
         angle = columns.pop("steering_angle")
         return self._record(label, times, columns, angle, units, look.reason)
 
@@ -346,9 +347,10 @@ class Rig:
         units: Mapping[str, str],
         summary: Mapping[str, Any],
         world: Mapping[str, Any],
+        scene: Scene,
     ) -> None:
-        """A run folder, as those of ``mirdrake run``; the world lies beside its spec."""
-        writer = RunWriter(folder, data)
+        """Write a run folder, as those of ``mirdrake run``; the world is beside its spec."""
+        writer = RunWriter(folder, data, scene)
         write_file(folder / "world.yaml", yaml.safe_dump(dict(world), sort_keys=False))
         columns = {str(name): table[name].to_numpy() for name in table}
         writer.write_signals(table.index.to_numpy(dtype=float), columns, units)

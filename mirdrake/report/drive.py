@@ -7,8 +7,6 @@ import numpy as np
 import pandas
 import shapely
 
-from mirdrake.diagram_spec import WorldEntry
-from mirdrake.errors import MirdrakeError
 from mirdrake.report.figures import Array
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.track_map import Line, Place, Road, draw_map, draw_place
@@ -31,14 +29,6 @@ def load_roads(world: World | None) -> list[Road]:
         )
         roads.append(Road(left, right, centre, track.closed, track.width, track.edges))
     return roads
-
-
-def load_scene(entry: Any) -> World | None:
-    """The world of a run, from what its spec says of it; None if there is none such any more."""
-    try:
-        return WorldEntry(**({"name": entry} if isinstance(entry, str) else entry)).load()
-    except (MirdrakeError, TypeError, ValueError):
-        return None
 
 
 def outlines(world: World | None) -> list[Array]:

@@ -4,8 +4,6 @@ The page needs no network and no other file; only the link to recording.html lea
 """
 
 import math
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +15,16 @@ import yaml
 from markupsafe import Markup
 
 from mirdrake.errors import MirdrakeError, RunError
-from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, load_scene, outlines
+from mirdrake.recording.files import write_file
+from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, outlines
 from mirdrake.report.figures import drawing_style
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.track_map import Road, scale_colours
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import clock, lasting, spoken, tell
-from mirdrake.vehicles import load_vehicle
+from mirdrake.scene import Scene
+from mirdrake.vehicles import Vehicle
 
 _TEMPLATE = "run_report.html.jinja"
 _MOST_EVENTS = 200  # rows of the table
@@ -57,6 +57,9 @@ class RunLike(Protocol):
     @property
     def events(self) -> list[dict[str, Any]]:
         """Events: "time" [s], "kind", "text"."""
+
+    def scene(self) -> Scene:
+        """Return the world and the vehicles of the run; RunError if it carries none."""
 
 
 @dataclass(frozen=True)
@@ -98,19 +101,7 @@ def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
         raise RunError("a run that is only in memory has no place for its report; simulate into a folder")
     page = render_report(run, diagram_svg=diagram_svg)
     path = run.folder / "report.html"
-    temporary = ""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=run.folder, prefix=".report-", suffix=".html")
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(page)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise RunError(
-            f"{path}: cannot be written: {error.strerror or error}; give a folder that is writable"
-        ) from None
+    write_file(path, page)
     return path
 
 
@@ -122,15 +113,18 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
     if not math.isfinite(simulated) and len(signals):
         simulated = float(signals.index[-1])
     world = _world_name(spec, summary)
-    scene = load_scene(spec.get("world") or world)
-    roads = load_roads(scene)
+    scene, scene_notes = _scene_of(run)
+    laid_out = None if scene is None else scene.world
+    loaded = {} if scene is None else scene.vehicles
+    roads = load_roads(laid_out)
     names = _vehicle_names(run)
     folder = run.folder.name if run.folder else ""
     with drawing_style():
         vehicles = [
-            _make_vehicle_page(run, VehicleSignals(signals, name), index, roads) for index, name in enumerate(names)
+            _make_vehicle_page(run, VehicleSignals(signals, name), index, roads, loaded.get(name))
+            for index, name in enumerate(names)
         ]
-        drive = draw_drive(names, signals, roads, outlines(scene))
+        drive = draw_drive(names, signals, roads, outlines(laid_out))
     headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
     diagram, diagram_note = _diagram(run.folder, diagram_svg)
@@ -158,28 +152,37 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         marked=bool(_marks(run)),
         diagram=diagram,
         diagram_note=diagram_note,
+        scene_notes=scene_notes,
         recording=bool(run.folder and (run.folder / "recording.html").is_file()),
         light_scale=light,
         dark_scale=dark,
     )
 
 
-def load_geometry(model: str) -> dict[str, float]:
-    """Wheelbase and width over the wheels [m] of a model; empty if it is not found."""
-    if not model:
-        return {}
+# --- parts of the page ---------------------------------------------------------------------------------------------
+
+
+def _scene_of(run: RunLike) -> tuple[Scene | None, list[str]]:
+    """The scene of a run, and what the page notes about it; the report of a run without a scene has less in it."""
     try:
-        geometry = load_vehicle(model).geometry
-    except MirdrakeError:
+        scene = run.scene()
+    except MirdrakeError as error:
+        return None, str(error).splitlines() if run.folder is not None and run.spec else []
+    return scene, list(scene.changes)
+
+
+def _dimensions(vehicle: Vehicle | None) -> dict[str, float]:
+    """Wheelbase and width over the wheels [m] of a vehicle; empty if it is not known."""
+    if vehicle is None:
         return {}
+    geometry = vehicle.geometry
     track = max(geometry.front_track, geometry.rear_track)
     return {"wheelbase": geometry.wheelbase, "body_width": track + max(geometry.wheel_widths)}
 
 
-# --- parts of the page ---------------------------------------------------------------------------------------------
-
-
-def _make_vehicle_page(run: RunLike, signals: VehicleSignals, index: int, roads: Sequence[Road]) -> VehiclePage:
+def _make_vehicle_page(
+    run: RunLike, signals: VehicleSignals, index: int, roads: Sequence[Road], vehicle: Vehicle | None
+) -> VehiclePage:
     name = signals.name
     entry = (run.spec or {}).get("vehicles", {}).get(name) or {}
     told = ((run.summary or {}).get("vehicles") or {}).get(name) or {}
@@ -193,7 +196,7 @@ def _make_vehicle_page(run: RunLike, signals: VehicleSignals, index: int, roads:
             f"v{index}-",
             road_width=width,
             road_edges=_road_edges(signals, roads),
-            geometry=load_geometry(model),
+            geometry=_dimensions(vehicle),
             marks=_marks(run),
         )
     return VehiclePage(

@@ -16,10 +16,11 @@ from typing import Any
 
 from pydrake.geometry import Meshcat
 
-from mirdrake.diagram_spec import DiagramSpec, WorldEntry
+from mirdrake.diagram_spec import DiagramSpec
 from mirdrake.errors import ConfigError
 from mirdrake.logs import Run
 from mirdrake.recording.files import write_file
+from mirdrake.scene import make_scene
 from mirdrake.vehicles import Vehicle
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run
@@ -79,10 +80,11 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
         meshcat = make_offline_meshcat(world=thing)
         show_world(thing, meshcat, **options)
     elif isinstance(thing, DiagramSpec):
-        meshcat = make_offline_meshcat(world=thing.world.load())
-        show_diagram(thing, meshcat, **options)
+        scene = make_scene(thing)
+        meshcat = make_offline_meshcat(world=scene.world)
+        show_diagram(thing, meshcat, scene=scene, **options)
     elif isinstance(thing, Run):
-        meshcat = make_offline_meshcat(world=WorldEntry(**thing.spec["world"]).load())
+        meshcat = make_offline_meshcat(world=thing.scene().world)
         draw_run(thing, meshcat, **options)
     else:
         raise ConfigError(

@@ -14,11 +14,10 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatVisualizer, Meshc
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram_spec import WorldEntry, make_spec
 from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.plant import PlantSpec, make_plant
-from mirdrake.vehicles import WHEELS, load_vehicle
+from mirdrake.vehicles import WHEELS
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_offline_meshcat, place_camera
 from mirdrake.viewer.views import View, make_views, with_views
 
@@ -39,11 +38,11 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
         frames_per_second: of simulated time [Hz].
 
     Raises:
-        RunError: the run has no folder or no samples.
+        RunError: the run has no folder, no samples or no scene.
     """
     if run.folder is None or run.signals.empty:
         raise RunError("recording: the run has no folder or no samples")
-    meshcat = make_offline_meshcat(world=WorldEntry(**run.spec["world"]).load())
+    meshcat = make_offline_meshcat(world=run.scene().world)
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     path = run.folder / "recording.html"
     write_file(path, with_views(meshcat.StaticHtml(), views_of(run)))
@@ -51,9 +50,8 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
 
 
 def views_of(run: Run) -> tuple[View, ...]:
-    """The views of the vehicle of a run that the camera follows."""
-    entry = next(iter(make_spec(run.spec).vehicles.values()))
-    return make_views(load_vehicle(entry.model, arguments=entry.arguments))
+    """Return the views of the vehicle of a run that the camera follows."""
+    return make_views(next(iter(run.scene().vehicles.values())))
 
 
 def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> None:
@@ -64,11 +62,8 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
         meshcat: where to draw.
         frames_per_second: of simulated time [Hz].
     """
-    spec = make_spec(run.spec)
-    builder = DiagramBuilder()
-    world = spec.world.load()
-    vehicles = {name: load_vehicle(entry.model, arguments=entry.arguments) for name, entry in spec.vehicles.items()}
-    parts = make_plant(builder, world, vehicles, spec=PlantSpec(contact="point"))
+    builder, scene = DiagramBuilder(), run.scene()
+    parts = make_plant(builder, scene.world, scene.vehicles, spec=PlantSpec(contact="point"))
     params = MeshcatVisualizerParams(publish_period=1.0 / frames_per_second)
     visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
     diagram = builder.Build()

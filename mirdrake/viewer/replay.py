@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from mirdrake.diagram_spec import WorldEntry
 from mirdrake.errors import RunError
 from mirdrake.logs import Run, write_file
 from mirdrake.recording.pictures import Picture
@@ -177,7 +176,7 @@ def _page(
     """The Meshcat recording of a run with the panel of its cameras."""
     if run.signals.empty:
         raise RunError(f"{run.folder}: has no samples; there is nothing to replay")
-    meshcat = make_offline_meshcat(world=WorldEntry(**run.spec["world"]).load())
+    meshcat = make_offline_meshcat(world=run.scene().world)
     draw_run(run, meshcat, frames_per_second=frames_per_second)
     began = float(run.signals.index[0])
     cameras = [

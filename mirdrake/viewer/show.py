@@ -9,13 +9,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from mirdrake.diagram import DiagramSpec, assemble
 from mirdrake.logs import write_file
 from mirdrake.plant import make_plant
-from mirdrake.vehicles import load_vehicle
+from mirdrake.scene import Scene
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, overlook, place_camera
 from mirdrake.viewer.vehicle_view import show_vehicle
-from mirdrake.viewer.views import View, make_views, with_views
+from mirdrake.viewer.views import View, with_views
 from mirdrake.worlds import World
 
-__all__ = ["show_diagram", "show_vehicle", "show_world", "views_of_diagram", "write_page"]
+__all__ = ["show_diagram", "show_vehicle", "show_world", "write_page"]
 
 
 def show_world(world: World, meshcat: Meshcat) -> Diagram:
@@ -29,9 +29,15 @@ def show_world(world: World, meshcat: Meshcat) -> Diagram:
     return diagram
 
 
-def show_diagram(spec: DiagramSpec, meshcat: Meshcat) -> Diagram:
-    """A diagram's vehicles in its world, at their starts; the world is moved until the first heads along x."""
-    assembly = assemble(spec, meshcat=meshcat)
+def show_diagram(spec: DiagramSpec, meshcat: Meshcat, *, scene: Scene | None = None) -> Diagram:
+    """Show a diagram's vehicles in its world, at their starts; the world is moved until the first heads along x.
+
+    Args:
+        spec: of the diagram.
+        meshcat: where to draw.
+        scene: of the diagram, if it is made already.
+    """
+    assembly = assemble(spec, meshcat=meshcat, scene=scene)
     start = next(iter(assembly.starts.values()))
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
     assembly.diagram.ForcedPublish(assembly.make_context())
@@ -39,12 +45,6 @@ def show_diagram(spec: DiagramSpec, meshcat: Meshcat) -> Diagram:
     meshcat.SetTransform(WORLD_PATH, X_CW)
     meshcat.SetTransform(LIGHTS_PATH, X_CL)
     return assembly.diagram
-
-
-def views_of_diagram(spec: DiagramSpec) -> tuple[View, ...]:
-    """The views of the first vehicle of a diagram, for :func:`show_diagram`."""
-    entry = next(iter(spec.vehicles.values()))
-    return make_views(load_vehicle(entry.model, arguments=entry.arguments))
 
 
 def write_page(meshcat: Meshcat, path: Path, *, views: Iterable[View] = ()) -> None:

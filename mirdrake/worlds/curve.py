@@ -30,6 +30,7 @@ class Curve:
         name: for messages.
 
     Attributes:
+        start: pose at s = 0, as it was given.
         length: along the curve [m].
         knots: s [m] where pieces meet, from 0 to the length.
         min_radius: smallest radius [m]; infinite for a straight.
@@ -45,6 +46,7 @@ class Curve:
         name: str = "track",
     ) -> None:
         self.name = name
+        self.start = start
         self.closed = closed
         self.pieces = tuple(pieces)
         sharpest = max(max(abs(piece.start_curvature), abs(piece.end_curvature)) for piece in self.pieces)

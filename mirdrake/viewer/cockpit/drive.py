@@ -24,6 +24,7 @@ from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import DiagramSpec
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import Run
+from mirdrake.scene import Scene
 from mirdrake.simulation import default_folder
 from mirdrake.tyres import RoadFriction
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT, Wheel
@@ -49,6 +50,7 @@ class Cockpit:
 
     Args:
         spec: of :func:`drive_spec`.
+        scene: of the spec, if it is made already.
         meshcat: where to draw, made in the thread that drives; None draws nothing.
         say: is told what happens, a line each.
         folder: gives the folder of a recording.
@@ -67,12 +69,13 @@ class Cockpit:
         self,
         spec: DiagramSpec,
         *,
+        scene: Scene | None = None,
         meshcat: Meshcat | None = None,
         say: Callable[[str], None] = lambda _: None,
         folder: Callable[[], Path] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
-        self.assembly = assemble(spec)
+        self.assembly = assemble(spec, scene=scene)
         self.part = self.assembly.parts.vehicles[NAME]
         self.limits = hand_limits(self.part)
         self.gains = list_gains(self.part.vehicle)

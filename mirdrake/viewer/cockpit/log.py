@@ -57,7 +57,7 @@ class DriveLog:
         )
         self._assembly, self._name = replace(assembly, spec=spec), name
         self._data = self._resolve(_OPEN)
-        self._writer = RunWriter(folder, self._data)
+        self._writer = RunWriter(folder, self._data, assembly.scene)
         self._recorder: Recorder | None = None
         if assembly.cameras or assembly.arrays or vector_sensors(assembly):
             self._recorder = Recorder(assembly, folder)
@@ -106,7 +106,8 @@ class DriveLog:
         recorded = self._recorder.counts() if self._recorder is not None else {}
         read = partial(read_signals, self.folder, figure_columns(self._assembly))
         summary = self._writer.finish(lambda: figures(read()) | recorded)
-        return Run(self.folder, self._data, summary, self._telemetry.units, self._events.entries)
+        units, scene = self._telemetry.units, self._assembly.scene
+        return Run(self.folder, self._data, summary, units, self._events.entries, laid_out=scene)
 
     def _resolve(self, duration: float) -> dict[str, Any]:
         data = resolved_spec(self._assembly, duration=duration)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.diagram_spec import DiagramSpec
+from mirdrake.scene import make_scene
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT
 from mirdrake.viewer.cockpit.drive import Cockpit
 from mirdrake.viewer.cockpit.server import make_server
@@ -49,9 +50,9 @@ class OpenCockpit:
         remind: float = REMIND,
     ) -> None:
         self._say, self._remind = say, remind
-        world = spec.world.load()
-        self._meshcat, upstream = make_meshcat_behind(world=world)
-        self.drive = Cockpit(spec, meshcat=self._meshcat, say=say, folder=folder, timeout=timeout)
+        scene = make_scene(spec)
+        self._meshcat, upstream = make_meshcat_behind(world=scene.world)
+        self.drive = Cockpit(spec, scene=scene, meshcat=self._meshcat, say=say, folder=folder, timeout=timeout)
         self._server = make_server(
             upstream=upstream,
             about=self._about(),

@@ -1,0 +1,142 @@
+"""What a run looks like, as the entities of a foxglove.SceneUpdate: the world, its props and the links of the vehicles.
+
+All visual shapes of the plant are taken as they are drawn in Meshcat. A glTF mesh is put into the message as GLB, with
+its buffers and pictures; meshes of other formats and convex hulls become triangles.
+"""
+
+import json
+import struct
+from base64 import b64decode
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from pydrake.common import MemoryFile
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Rgba, Role, Shape, Sphere
+from pydrake.math import RigidTransform
+
+from mirdrake.export.frames import WORLD, Frames, Pose, link_name, pose_of
+
+Array = NDArray[np.float64]
+
+_MEDIA = "model/gltf-binary"
+_GREY = Rgba(0.7, 0.7, 0.7, 1.0)  # of a shape without a colour
+
+
+def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[tuple[str, dict[str, Any]]]]]:
+    """Yield the id of each entity, its frame and its primitives: the name of a list of SceneEntity, and the fields.
+
+    Poses are given as :data:`mirdrake.export.frames.Pose`, colours as red, green, blue, alpha.
+    """
+    parts = frames.parts
+    plant, inspector = parts.plant, parts.scene_graph.model_inspector()
+    names = {part.base.index(): name for name, part in parts.vehicles.items()}
+    names |= {body.index(): f"props.{name}" for name, body in parts.props.bodies.items()}
+    vehicles = {part.instance: name for name, part in parts.vehicles.items()}
+    found: dict[tuple[str, str], list[tuple[str, dict[str, Any]]]] = {}
+    for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
+        body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+        if body.index() == plant.world_body().index():
+            # An entity for each prop and each part of the scenery, so that a panel can hide one of them.
+            label = inspector.GetName(geometry).rpartition("::")[2].rpartition("/")[0]
+            key = (label or WORLD, WORLD)
+        else:
+            frame = names.get(body.index()) or link_name(vehicles.get(body.model_instance(), ""), body)
+            key = (frame, frame)
+        properties = inspector.GetIllustrationProperties(geometry)
+        rgba = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
+        X_FG = inspector.GetPoseInFrame(geometry)
+        color = (rgba.r(), rgba.g(), rgba.b(), rgba.a())
+        found.setdefault(key, []).extend(_primitives(inspector.GetShape(geometry), X_FG, color))
+    for (name, frame), primitives in sorted(found.items(), key=lambda item: item[0]):
+        yield name, frame, primitives
+
+
+def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The primitives of a shape; none of one that has no end."""
+    given: dict[str, Any] = {"pose": pose_of(X_FG), "color": color}
+    if isinstance(shape, Box):
+        yield "cubes", given | {"size": shape.size().tolist()}
+    elif isinstance(shape, Sphere):
+        yield "spheres", given | {"size": [2.0 * shape.radius()] * 3}
+    elif isinstance(shape, Ellipsoid):
+        yield "spheres", given | {"size": [2.0 * shape.a(), 2.0 * shape.b(), 2.0 * shape.c()]}
+    elif isinstance(shape, Cylinder | Capsule):
+        width = 2.0 * shape.radius()
+        ends = {"bottom_scale": 1.0, "top_scale": 1.0}
+        yield "cylinders", given | {"size": [width, width, shape.length()], **ends}
+        if isinstance(shape, Capsule):
+            for z in (-0.5 * shape.length(), 0.5 * shape.length()):
+                end: Pose = pose_of(X_FG @ RigidTransform([0.0, 0.0, z]))
+                yield "spheres", {"pose": end, "color": color, "size": [width] * 3}
+    elif isinstance(shape, Convex):
+        hull = shape.GetConvexHull()
+        corners = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+        mesh = trimesh.convex.convex_hull(corners)
+        yield "triangles", given | {"points": mesh.vertices, "indices": mesh.faces.ravel()}
+    elif isinstance(shape, Mesh):
+        yield from _mesh(shape, given)
+
+
+def _mesh(shape: Mesh, given: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    source, scale = shape.source(), shape.scale3()
+    if shape.extension() == ".gltf":
+        if source.is_path():
+            text, folder = source.path().read_bytes(), source.path().parent
+            beside: dict[str, Any] = {}
+        else:
+            memory = source.in_memory()
+            text, folder, beside = memory.mesh_file.contents(), Path(), memory.supporting_files
+        yield "models", given | {"scale": scale.tolist(), "media_type": _MEDIA, "data": pack_gltf(text, folder, beside)}
+    elif shape.extension() == ".glb":
+        yield "models", given | {"scale": scale.tolist(), "media_type": _MEDIA, "data": source.path().read_bytes()}
+    elif source.is_path():
+        mesh = trimesh.load(source.path(), force="mesh", process=False)
+        yield "triangles", given | {"points": np.asarray(mesh.vertices) * scale, "indices": mesh.faces.ravel()}
+
+
+def pack_gltf(text: bytes, folder: Path, beside: dict[str, Any]) -> bytes:
+    """Return a glTF file with all its buffers and pictures as one GLB.
+
+    Args:
+        text: of the .gltf file.
+        folder: where its other files are.
+        beside: files that are elsewhere or in memory, by the names that the text has for them.
+    """
+
+    def read(uri: str) -> bytes:
+        if uri.startswith("data:"):
+            head, _, body = uri.partition(",")
+            return b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
+        source = beside.get(uri, folder / uri)
+        return bytes(source.contents()) if isinstance(source, MemoryFile) else Path(source).read_bytes()
+
+    data = json.loads(text)
+    views = data.setdefault("bufferViews", [])
+    binary, starts = bytearray(), []
+    for buffer in data.get("buffers", []):
+        starts.append(len(binary))
+        binary += _padded(read(buffer["uri"]), b"\0")
+    for view in views:
+        view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
+        view["buffer"] = 0
+    for image in data.get("images", []):
+        if "uri" in image:
+            uri = image.pop("uri")
+            content = read(uri)
+            views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(content)})
+            image["bufferView"] = len(views) - 1
+            image["mimeType"] = "image/png" if content[:4] == b"\x89PNG" else "image/jpeg"
+            binary += _padded(content, b"\0")
+    data["buffers"] = [{"byteLength": len(binary)}]
+    head = _padded(json.dumps(data, separators=(",", ":")).encode(), b" ")
+    chunks = struct.pack("<I4s", len(head), b"JSON") + head + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def _padded(content: bytes, filler: bytes) -> bytes:
+    return content + filler * (-len(content) % 4)

@@ -1,0 +1,190 @@
+"""A world that is laid out as plain data, and back: what a run folder keeps of the world it was driven in.
+
+Nothing is rounded and nothing is drawn by chance again: the world that is read is the one that was written, to the last
+bit. Meshes stay where they are and are referred to by their files. Rules, tests and what was left unplaced are not
+kept: they are of use only while a world is made.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from pydrake.geometry import Box, Convex, Cylinder, Shape, Sphere
+from pydrake.math import RigidTransform
+
+from mirdrake.worlds.pieces import Piece
+from mirdrake.worlds.props import PlacedProp, Prop, Solid
+from mirdrake.worlds.regions import Patch
+from mirdrake.worlds.spec import WorldSpec
+from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.world import Goal, Ground, Start, World
+from mirdrake.yaml_io import Source, validate
+
+Data = dict[str, Any]
+
+FindFile = Callable[[str], Path | None]
+"""Gives the file of a reference, or None if there is no such file any more."""
+
+_LEFT_OUT: Any = {"use": True, "props": True, "groups": True, "rules": True, "tests": True, "ground": {"patches"}}
+
+
+def world_data(world: World, refer: Callable[[Path], str]) -> Data:
+    """Return a world as data that JSON can hold.
+
+    Args:
+        world: laid out.
+        refer: gives the reference to a mesh file, a text.
+    """
+    kinds = {kind: index for index, kind in enumerate(dict.fromkeys(placed.prop for placed in world.props))}
+    return {
+        "name": world.name,
+        "path": None if world.path is None else str(world.path),
+        "spec": world.spec.model_dump(mode="json", exclude=_LEFT_OUT),
+        "tracks": {name: _track_data(track) for name, track in world.tracks.items()},
+        "starts": {name: vars(start) for name, start in world.starts.items()},
+        "ground": vars(world.ground),
+        "patches": [vars(patch) | {"area": shapely.to_wkb(patch.area, hex=True)} for patch in world.patches],
+        "goals": {
+            name: vars(goal) | {"area": None if goal.area is None else shapely.to_wkb(goal.area, hex=True)}
+            for name, goal in world.goals.items()
+        },
+        "kinds": [_prop_data(kind, refer) for kind in kinds],
+        "props": [_placed_data(placed, kinds[placed.prop]) for placed in world.props],
+    }
+
+
+def read_world(data: Mapping[str, Any], find: FindFile, *, place: str = "world") -> World:
+    """Return the world that :func:`world_data` was given.
+
+    Args:
+        data: of the world.
+        find: of a reference to a mesh file. A prop whose mesh is missing is drawn as its solids; a solid whose mesh is
+            missing becomes the box around the prop.
+        place: the file it was read from, for errors.
+
+    Raises:
+        ConfigError: its spec has faults.
+        KeyError, TypeError, ValueError: the data are not those of a world.
+    """
+    kinds = [_read_prop(kind, find) for kind in data["kinds"]]
+    return World(
+        name=data["name"],
+        spec=validate(data["spec"], WorldSpec, Source(place, {})),
+        path=None if data["path"] is None else Path(data["path"]),
+        tracks={name: _read_track(name, track) for name, track in data["tracks"].items()},
+        starts={name: Start(**start) for name, start in data["starts"].items()},
+        ground=Ground(**{**data["ground"], "extent": tuple(data["ground"]["extent"])}),
+        patches=tuple(Patch(**{**patch, "area": shapely.from_wkb(patch["area"])}) for patch in data["patches"]),
+        goals={name: _read_goal(goal) for name, goal in data["goals"].items()},
+        props=tuple(_read_placed(placed, kinds) for placed in data["props"]),
+    )
+
+
+# --- tracks and goals --------------------------------------------------------------------------------------------
+
+
+def _track_data(track: Track) -> Data:
+    return {
+        "pieces": [list(piece) for piece in track.pieces],
+        "start": [float(value) for value in track.start],
+        "closed": track.closed,
+        "width": track.width,
+        "edges": None if track.edges is None else [row.tolist() for row in track.edges],
+        "notes": list(track.notes),
+    }
+
+
+def _read_track(name: str, data: Mapping[str, Any]) -> Track:
+    x, y, yaw = data["start"]
+    edges = None if data["edges"] is None else tuple(np.array(row) for row in data["edges"])
+    pieces = [Piece(*piece) for piece in data["pieces"]]
+    given: Any = {"closed": data["closed"], "width": data["width"], "edges": edges, "notes": data["notes"]}
+    return Track(pieces, start=(x, y, yaw), name=name, **given)
+
+
+def _read_goal(data: Mapping[str, Any]) -> Goal:
+    area, gate = data["area"], data["gate"]
+    return Goal(
+        data["name"],
+        area=None if area is None else shapely.from_wkb(area),
+        gate=None if gate is None else (gate[0], gate[1]),
+        laps=data["laps"],
+    )
+
+
+# --- props -------------------------------------------------------------------------------------------------------
+
+
+def _pose_data(X: RigidTransform) -> list[list[float]]:
+    rows: list[list[float]] = X.GetAsMatrix34().tolist()
+    return rows
+
+
+def _read_pose(rows: Any) -> RigidTransform:
+    matrix = np.vstack([np.array(rows, dtype=float), [0.0, 0.0, 0.0, 1.0]])
+    return RigidTransform(matrix)
+
+
+def _shape_data(shape: Shape, refer: Callable[[Path], str]) -> Data:
+    if isinstance(shape, Box):
+        return {"box": shape.size().tolist()}
+    if isinstance(shape, Cylinder):
+        return {"cylinder": [shape.radius(), shape.length()]}
+    if isinstance(shape, Sphere):
+        return {"sphere": shape.radius()}
+    assert isinstance(shape, Convex)
+    return {"convex": refer(Path(shape.source().path())), "scale": shape.scale3().tolist()}
+
+
+def _read_shape(data: Mapping[str, Any], find: FindFile) -> Shape | None:
+    if "box" in data:
+        return Box(*data["box"])
+    if "cylinder" in data:
+        return Cylinder(*data["cylinder"])
+    if "sphere" in data:
+        return Sphere(data["sphere"])
+    path = find(data["convex"])
+    return None if path is None else Convex(str(path), np.array(data["scale"]))
+
+
+def _prop_data(prop: Prop, refer: Callable[[Path], str]) -> Data:
+    return vars(prop) | {
+        "solids": [{"pose": _pose_data(solid.X_PS), **_shape_data(solid.shape, refer)} for solid in prop.solids],
+        "visual": None if prop.visual is None else refer(prop.visual),
+    }
+
+
+def _read_prop(data: Mapping[str, Any], find: FindFile) -> Prop:
+    solids = []
+    for entry in data["solids"]:
+        shape = _read_shape(entry, find)
+        if shape is not None:
+            solids.append(Solid(shape, _read_pose(entry["pose"])))
+    if not solids:
+        middle = RigidTransform([0.0, 0.0, 0.5 * data["size"][2]])
+        solids = [Solid(Box(*data["size"]), middle)]
+    changed = {
+        "solids": tuple(solids),
+        "visual": None if data["visual"] is None else find(data["visual"]),
+        "size": tuple(data["size"]),
+        "scale": tuple(data["scale"]),
+    }
+    return Prop(**{**data, **changed})
+
+
+def _placed_data(placed: PlacedProp, kind: int) -> Data:
+    kept = {field.name: getattr(placed, field.name) for field in fields(placed)}
+    return kept | {"prop": kind, "X_WP": _pose_data(placed.X_WP)}
+
+
+def _read_placed(data: Mapping[str, Any], kinds: list[Prop]) -> PlacedProp:
+    changed = {
+        "prop": kinds[data["prop"]],
+        "X_WP": _read_pose(data["X_WP"]),
+        "color": None if data["color"] is None else tuple(data["color"]),
+        "order": tuple(data["order"]),
+    }
+    return PlacedProp(**{**data, **changed})
