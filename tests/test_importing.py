@@ -2,6 +2,7 @@
 
 from math import cos, pi, sin, tan
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -968,6 +969,83 @@ def test_a_body_that_drags_on_the_road_is_lifted_and_one_without_shape_gets_a_bo
     result = import_vehicle(write(tmp_path / "b", body=f"<visual>{box}</visual>"), folder=tmp_path / "b")
     assert said(result, "collision shape", "none", "from 0.135 m on")  # the estimated clearance, 0.45 radii
     assert abs(drive(result, [{"time": 0, "speed": 0}], 3.0)["ego.vz"].iloc[-1]) < 1e-3
+
+
+# --- a body that would not be seen -------------------------------------------------------------------------------
+
+
+def shape_text(kind, geometry, place="0 0 0", colour=""):
+    return f'<{kind}><origin xyz="{place}"/><geometry>{geometry}</geometry>{colour}</{kind}>'
+
+
+def box_text(*size):
+    return f'<box size="{" ".join(f"{value:g}" for value in size)}"/>'
+
+
+FULL = shape_text("collision", box_text(4, 1.1, 0.6))
+SMALL = shape_text("collision", box_text(0.3, 0.2, 0.1))
+LIDAR = shape_text("visual", '<cylinder radius="0.1" length="0.1"/>', "1 0 0.5")
+PLATE = shape_text("visual", box_text(1.0, 0.5, 0.02), "-1 0 0.4")
+GLASS = '<material name="glass"><color rgba="1 1 1 0"/></material>'
+UNSEEN = {
+    "nothing": "",
+    "no package": shape_text("visual", '<mesh filename="package://gone/body.dae"/>'),
+    "no file": shape_text("visual", '<mesh filename="body.obj"/>'),
+    "lidar": LIDAR,
+    "plate": PLATE,
+    "lidar and plate": LIDAR + PLATE,
+    "broken mesh and lidar": shape_text("visual", '<mesh filename="car.urdf"/>') + LIDAR,
+    "invisible": shape_text("visual", box_text(4, 1.1, 0.6), colour=GLASS),
+    "scenery": shape_text("visual", box_text(100, 100, 0.1)),
+}
+
+
+@pytest.mark.parametrize("unseen", UNSEEN)
+@pytest.mark.parametrize("solid", ["", FULL, SMALL])
+def test_a_body_that_would_not_be_seen_looks_like_its_collision_shapes_or_a_box(tmp_path, same_process, unseen, solid):
+    source = write(tmp_path / "source", body=UNSEEN[unseen] + solid + " ")
+    result = import_vehicle(source, folder=tmp_path)
+    (warning,) = result.warnings
+    assert "no visual shape that can be used" in warning
+    assert ("its collision shapes are drawn" in warning) == (solid == FULL)
+    assert said(result, "collision shape", "box") == (solid != FULL)
+    if solid == SMALL:
+        assert said(result, "collision shape", "1 shapes that cover 2 % of wheelbase x track")
+    readme = (result.folder / "README.md").read_text()
+    assert readme.partition("1. ")[2].startswith(warning)
+    boxes = outline_boxes(result)
+    assert any(x > 2.6 and y > 0.9 and 0.3 < z < 2.5 for x, y, z in boxes["visual"])
+    assert any(x > 2.6 and y > 0.9 and 0.3 < z < 2.5 for x, y, z in boxes["collision"])
+
+
+def outline_boxes(result):
+    """Sizes of the boxes of the body in the written URDF."""
+    root = ElementTree.fromstring(result.vehicle.urdf)
+    link = next(link for link in root.iter("link") if link.get("name") == "base_link")
+    return {
+        kind: [tuple(map(float, box.get("size").split())) for shape in link.iter(kind) for box in shape.iter("box")]
+        for kind in ("visual", "collision")
+    }
+
+
+def frame_of_tubes():
+    """A space frame: 1.2 m wide, ten tubes that meet, which cover a tenth of its plan."""
+    lengthwise = [shape_text("visual", box_text(3.0, 0.05, 0.05), f"0 {y} 0") for y in (-0.6, 0.6)]
+    across = [shape_text("visual", box_text(0.05, 1.2, 0.05), f"{x} 0 0") for x in np.linspace(-1.5, 1.5, 8)]
+    return "".join(lengthwise + across)
+
+
+@pytest.mark.parametrize("seen", [shape_text("visual", box_text(3, 0.8, 0.5)), frame_of_tubes()])
+def test_a_body_or_a_frame_that_is_seen_is_left_as_it_is(tmp_path, same_process, seen):
+    result = import_vehicle(write(tmp_path / "source", body=seen + SMALL), folder=tmp_path)
+    assert result.warnings == ()
+    assert not said(result, "link 'base_link': visuals")
+
+
+def test_the_terminal_reports_a_missing_body_first(tmp_path, same_process, capsys):
+    source = write(tmp_path / "source", body=UNSEEN["no file"])
+    assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.startswith("warning: The body has no visual shape that can be used")
 
 
 SENSORS = """

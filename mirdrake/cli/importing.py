@@ -79,6 +79,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_result(result: "ImportResult") -> None:
+    for warning in result.warnings:
+        print(f"warning: {warning}")
     geometry, name = result.vehicle.geometry, result.folder.name
     print(f"{shown(result.folder)}/")
     print(

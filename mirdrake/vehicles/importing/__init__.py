@@ -43,11 +43,13 @@ class ImportResult:
         folder: of the vehicle.
         vehicle: loaded from it.
         changes: everything that differs from the source.
+        warnings: what a person has to know first; sentences.
     """
 
     folder: Path
     vehicle: Vehicle
     changes: tuple[Change, ...]
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def import_vehicle(
         say("loading")
         check_loads(building)
         stage.publish()
-    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)))
+    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)), tuple(car.warnings))
 
 
 def plan_import(

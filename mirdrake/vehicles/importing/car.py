@@ -109,6 +109,7 @@ class Car:
         variant: variants/imported.yaml as data; None if there is none.
         licence: as found.
         changes: all of them.
+        warnings: what a person has to know first; sentences.
     """
 
     name: str
@@ -131,6 +132,7 @@ class Car:
     variant: dict[str, object] | None = None
     licence: str = ""
     changes: list[Change] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def parts(self) -> list[Part]:

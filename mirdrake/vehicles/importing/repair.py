@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.vehicles.estimates import Estimates, estimate
+from mirdrake.vehicles.importing.body_cover import COVERED, LARGEST, body_boxes, plan_cover, usual_bounds
 from mirdrake.vehicles.importing.car import Car, Frame, Layout, Part
 from mirdrake.vehicles.importing.joints import imported_gains, say_joints
 from mirdrake.vehicles.importing.kinematics import Tree, source_name
@@ -17,15 +18,12 @@ from mirdrake.vehicles.importing.meshes import with_known_submesh
 from mirdrake.vehicles.importing.model import Change, Shape, SourceModel
 from mirdrake.vehicles.importing.names import Names
 from mirdrake.vehicles.importing.recognise import Roles
-from mirdrake.vehicles.importing.round_shapes import Bounds, bounds_in, join_bounds
+from mirdrake.vehicles.importing.round_shapes import Bounds, join_bounds
 from mirdrake.vehicles.importing.sensors import make_mounts
 from mirdrake.vehicles.importing.straighten import SIDES, straighten
 from mirdrake.vehicles.spec import WHEELS
 
 BASE = "base_link"
-
-LARGEST = (3.0, 2.5, 2.0)
-"""Length, width and height of a car over its wheelbase, beyond which shapes are flags, beams or scenery."""
 
 
 def repair(model: SourceModel, roles: Roles, *, name: str) -> Car:
@@ -175,29 +173,17 @@ def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> lis
 
 
 def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
-    """The box around the body: what is seen, what is touched if nothing is seen, or an estimate."""
+    """The box around the body: what is seen, what is touched if too little is seen, or an estimate."""
     limits = np.array(LARGEST) * layout.wheelbase
     for shapes in (body.visuals, body.collisions):
-        boxes = [bounds_in(shape, RigidTransform()) for shape in shapes]
-        good = [box for box in boxes if box is not None and (box[1] - box[0] <= limits).all()]
-        bounds = join_bounds(good)
-        if bounds is not None and (bounds[1] - bounds[0] <= limits).all() and bounds[1][2] > 0.0:
-            edges = bounds[1] - bounds[0]
-            if edges[0] > 0.5 * layout.wheelbase and edges[1] > 0.3 * min(layout.tracks):
-                return bounds
-    usual = estimate(
-        mass=1.0,
-        wheelbase=layout.wheelbase,
-        track=sum(layout.tracks) / 2.0,
-        wheel_radius=sum(layout.radii) / 2.0,
-        wheel_width=sum(layout.widths) / 2.0,
-    )
-    middle, half = layout.wheelbase / 2.0, np.array([usual.length, usual.width]) / 2.0
-    lower = np.array([middle - half[0], -half[1], usual.ground_clearance])
-    upper = np.array([middle + half[0], half[1], usual.height])
-    became = (
-        f"{usual.length:.3g} x {usual.width:.3g} x {usual.height:.3g} m, estimated from wheelbase, track and wheels"
-    )
+        boxes = body_boxes(shapes, layout)
+        bounds = join_bounds(boxes)
+        good = bounds is not None and (bounds[1] - bounds[0] <= limits).all() and bounds[1][2] > 0.0
+        if bounds is not None and good and plan_cover(boxes, layout) >= COVERED:
+            return bounds
+    lower, upper = usual_bounds(layout)
+    length, width, height = (float(edge) for edge in upper - [lower[0], lower[1], 0.0])
+    became = f"{length:.3g} x {width:.3g} x {height:.3g} m, estimated from wheelbase, track and wheels"
     where = body.visuals[0].where if body.visuals else ""
     changes.append(
         Change(where, "size of the body", "no shapes of a size like the car's", became, "masses and air need it")

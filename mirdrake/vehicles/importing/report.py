@@ -105,6 +105,7 @@ def _groups(changes: Iterable[Change]) -> list[tuple[str, list[tuple[str, ...]]]
 
 def _to_check(car: Car) -> Iterable[str]:
     """What only a person can know."""
+    yield from car.warnings
     whats = {change.what for change in car.changes}
     yield "Look at it: `mirdrake view` shows whether visuals, collision shapes and frames lie where they belong."
     if not car.drive_source:

@@ -1,6 +1,6 @@
 """Shapes of a car as files and elements that Drake takes, and a body that does not drag on the road."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import pi
 from pathlib import Path
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.vehicles.importing.body_cover import COVERED, body_boxes, plan_cover, usual_bounds
 from mirdrake.vehicles.importing.car import Car, Part
 from mirdrake.vehicles.importing.meshes import MeshError, convert_collision, convert_visual
 from mirdrake.vehicles.importing.model import Change, Shape
@@ -32,21 +33,27 @@ def convert_shapes(car: Car, folder: Path) -> list[Change]:
     changes: list[Change] = []
     files: set[str] = set()
     written: dict[tuple[object, ...], Shape] = {}
-    pictures = {part.name: part.visuals[0].where for part in car.parts if part.visuals}
-    pictures = pictures or {part.name: "" for part in car.parts}
+    # what is seen
+    places = {part.name: part.visuals[0].where for part in car.parts if part.visuals}
+    drawn: list[Shape] = []
     for part in car.parts:
-        part.visuals = [
-            new for shape in part.visuals if (new := _visual(shape, part, folder, files, written, changes)) is not None
-        ]
+        converted = [(shape, _visual(shape, part, folder, files, written, changes)) for shape in part.visuals]
+        part.visuals = [new for _, new in converted if new is not None]
+        if part is car.body:
+            drawn = [shape for shape, new in converted if new is not None]
+    # what is touched
     solid: list[Shape] = []
     for shape in car.body.collisions:
         solid += _collision(shape, car.body, folder, files, changes)
     low = CLEARANCE * car.layout.wheelbase
     car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
-    if not car.body.collisions:
-        car.body.collisions = [_box(car, changes)]
-    lost = [(part, pictures[part.name]) for part in car.parts if part.name in pictures and not part.visuals]
-    changes += _show_what_touches(car, lost)
+    # what takes the place of either
+    bodyless = plan_cover(body_boxes(drawn, car.layout), car.layout) < COVERED
+    if bodyless:
+        changes += _show_body(car, changes)
+    elif not car.body.collisions:
+        car.body.collisions = [_box(car, car.bounds, "none", changes)]
+    changes += _show_wheels(car, places, every=bodyless)
     return changes
 
 
@@ -133,32 +140,58 @@ def _raised(X: RigidTransform, height: float) -> RigidTransform:
     return RigidTransform(X.rotation(), X.translation() + np.array([0.0, 0.0, height]))
 
 
-def _show_what_touches(car: Car, lost: Sequence[tuple[Part, str]]) -> list[Change]:
-    """Body and wheels whose pictures are all lost look like their collision shapes: nobody sees a car without any."""
-    changes = []
-    for part, where in lost:
-        rear = [key.startswith("rear") for key, wheel in car.wheels.items() if wheel is part]
-        if rear:
-            size = (car.layout.radii[rear[0]], car.layout.widths[rear[0]])
-            part.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
-        elif part is car.body:
-            part.visuals = [replace(shape, rgba=_PAINT) for shape in part.collisions]
-        if part.visuals:
-            what, why = f"link '{part.name}': visuals", "nobody would see the car"
-            changes.append(Change(where, what, "none that can be drawn", "its collision shapes", why))
+def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
+    """Draw the collision shapes of a body whose visuals do not cover it; a box where these do not cover it either.
+
+    Visuals that are drawn, such as sensors, stay.
+    """
+    changes: list[Change] = []
+    body, what = car.body, f"link '{car.body.name}': visuals"
+    where = body.visuals[0].where if body.visuals else body.collisions[0].where if body.collisions else ""
+    cover = plan_cover(body_boxes(body.collisions, car.layout), car.layout)
+    shown = "its collision shapes are"
+    if cover < COVERED:
+        was = "none"
+        if body.collisions:
+            was = f"{len(body.collisions)} shapes that cover {100.0 * cover:.0f} % of wheelbase x track"
+        body.collisions = [_box(car, usual_bounds(car.layout), was, changes)]
+        shown = "a box of the usual size for its wheelbase and track is"
+    was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
+    body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
+    changes.append(Change(where, what, was, shown.rsplit(" ", 1)[0], "the car would be drawn without its body"))
+    lost = [change for change in reported if change.what == f"link '{body.name}': visual"]
+    reason = f" ({lost[0].was}: {lost[0].why})" if lost else ""
+    car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
     return changes
 
 
-def _box(car: Car, changes: list[Change]) -> Shape:
-    """A body without collision shape gets the box around it."""
-    lower, upper = (np.array(corner) for corner in car.bounds)
+def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Change]:
+    """Draw wheels as cylinders where their visuals are lost.
+
+    Args:
+        car: its wheels are changed.
+        places: part that had visuals -> place in the source.
+        every: also wheels that had none, which may be drawn with the body.
+    """
+    changes = []
+    for key, wheel in car.wheels.items():
+        if wheel.visuals or not (every or wheel.name in places):
+            continue
+        rear = key.startswith("rear")
+        size = (car.layout.radii[rear], car.layout.widths[rear])
+        wheel.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
+        what, why = f"link '{wheel.name}': visuals", "the wheel would not be seen"
+        changes.append(Change(places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why))
+    return changes
+
+
+def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
+    """A collision shape for a body: the box around it, above the road."""
+    lower, upper = (np.array(corner) for corner in bounds)
     lower[2] = max(lower[2], min(car.estimates.ground_clearance, 0.5 * upper[2]))
-    bounds: Bounds = (lower, upper)
-    size = bounds[1] - bounds[0]
+    size = upper - lower
     became = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, from {lower[2]:.3g} m on"
     where = car.body.visuals[0].where if car.body.visuals else ""
     what = f"link '{car.body.name}': collision shape"
-    changes.append(
-        Change(where, what, "none", became, "the box around the body; without one it would pass through walls")
-    )
+    changes.append(Change(where, what, was, became, "the box around the body; otherwise it would pass through walls"))
     return Shape("box", tuple(size.tolist()), RigidTransform(0.5 * (lower + upper)), where=where)

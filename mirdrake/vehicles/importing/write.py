@@ -33,6 +33,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places) -> 
     """
     car.changes += convert_shapes(car, folder)
     car.changes = list(dict.fromkeys(map(places.change, car.changes)))
+    car.warnings = list(map(places.text, car.warnings))
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
