@@ -2,26 +2,25 @@
 
 import base64
 import binascii
-import hashlib
-import math
-import struct
 from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import msgpack
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from websockets import utils
+from websockets.frames import Frame, Opcode
+from websockets.protocol import Protocol, Side, State
 
 from mirdrake.errors import MirdrakeError
 
 MOST = 65536
 """Bytes of a message."""
 
-TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
-"""Opcodes."""
-
-_GUID = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
-_DEPTH = 4  # of nested arrays and maps
-_KINDS = {"button", "slider", "gamepad"}
+BINARY, CLOSE, PING, PONG = Opcode.BINARY, Opcode.CLOSE, Opcode.PING, Opcode.PONG
 
 
 class ProtocolError(MirdrakeError):
-    """Bytes that are not web socket frames of a client, or not MessagePack."""
+    """Bytes that are not web socket frames of a client."""
 
 
 def accept_key(key: str) -> str | None:
@@ -31,16 +30,16 @@ def accept_key(key: str) -> str | None:
             return None
     except (binascii.Error, ValueError):
         return None
-    return base64.b64encode(hashlib.sha1((key + _GUID).encode()).digest()).decode()
+    return utils.accept_key(key)
 
 
 class FrameReader:
     """Splits what a client sends into complete messages (RFC 6455, without extensions)."""
 
     def __init__(self) -> None:
-        self._bytes = bytearray()
+        self._protocol = Protocol(Side.SERVER, state=State.OPEN, max_size=MOST)
         self._message = bytearray()
-        self._opcode = 0  # of the message whose fragments are being collected
+        self._opcode = Opcode.CONT  # of the message whose fragments are being collected
 
     def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
         """Yield opcode and payload of each message that is complete.
@@ -48,58 +47,27 @@ class FrameReader:
         Raises:
             ProtocolError: the bytes are not masked frames of a client, or a message is larger than :data:`MOST`.
         """
-        self._bytes += data
-        while (frame := self._next()) is not None:
-            final, opcode, payload = frame
-            if opcode >= CLOSE:
-                yield opcode, payload
+        if self._protocol.state is not State.OPEN:
+            return  # what follows a close frame is ignored
+        self._protocol.receive_data(data)
+        self._protocol.data_to_send()  # Meshcat answers pings and the close frame
+        for frame in self._protocol.events_received():
+            assert isinstance(frame, Frame)
+            if frame.opcode >= CLOSE:
+                yield frame.opcode, bytes(frame.data)
                 continue
-            if (opcode == 0) != (self._opcode != 0):
-                raise ProtocolError("fragments out of order")
-            self._opcode = self._opcode or opcode
-            self._message += payload
-            if len(self._message) > MOST:
-                raise ProtocolError("message too large")
-            if final:
+            self._opcode = self._opcode or frame.opcode
+            self._message += frame.data
+            if frame.fin:
                 yield self._opcode, bytes(self._message)
-                self._opcode, self._message = 0, bytearray()
-
-    def _next(self) -> tuple[bool, int, bytes] | None:
-        """Whether a frame is its message's last, its opcode and payload; None if it is not complete."""
-        have = self._bytes
-        if len(have) < 2:
-            return None
-        final, opcode, size, start = bool(have[0] & 0x80), have[0] & 0x0F, have[1] & 0x7F, 2
-        if have[0] & 0x70 or opcode not in {0, TEXT, BINARY, CLOSE, PING, PONG} or not have[1] & 0x80:
-            raise ProtocolError("reserved bits, unknown opcode or no mask")
-        if opcode >= CLOSE and (not final or size > 125):
-            raise ProtocolError("control frame too large or fragmented")
-        if size >= 126:
-            start += 2 if size == 126 else 8
-            if len(have) < start:
-                return None
-            size = int.from_bytes(have[2:start], "big")
-        if size > MOST:
-            raise ProtocolError("frame too large")
-        end = start + 4 + size
-        if len(have) < end:
-            return None
-        mask, payload = bytes(have[start : start + 4]), bytes(have[start + 4 : end])
-        del have[:end]
-        pattern = int.from_bytes((mask * (size // 4 + 1))[:size], "big")
-        return final, opcode, (int.from_bytes(payload, "big") ^ pattern).to_bytes(size, "big")
+                self._opcode, self._message = Opcode.CONT, bytearray()
+        if self._protocol.parser_exc is not None:
+            raise ProtocolError(str(self._protocol.parser_exc))
 
 
 def make_frame(opcode: int, payload: bytes) -> bytes:
-    """Return a whole message as one frame of a client, with a mask of zeros."""
-    size = len(payload)
-    if size < 126:
-        head = bytes([0x80 | opcode, 0x80 | size])
-    else:
-        head = bytes([0x80 | opcode, 0x80 | 126]) + size.to_bytes(2, "big") if size < MOST else b""
-    if not head:
-        head = bytes([0x80 | opcode, 0x80 | 127]) + size.to_bytes(8, "big")
-    return head + b"\0\0\0\0" + payload
+    """Return a whole message as one frame of a client."""
+    return Frame(Opcode(opcode), payload).serialize(mask=True)
 
 
 def is_event(payload: bytes) -> bool:
@@ -108,64 +76,39 @@ def is_event(payload: bytes) -> bool:
     The camera's pose is not passed on: Meshcat's thread ends on one that is not a rotation, and nothing here reads it.
     """
     try:
-        event, end = _unpack(payload, 0, _DEPTH)
-    except (ProtocolError, IndexError, struct.error, UnicodeDecodeError, TypeError):
+        _EVENT.validate_python(msgpack.unpackb(payload, max_ext_len=0))
+    except (ValueError, ValidationError, msgpack.UnpackException):
         return False
-    if end != len(payload) or not isinstance(event, dict) or event.get("type") not in _KINDS:
-        return False
-    if not isinstance(event.get("name", ""), str) or not {"type", "name", "value", "gamepad"} >= event.keys():
-        return False
-    return _is_number(event.get("value", 0.0)) and _is_pad(event.get("gamepad"))
+    return True
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
-def _is_pad(pad: object) -> bool:
-    if pad is None:
-        return True
-    if not isinstance(pad, dict) or not {"index", "button_values", "axes"} >= pad.keys():
-        return False
-    lists = [pad.get(key, []) for key in ("button_values", "axes")]
-    index = pad.get("index")
-    return (index is None or (type(index) is int and 0 <= index < 64)) and all(
-        isinstance(one, list) and len(one) <= 64 and all(map(_is_number, one)) for one in lists
-    )
+class _Button(_Strict):
+    type: Literal["button"]
+    name: str
 
 
-def _unpack(data: bytes, at: int, depth: int) -> tuple[object, int]:
-    """A MessagePack value and where it ends; extension types are rejected.
-
-    Raises:
-        ProtocolError, IndexError, struct.error, UnicodeDecodeError, TypeError: it is not one.
-    """
-    tag, at = data[at], at + 1
-    if tag < 0x80 or tag >= 0xE0:
-        return (tag if tag < 0x80 else tag - 256), at
-    if tag in _FIXED:
-        return _FIXED[tag], at
-    if tag in _SCALARS:
-        form = _SCALARS[tag]
-        return struct.unpack_from(form, data, at)[0], at + struct.calcsize(form)
-    size, width = tag & (0x1F if 0xA0 <= tag < 0xC0 else 0x0F), _WIDTHS.get(tag, 0)
-    if width:
-        size, at = int.from_bytes(data[at : at + width], "big"), at + width
-    if size > len(data) - at:
-        raise ProtocolError("longer than the message")
-    if 0xA0 <= tag < 0xC0 or tag in (0xD9, 0xDA, 0xDB):
-        return data[at : at + size].decode(), at + size
-    if depth == 0 or not (tag < 0xA0 or tag in (0xDC, 0xDD, 0xDE, 0xDF)):
-        raise ProtocolError("nested too deeply, or a type that no event has")
-    items: list[object] = []
-    is_map = tag < 0x90 or tag in (0xDE, 0xDF)
-    for _ in range(2 * size if is_map else size):
-        item, at = _unpack(data, at, depth - 1)
-        items.append(item)
-    return (dict(zip(items[::2], items[1::2], strict=True)) if is_map else items), at
+class _Slider(_Strict):
+    type: Literal["slider"]
+    name: str
+    value: float
 
 
-_FIXED = {0xC0: None, 0xC2: False, 0xC3: True}
-_SCALARS = {0xCA: ">f", 0xCB: ">d", 0xCC: ">B", 0xCD: ">H", 0xCE: ">I", 0xCF: ">Q"}
-_SCALARS |= {0xD0: ">b", 0xD1: ">h", 0xD2: ">i", 0xD3: ">q"}
-_WIDTHS = {0xD9: 1, 0xDA: 2, 0xDB: 4, 0xDC: 2, 0xDD: 4, 0xDE: 2, 0xDF: 4}
+class _PadState(_Strict):
+    index: Annotated[int, Field(ge=0, lt=64)] | None = None
+    button_values: list[float] = Field([], max_length=64)
+    axes: list[float] = Field([], max_length=64)
+
+
+class _Pad(_Strict):
+    type: Literal["gamepad"]
+    name: str = ""
+    gamepad: _PadState | None = None
+
+
+_EVENT: TypeAdapter[_Button | _Slider | _Pad] = TypeAdapter(
+    Annotated[_Button | _Slider | _Pad, Field(discriminator="type")]
+)
