@@ -26,10 +26,11 @@ hypothesis.settings.load_profile("mirdrake")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _private_matplotlib_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A font cache of its own: the home folder may be read-only, and several processes may build it at once."""
+def _private_caches(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Caches of its own: the home folder may be read-only, and several processes may write there at once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MPLCONFIGDIR", str(tmp_path_factory.mktemp("matplotlib")))
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
 
 

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 from itertools import pairwise
+from time import monotonic
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.errors import MissingDependencyError
+from mirdrake.paths import cache_folder
+from mirdrake.vehicles.importing.mesh_convex import CutTime
 from mirdrake.vehicles.importing.meshes import MeshError, convert_collision, convert_visual, mesh_bounds
 from mirdrake.vehicles.importing.model import Shape
 from tests.mesh_rigs import CORNERS, QUADS, TEXTURED, add_eye, box, flat, write_dae, write_stl
@@ -660,3 +663,90 @@ def test_the_camera_sees_both_sides_of_a_body_with_a_mirrored_node_equally_brigh
         lit = picture.sum(axis=2)
         brightness.append(float(np.median(lit[lit > 0])))
     assert brightness[1] == pytest.approx(brightness[0], rel=0.3)
+
+
+# --- cutting in bounded time, and its cache ----------------------------------------------------------------------
+
+
+def hanging_library(folder, monkeypatch, text="import time\ntime.sleep(1000)\n"):
+    """A module `coacd` that does not end."""
+    folder.mkdir()
+    (folder / "coacd.py").write_text(text)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.setattr("mirdrake.vehicles.importing.mesh_convex.find_spec", lambda name: name)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path_factory, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+@pytest.mark.parametrize("text", ["import time\ntime.sleep(1000)\n", "while True: pass\n"])
+def test_a_library_that_hangs_is_killed_when_the_time_of_the_vehicle_is_used_up(tmp_path, monkeypatch, text):
+    hanging_library(tmp_path / "lib", monkeypatch, text)
+    path = write_stl(tmp_path / "l.stl", corner_solid())
+    time = CutTime(1.0)
+    start = monotonic()
+    for number in range(3):  # the second and third are not begun
+        (hull,), (change,) = convert_collision(mesh(path), tmp_path, name=f"l{number}", time=time)
+        assert parts_volume([hull]) == [pytest.approx(2.0625, rel=1e-5)]
+        assert "the time for cutting meshes into convex parts, 1 s, is used up" in change.why
+    assert monotonic() - start < 5.0
+    assert time.left <= 0.0
+
+
+def counted(monkeypatch):
+    """Number of processes that were started to cut."""
+    real, calls = subprocess.run, []
+    monkeypatch.setattr(subprocess, "run", lambda *args, **options: calls.append(args) or real(*args, **options))
+    return calls
+
+
+ANSWER = """
+import numpy as np
+Mesh = lambda points, faces: points
+set_log_level = lambda level: None
+def run_coacd(points, **how):
+    low = points[points[:, 1] <= 0.6]
+    return [(low, None), (points[points[:, 0] <= 0.6], None)]
+"""
+
+
+@pytest.mark.parametrize("damage", ["none", "cut short", "empty", "bit", "text", "folder"])
+def test_parts_come_from_the_cache_unless_the_entry_is_damaged(tmp_path, monkeypatch, damage):
+    hanging_library(tmp_path / "lib", monkeypatch, ANSWER)
+    path = write_stl(tmp_path / "l.stl", corner_solid())
+    calls = counted(monkeypatch)
+    first, _ = convert_collision(mesh(path), tmp_path, name="a")
+    (entry,) = cache_folder("convex").iterdir()
+    content = entry.read_bytes()
+    middle = content.index(b"part_0") + 200
+    changed = {
+        "none": content, "cut short": content[:100], "empty": b"", "text": b"no archive",
+        "bit": content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :], "folder": b"",
+    }  # fmt: skip
+    entry.unlink()
+    if damage == "folder":
+        entry.mkdir()
+    else:
+        entry.write_bytes(changed[damage])
+    again, _ = convert_collision(mesh(path), tmp_path, name="b")
+    assert len(calls) == (1 if damage == "none" else 2)
+    assert [shape.mesh.read_bytes() for shape in again] == [shape.mesh.read_bytes() for shape in first]
+    if damage != "folder":
+        assert [file.read_bytes() == content for file in cache_folder("convex").iterdir()] == [True]
+
+
+def test_another_surface_or_version_is_cut_anew_and_a_cache_that_cannot_be_written_is_no_fault(tmp_path, monkeypatch):
+    hanging_library(tmp_path / "lib", monkeypatch, ANSWER)
+    calls = counted(monkeypatch)
+    for number, width in enumerate((0.5, 0.4, 0.5)):
+        convert_collision(mesh(write_stl(tmp_path / f"{number}.stl", corner_solid(width))), tmp_path, name=f"{number}")
+    assert len(calls) == 2
+    monkeypatch.setattr("mirdrake.vehicles.importing.mesh_convex.installed_version", lambda name: "another")
+    convert_collision(mesh(tmp_path / "0.stl"), tmp_path, name="version")
+    assert len(calls) == 3
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    shapes, _ = convert_collision(mesh(tmp_path / "0.stl"), tmp_path, name="unwritable")
+    assert len(shapes) == 2

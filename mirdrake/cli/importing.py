@@ -43,6 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dry-run", action="store_true", help="only report what would be changed or rejected; writes nothing"
     )
+    parser.add_argument(
+        "--convex-time",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="for cutting collision meshes into convex parts; the rest become convex hulls (default: 60)",
+    )
     parser.add_argument("--force", action="store_true", help="replace a folder of that name")
 
 
@@ -68,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
             if options.dry_run:
                 _print_plan(plan_import(options.file, **given))
             else:
-                _print_result(import_vehicle(options.file, **given))
+                _print_result(import_vehicle(options.file, **given, convex_time=options.convex_time))
         except MissingArgumentsError as error:
             if not sys.stdin.isatty():
                 raise

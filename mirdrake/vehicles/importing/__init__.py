@@ -22,6 +22,7 @@ from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.paths import staging
 from mirdrake.vehicles.importing.car import Car
 from mirdrake.vehicles.importing.check import check_loads
+from mirdrake.vehicles.importing.mesh_convex import CUT_TIME
 from mirdrake.vehicles.importing.model import Change, SourceModel
 from mirdrake.vehicles.importing.places import Places, shorten
 from mirdrake.vehicles.importing.read import read_source
@@ -83,6 +84,7 @@ def import_vehicle(
     arguments: Mapping[str, str] | None = None,
     drive: Drive | None = None,
     force: bool = False,
+    convex_time: float = CUT_TIME,
     progress: Callable[[str], None] | None = None,
 ) -> ImportResult:
     """Make a vehicle folder from a URDF, xacro or SDF file.
@@ -95,6 +97,7 @@ def import_vehicle(
         arguments: values of xacro arguments.
         drive: driven axle: front, rear or all; what the files say if left out.
         force: replace a vehicle of that name.
+        convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
         progress: called with what is being done.
 
     Raises:
@@ -103,6 +106,8 @@ def import_vehicle(
         MissingDependencyError: a mesh format needs a package that is not installed.
     """
     say = progress or _say_nothing
+    if not convex_time >= 0.0:
+        raise ConfigError(f"convex_time {convex_time:g} is not allowed; seconds from 0 on")
     plan = plan_import(
         path,
         name=name,
@@ -118,7 +123,7 @@ def import_vehicle(
         building = stage.path / target.name
         building.mkdir()
         say("converting meshes")
-        write_car(car, plan.model, building, places=plan.places)
+        write_car(car, plan.model, building, places=plan.places, convex_time=convex_time)
         say("loading")
         check_loads(building)
         stage.publish()

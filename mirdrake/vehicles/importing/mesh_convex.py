@@ -1,13 +1,18 @@
 """Solids as a few convex parts. Drake collides a mesh by its convex hull, so that a hollow one needs several."""
 
+import hashlib
+import json
+import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -18,7 +23,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from mirdrake.vehicles.importing.mesh_cut import SECONDS
+from mirdrake.paths import cache_folder, installed_version
+from mirdrake.vehicles.importing.mesh_cut import SECONDS, settings
 from mirdrake.vehicles.importing.mesh_write import weld
 
 Array = NDArray[np.float64]
@@ -38,6 +44,22 @@ _SAMPLES = 10_000  # triangles that are looked at to tell whether a mesh is conv
 _CONCAVITY = 0.04  # CoACD's threshold
 _ZIP = b"PK\x03\x04"  # a library may print before it
 _GAIN = 0.9  # parts are worth it if they have less than this share of the hull's volume
+
+
+CUT_TIME = 60.0
+"""Time for cutting all meshes of a vehicle into convex parts [s]."""
+
+
+class CutTime:
+    """Time for cutting meshes into convex parts.
+
+    Attributes:
+        limit: at the beginning [s].
+        left: what remains of it [s].
+    """
+
+    def __init__(self, limit: float = CUT_TIME) -> None:
+        self.limit = self.left = limit
 
 
 @dataclass(frozen=True)
@@ -115,7 +137,7 @@ def _fewer(corners: Array) -> Array:
     return kept
 
 
-def split_convex(corners: Array) -> Parts:
+def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
     """Convex parts of triangles.
 
     Bodies that hang together are looked at one by one. Those that are convex (no triangle lies deeper in the hull than
@@ -124,7 +146,9 @@ def split_convex(corners: Array) -> Parts:
 
     Args:
         corners: (n, 3, 3) [m].
+        time: for all meshes that are cut with it; :data:`CUT_TIME` for this one if left out.
     """
+    time = time or CutTime()
     points, index = weld(corners.reshape(-1, 3))
     faces = index.reshape(-1, 3)
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -150,7 +174,8 @@ def split_convex(corners: Array) -> Parts:
             hulls.append(hull)
             continue
         room = PART_LIMIT - len(hulls) - (len(groups) - number - 1)
-        parts, missing = _cut(points, group, limit=max(room, 1))
+        parts, fault = _cut(points, group, limit=max(room, 1), time=time)
+        missing = missing or fault
         gain = 0 < len(parts) <= max(room, 1) and sum(part.volume for part in parts) < _GAIN * hull.volume
         hulls.extend(parts if gain else [hull])
     if sum(hull.volume for hull in hulls) > whole.volume and len(hulls) > 1 and volume is None:
@@ -193,7 +218,7 @@ def _bodies(count: int, faces: NDArray[np.int64]) -> NDArray[Any]:
     return np.asarray(bodies).ravel()
 
 
-def _cut(points: Array, faces: NDArray[np.int64], *, limit: int) -> tuple[list[Hull], str]:
+def _cut(points: Array, faces: NDArray[np.int64], *, limit: int, time: CutTime) -> tuple[list[Hull], str]:
     if find_spec("coacd") is None:
         return [], "coacd is not installed, so that it could not be cut into convex parts"
     used, index = np.unique(faces, return_inverse=True)
@@ -203,23 +228,80 @@ def _cut(points: Array, faces: NDArray[np.int64], *, limit: int) -> tuple[list[H
     if len(triangles) > _FACES:
         fewer = _simplified(corners, triangles)
         corners, triangles = fewer if _volume(*fewer) is not None else (corners, triangles)
-    message = BytesIO()
-    bodies = _bodies(len(corners), triangles).max() + 1
-    np.savez(message, points=corners, faces=triangles, limit=limit, concavity=_CONCAVITY, bodies=bodies)
-    script = Path(__file__).with_name("mesh_cut.py")
-    try:
-        done = subprocess.run(
-            [sys.executable, "-P", str(script)], input=message.getvalue(), capture_output=True, timeout=10 * SECONDS
-        )
-    except subprocess.TimeoutExpired:
-        return [], f"cutting it into convex parts took more than {10 * SECONDS} s"
-    start = done.stdout.find(_ZIP)
-    if done.returncode != 0 or start < 0:
-        return [], "it could not be cut into convex parts in reasonable time: its surface may run through itself"
-    with np.load(BytesIO(done.stdout[start:])) as answer:
-        parts = [answer[f"part_{number}"] for number in range(len(answer.files))]
+    bodies = int(_bodies(len(corners), triangles).max()) + 1
+    how = {"limit": limit, "concavity": _CONCAVITY, "bodies": bodies}
+    entry = _cache_entry(corners, triangles, how)
+    parts = _load_parts(entry)
+    if parts is None:
+        message = BytesIO()
+        seconds = min(float(10 * SECONDS), time.left)
+        np.savez(message, points=corners, faces=triangles, seconds=seconds + 1.0, **how)  # type: ignore[arg-type]
+        content, missing = _run_cut(message.getvalue(), seconds, time)
+        if missing:
+            return [], missing
+        parts = _parts_in(content)
+        if parts is None:
+            return [], "it could not be cut into convex parts in reasonable time: its surface may run through itself"
+        _store(entry, content)
     hulls = [make_hull(part) for part in parts if len(part) > 3]
     return [hull for hull in hulls if hull.volume > 0.0], ""
+
+
+def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]:
+    """What the process that cuts answers, and why it does not; it is killed when its time is up."""
+    used_up = f"the time for cutting meshes into convex parts, {time.limit:g} s, is used up"
+    if seconds <= 0.0:
+        return b"", used_up
+    script = Path(__file__).with_name("mesh_cut.py")
+    start = monotonic()
+    try:
+        done = subprocess.run([sys.executable, "-P", str(script)], input=message, capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        late = f"cutting it into convex parts took more than {10 * SECONDS} s"
+        return b"", used_up if seconds < 10 * SECONDS else late
+    finally:
+        time.left -= monotonic() - start
+    first = done.stdout.find(_ZIP)
+    return (done.stdout[first:], "") if done.returncode == 0 and first >= 0 else (b"", "")
+
+
+def _cache_entry(corners: Array, triangles: NDArray[np.int64], how: dict[str, Any]) -> Path:
+    """The file for the parts of a surface: its name is the hash of everything that they depend on."""
+    version = installed_version("coacd")
+    text = json.dumps([1, version, how, settings(how["bodies"]), corners.shape, triangles.shape], sort_keys=True)
+    digest = hashlib.sha256(text.encode())
+    digest.update(np.ascontiguousarray(corners, dtype="<f8").tobytes())
+    digest.update(np.ascontiguousarray(triangles, dtype="<i8").tobytes())
+    return cache_folder("convex") / f"{digest.hexdigest()}.npz"
+
+
+def _load_parts(entry: Path) -> list[Array] | None:
+    """Parts from the cache; None if there are none or the file is damaged."""
+    try:
+        return _parts_in(entry.read_bytes())
+    except OSError:
+        return None
+
+
+def _parts_in(content: bytes) -> list[Array] | None:
+    try:
+        with np.load(BytesIO(content)) as answer:  # a zip archive, with checksums
+            parts = [np.asarray(answer[f"part_{number}"], dtype=float) for number in range(len(answer.files))]
+    except Exception:  # numpy, zipfile and zlib have errors of many kinds
+        return None
+    sound = all(part.ndim == 2 and part.shape[1] == 3 and np.isfinite(part).all() for part in parts)
+    return parts if parts and sound else None
+
+
+def _store(entry: Path, content: bytes) -> None:
+    """Write a cache entry whole or not at all; a cache that cannot be written is not used."""
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=entry.parent, suffix=".tmp", delete=False) as file:
+            file.write(content)
+        os.replace(file.name, entry)
+    except OSError:
+        pass
 
 
 def _simplified(corners: Array, triangles: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

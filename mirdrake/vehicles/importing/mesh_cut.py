@@ -4,6 +4,7 @@ CoACD can take minutes over a surface that runs through itself, and no Python si
 """
 
 import io
+import signal
 import sys
 from typing import Any
 
@@ -13,8 +14,20 @@ SECONDS = 20
 """Processor time after which the process ends."""
 
 
+def settings(bodies: int) -> dict[str, Any]:
+    """Settings of CoACD for a surface of so many bodies; several, which may overlap, are joined first."""
+    if bodies == 1:
+        return {"preprocess_mode": "off", "mcts_nodes": 20, "mcts_iterations": 60, "mcts_max_depth": 3,
+                "resolution": 1000}  # fmt: skip
+    return {"preprocess_mode": "on", "preprocess_resolution": 20, "mcts_nodes": 10, "mcts_iterations": 20,
+            "mcts_max_depth": 2, "resolution": 600}  # fmt: skip
+
+
 def main() -> None:
-    """Reads points, faces, limit, concavity and number of bodies from stdin; writes ``part_0``, ... to stdout."""
+    """Read points, faces, limit, concavity, bodies and seconds from stdin; write ``part_0``, ... to stdout."""
+    given = np.load(io.BytesIO(sys.stdin.buffer.read()))
+    if hasattr(signal, "setitimer"):  # ends it even if its caller was killed
+        signal.setitimer(signal.ITIMER_REAL, float(given["seconds"]))
     try:
         import resource
 
@@ -23,18 +36,9 @@ def main() -> None:
         pass  # there the caller's clock alone counts
     import coacd
 
-    given = np.load(io.BytesIO(sys.stdin.buffer.read()))
     coacd.set_log_level("off")
-    how: dict[str, Any] = (
-        {"preprocess_mode": "off", "mcts_nodes": 20, "mcts_iterations": 60, "mcts_max_depth": 3, "resolution": 1000}
-        if int(given["bodies"]) == 1
-        else {  # bodies that may run through each other are joined first, which yields many triangles
-            "preprocess_mode": "on", "preprocess_resolution": 20, "mcts_nodes": 10, "mcts_iterations": 20,
-            "mcts_max_depth": 2, "resolution": 600,
-        }
-    )  # fmt: skip
     solid = coacd.Mesh(given["points"], given["faces"].astype(np.int32))
-    limit, concavity = int(given["limit"]), float(given["concavity"])
+    limit, concavity, how = int(given["limit"]), float(given["concavity"]), settings(int(given["bodies"]))
     parts = coacd.run_coacd(solid, threshold=concavity, max_convex_hull=limit, seed=0, **how)
     answer = io.BytesIO()
     arrays: dict[str, Any] = {f"part_{number}": np.asarray(points) for number, (points, _) in enumerate(parts)}

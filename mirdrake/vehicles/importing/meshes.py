@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.vehicles.importing.mesh_convex import Hull, Parts, fit_box, fit_cylinder, split_convex
+from mirdrake.vehicles.importing.mesh_convex import CutTime, Hull, Parts, fit_box, fit_cylinder, split_convex
 from mirdrake.vehicles.importing.mesh_read import (
     Material,
     MeshError,
@@ -28,7 +28,10 @@ from mirdrake.vehicles.importing.model import Change, Shape
 
 Array = NDArray[np.float64]
 
-__all__ = ["MeshError", "convert_collision", "convert_visual", "mesh_bounds", "with_known_submesh"]
+WHOLE = "the whole mesh"
+"""What a submesh that does not exist becomes."""
+
+__all__ = ["WHOLE", "MeshError", "convert_collision", "convert_visual", "mesh_bounds", "with_known_submesh"]
 
 
 def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
@@ -69,7 +72,7 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
         select_submesh(read, shape.mesh, shape.submesh)
     except SubmeshError as error:
         what = f"mesh {shape.address or shape.mesh}"
-        change = Change(shape.where, what, f"submesh '{shape.submesh}'", "the whole mesh", error.reason)
+        change = Change(shape.where, what, f"submesh '{shape.submesh}'", WHOLE, error.reason)
         return replace(shape, submesh=""), [change]
     return shape, []
 
@@ -136,7 +139,9 @@ def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, lis
     return written, _changes(shape, "visual", notes)
 
 
-def convert_collision(shape: Shape, folder: Path, *, name: str) -> tuple[list[Shape], list[Change]]:
+def convert_collision(
+    shape: Shape, folder: Path, *, name: str, time: CutTime | None = None
+) -> tuple[list[Shape], list[Change]]:
     """A collision mesh as a box, a cylinder or at most 16 convex parts; a primitive stays as it is.
 
     A mesh that fills a box to 97 % or a cylinder to 93 % becomes that one. A mesh that is convex becomes one part
@@ -147,6 +152,7 @@ def convert_collision(shape: Shape, folder: Path, *, name: str) -> tuple[list[Sh
         shape: collision shape of a link.
         folder: the vehicle's; parts go to ``meshes/<name>.obj`` or ``meshes/<name>_<number>.obj``.
         name: of the files, without extension; must be new.
+        time: for cutting, shared by several meshes; when it is used up, they become their convex hulls.
 
     Returns:
         shapes that together stand for the given one, and what was changed.
@@ -159,7 +165,7 @@ def convert_collision(shape: Shape, folder: Path, *, name: str) -> tuple[list[Sh
         return [shape], []
     pieces, notes = _load(shape)
     notes = [note for note in notes if not note.was.startswith(("texture", "material"))]
-    parts = split_convex(np.concatenate([piece.corners for piece in pieces]))
+    parts = split_convex(np.concatenate([piece.corners for piece in pieces]), time)
     if len(parts.hulls) == 1 and not parts.missing:
         primitive = _as_primitive(shape, parts.hulls[0], notes)
         if primitive is not None:

@@ -14,7 +14,7 @@ from mirdrake.vehicles.importing.joints import imported_gains, say_joints
 from mirdrake.vehicles.importing.kinematics import Tree, source_name
 from mirdrake.vehicles.importing.limits import collect_numbers, driven_wheels, steering_limit
 from mirdrake.vehicles.importing.masses import centre_of_mass, check_balance, gather_masses, total_mass
-from mirdrake.vehicles.importing.meshes import with_known_submesh
+from mirdrake.vehicles.importing.meshes import WHOLE, with_known_submesh
 from mirdrake.vehicles.importing.model import Change, Shape, SourceModel
 from mirdrake.vehicles.importing.names import Names
 from mirdrake.vehicles.importing.recognise import Roles
@@ -82,6 +82,11 @@ def repair(model: SourceModel, roles: Roles, *, name: str) -> Car:
         variant=imported_gains(model, roles, changes),
         licence=_licence(model),
         changes=changes,
+        warnings=[
+            f"{change.what}: {change.was} does not exist, so that the whole mesh is used."
+            for change in changes
+            if change.became == WHOLE
+        ],
     )
 
 

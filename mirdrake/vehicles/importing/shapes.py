@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles.importing.body_cover import COVERED, body_boxes, plan_cover, usual_bounds
 from mirdrake.vehicles.importing.car import Car, Part
+from mirdrake.vehicles.importing.mesh_convex import CUT_TIME, CutTime
 from mirdrake.vehicles.importing.meshes import MeshError, convert_collision, convert_visual
 from mirdrake.vehicles.importing.model import Change, Shape
 from mirdrake.vehicles.importing.names import Names
@@ -23,12 +24,13 @@ _LYING = RollPitchYaw(pi / 2.0, 0.0, 0.0)
 _RUBBER, _PAINT = (0.1, 0.1, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
 
 
-def convert_shapes(car: Car, folder: Path) -> list[Change]:
+def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> list[Change]:
     """Write the meshes of a car below its folder, and put the new shapes in place of the old ones.
 
     Args:
         car: its parts are changed.
         folder: the vehicle's.
+        convex_time: for cutting collision meshes into convex parts [s].
     """
     changes: list[Change] = []
     files: set[str] = set()
@@ -43,8 +45,9 @@ def convert_shapes(car: Car, folder: Path) -> list[Change]:
             drawn = [shape for shape, new in converted if new is not None]
     # what is touched
     solid: list[Shape] = []
+    time = CutTime(convex_time)
     for shape in car.body.collisions:
-        solid += _collision(shape, car.body, folder, files, changes)
+        solid += _collision(shape, car.body, folder, files, changes, time)
     low = CLEARANCE * car.layout.wheelbase
     car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
     # what takes the place of either
@@ -89,7 +92,9 @@ def _visual(
     return new
 
 
-def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes: list[Change]) -> list[Shape]:
+def _collision(
+    shape: Shape, part: Part, folder: Path, files: set[str], changes: list[Change], time: CutTime
+) -> list[Shape]:
     what = f"link '{part.name}': collision shape"
     if shape.kind == "plane" or not _is_sound(shape):
         changes.append(
@@ -100,7 +105,7 @@ def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes:
         return []
     name = Names.unique(f"{Path(shape.address or 'mesh').stem}_collision".replace(".", "_"), files)
     try:
-        new, found = convert_collision(shape, folder, name=name)
+        new, found = convert_collision(shape, folder, name=name, time=time)
     except MeshError as error:
         changes.append(error.left_out(shape.where, what))
         return []

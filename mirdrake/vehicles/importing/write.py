@@ -11,6 +11,7 @@ import yaml
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles.importing.car import Car, Mass, Part
+from mirdrake.vehicles.importing.mesh_convex import CUT_TIME
 from mirdrake.vehicles.importing.model import Shape, SourceModel
 from mirdrake.vehicles.importing.places import Places
 from mirdrake.vehicles.importing.report import readme_words
@@ -22,7 +23,7 @@ FILES = ("main.urdf.xacro", "properties.xacro", "contact.xacro", "structure.xacr
          "control.yaml", "README.md")  # fmt: skip
 
 
-def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places) -> None:
+def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, convex_time: float = CUT_TIME) -> None:
     """Write everything below an empty folder.
 
     Args:
@@ -30,8 +31,9 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places) -> 
         model: where it comes from.
         folder: exists.
         places: how files of the source are named.
+        convex_time: for cutting collision meshes into convex parts [s].
     """
-    car.changes += convert_shapes(car, folder)
+    car.changes += convert_shapes(car, folder, convex_time=convex_time)
     car.changes = list(dict.fromkeys(map(places.change, car.changes)))
     car.warnings = list(map(places.text, car.warnings))
     environment = jinja2.Environment(
