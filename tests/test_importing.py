@@ -1042,10 +1042,17 @@ def test_a_body_or_a_frame_that_is_seen_is_left_as_it_is(tmp_path, same_process,
     assert not said(result, "link 'base_link': visuals")
 
 
-def test_the_terminal_reports_a_missing_body_first(tmp_path, same_process, capsys):
+@pytest.mark.parametrize(("code", "words"), [(0, ""), (2, "a portrait needs EGL"), (-11, ""), (None, "")])
+def test_the_terminal_reports_a_missing_body_first_and_a_missing_picture(
+    tmp_path, same_process, capsys, monkeypatch, code, words
+):
+    monkeypatch.setattr("mirdrake.vehicles.importing.check.run_module", lambda *given, **options: (code, words))
     source = write(tmp_path / "source", body=UNSEEN["no file"])
     assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.startswith("warning: The body has no visual shape that can be used")
+    printed = capsys.readouterr()
+    assert printed.out.startswith("warning: The body has no visual shape that can be used")
+    reason = {0: "", 2: words, -11: "the renderer crashed", None: "not drawn within 120 s"}[code]
+    assert printed.err == (f"note: README.md has no picture of the vehicle: {reason}\n" if reason else "")
 
 
 SENSORS = """

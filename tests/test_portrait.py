@@ -1,14 +1,17 @@
 """The rendered still of a vehicle."""
 
 import dataclasses
+import shutil
+import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from mirdrake.errors import MissingDependencyError
 from mirdrake.sensors.cameras import rendering as camera
 from mirdrake.vehicles import load_vehicle
-from mirdrake.viewer.portrait import draw_portrait, try_portrait
+from mirdrake.viewer.portrait import draw_portrait, main, try_portrait
 
 needs_egl = pytest.mark.skipif(camera._egl_fault() is not None, reason="needs EGL")
 
@@ -68,3 +71,30 @@ def test_without_egl_there_is_a_reason_and_for_an_ornament_nothing(monkeypatch):
     ):
         draw_portrait(load_vehicle("bolt"), width=64, height=36)
     assert try_portrait(load_vehicle("bolt"), width=64, height=36) is None
+
+
+def copy_of_bolt(tmp_path):
+    return shutil.copytree(load_vehicle("bolt").folder, tmp_path / "bolt")
+
+
+@needs_egl
+def test_a_readme_shows_the_portrait_below_its_title(tmp_path, monkeypatch):
+    folder = copy_of_bolt(tmp_path)
+    before = (folder / "README.md").read_text()
+    monkeypatch.setattr(sys, "argv", ["portrait", str(folder)])
+    assert main() == 0
+    title, rest = before.split("\n", 1)
+    assert (folder / "README.md").read_text() == f"{title}\n\n![{title[2:]}](portrait.png)\n{rest}"
+    with Image.open(folder / "portrait.png") as picture:
+        assert picture.size == (960, 540)
+
+
+def test_without_egl_the_readme_stays_and_the_reason_is_reported(tmp_path, monkeypatch, capsys):
+    folder = copy_of_bolt(tmp_path)
+    before = (folder / "README.md").read_text()
+    monkeypatch.setattr(camera, "_egl_fault", lambda: "libEGL.so.1 is not installed")
+    monkeypatch.setattr(sys, "argv", ["portrait", str(folder)])
+    assert main() == 2
+    assert "libEGL.so.1 is not installed" in capsys.readouterr().err
+    assert (folder / "README.md").read_text() == before
+    assert not (folder / "portrait.png").exists()

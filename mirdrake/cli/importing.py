@@ -25,6 +25,10 @@ examples:
   mirdrake import vehicle car.xacro --package car_meshes=../car_meshes --argument camera=false"""
 
 
+PORTRAIT_TIME = 120.0
+"""Time after which drawing a picture of the vehicle is given up [s]."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("what", choices=["vehicle"], help="what the file describes")
@@ -75,7 +79,9 @@ def run(options: argparse.Namespace) -> int:
             if options.dry_run:
                 _print_plan(plan_import(options.file, **given))
             else:
-                _print_result(import_vehicle(options.file, **given, convex_time=options.convex_time))
+                _print_result(
+                    import_vehicle(options.file, **given, convex_time=options.convex_time, finish=_add_portrait)
+                )
         except MissingArgumentsError as error:
             if not sys.stdin.isatty():
                 raise
@@ -83,6 +89,16 @@ def run(options: argparse.Namespace) -> int:
                 arguments[name] = input(f"{place}: value of the xacro argument {name}: ")
         else:
             return 0
+
+
+def _add_portrait(folder: Path) -> None:
+    """Show a picture of the vehicle in its README.md; a note if it cannot be drawn."""
+    from mirdrake.vehicles.importing.check import run_module
+
+    code, words = run_module("mirdrake.viewer.portrait", folder, seconds=PORTRAIT_TIME)
+    if code != 0:
+        reason = words or ("the renderer crashed" if code is not None else f"not drawn within {PORTRAIT_TIME:g} s")
+        print(f"note: README.md has no picture of the vehicle: {reason}", file=sys.stderr)
 
 
 def _print_result(result: "ImportResult") -> None:

@@ -1,6 +1,11 @@
-"""A still picture of a vehicle: on asphalt, from ahead of its left side, drawn by Drake's renderer without a screen."""
+"""A still picture of a vehicle: on asphalt, from ahead of its left side, drawn by Drake's renderer without a screen.
 
+``python -m mirdrake.viewer.portrait FOLDER`` adds it to the README.md of a vehicle folder.
+"""
+
+import sys
 from math import cos, pi, sin, tan
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -24,10 +29,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.errors import MirdrakeError, MissingDependencyError
 from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors.cameras import add_renderer, use_plain_textures
-from mirdrake.vehicles import Vehicle
+from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import lights, sky_colors
 
@@ -35,6 +40,9 @@ Array = NDArray[np.float64]
 
 FIELD_OF_VIEW = 28.0 * pi / 180.0
 """Horizontal [rad]; that of a lens of 72 mm before film of 36 mm, which keeps a car's proportions."""
+
+PORTRAIT = "portrait.png"
+"""Picture in a vehicle folder."""
 
 _AZIMUTH, _ELEVATION = 0.62, 0.115  # [rad] of the camera, seen from the vehicle: to the left, above
 _MARGIN = 1.22  # room around the vehicle
@@ -86,6 +94,18 @@ def try_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> Im
         return draw_portrait(vehicle, width=width, height=height)
     except MissingDependencyError:
         return None
+
+
+def add_portrait(folder: Path) -> None:
+    """Draw a vehicle folder into ``portrait.png`` beside its README.md, and show it there below the title.
+
+    Raises:
+        MirdrakeError: the vehicle cannot be loaded, or there is nothing to render with.
+    """
+    draw_portrait(load_vehicle(str(folder))).save(folder / PORTRAIT, format="PNG")
+    readme = folder / "README.md"
+    title, _, rest = readme.read_text(encoding="utf-8").partition("\n")
+    readme.write_text(f"{title}\n\n![{title.lstrip('# ')}]({PORTRAIT})\n{rest}", encoding="utf-8")
 
 
 def _pose(parts: PlantParts, part: VehicleInPlant, context: Context) -> Context:
@@ -216,3 +236,17 @@ def _with_sky(pixels: Array, world: World) -> Array:
     share = (np.arange(pixels.shape[0]) / last).clip(0.0, 1.0)[:, None]
     rows = 255.0 * ((1.0 - share) * (0.45 * zenith + 0.55 * horizon) + share * (0.5 * horizon + 0.5))
     return np.where(sky[:, :, None], rows[:, None, :], pixels)
+
+
+def main() -> int:
+    """Add a portrait to the folder that the command line names."""
+    try:
+        add_portrait(Path(sys.argv[1]))
+    except MirdrakeError as error:
+        sys.stderr.write(f"{str(error).splitlines()[0]}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -86,6 +86,7 @@ def import_vehicle(
     force: bool = False,
     convex_time: float = CUT_TIME,
     progress: Callable[[str], None] | None = None,
+    finish: Callable[[Path], None] | None = None,
 ) -> ImportResult:
     """Make a vehicle folder from a URDF, xacro or SDF file.
 
@@ -99,6 +100,7 @@ def import_vehicle(
         force: replace a vehicle of that name.
         convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
         progress: called with what is being done.
+        finish: called with the complete folder before it takes its place.
 
     Raises:
         ConfigError: name, place or drive are not allowed.
@@ -126,6 +128,8 @@ def import_vehicle(
         write_car(car, plan.model, building, places=plan.places, convex_time=convex_time)
         say("loading")
         check_loads(building)
+        if finish is not None:
+            finish(building)
         stage.publish()
     return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)), tuple(car.warnings))
 

@@ -18,28 +18,32 @@ def check_loads(folder: Path) -> None:
     Raises:
         ModelError: it cannot be loaded, or Drake crashed on it.
     """
-    command = [sys.executable, "-m", __name__, str(folder)]
+    code, words = run_module(__name__, folder, seconds=SLOWEST)
+    if code is None:
+        raise ModelError(f"{folder.name}: the imported vehicle does not load within {SLOWEST:g} s")
+    if code == 2 and words:
+        raise ModelError(f"the imported vehicle does not load: {words}")
+    if code != 0:
+        raise ModelError(f"the imported vehicle crashes Drake (exit {code}){f': {words}' if words else ''}")
+
+
+def run_module(module: str, folder: Path, *, seconds: float) -> tuple[int | None, str]:
+    """Run a module with a vehicle folder as its argument in a process of its own, which may crash or hang.
+
+    Returns:
+        the exit code, None if it was killed after so many seconds, and the last line of its errors, with files named
+        from the folder on.
+    """
+    command = [sys.executable, "-m", module, str(folder)]
     package = str(Path(__file__).resolve().parents[3])
     paths = os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))
+    environment = os.environ | {"PYTHONPATH": paths}
     try:
-        done = subprocess.run(
-            command,
-            env=os.environ | {"PYTHONPATH": paths},
-            capture_output=True,
-            text=True,
-            timeout=SLOWEST,
-            check=False,
-        )
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=seconds, check=False)
     except subprocess.TimeoutExpired:
-        raise ModelError(f"{folder.name}: the imported vehicle does not load within {SLOWEST:g} s") from None
-    if done.returncode == 0:
-        return
-    lines = done.stderr.strip().splitlines()
-    if done.returncode == 2 and lines:
-        reason = lines[-1].replace(f"{shown(folder)}{os.sep}", "").replace(f"{folder}{os.sep}", "")
-        raise ModelError(f"the imported vehicle does not load: {reason}")
-    last = f": {lines[-1]}" if lines else ""
-    raise ModelError(f"the imported vehicle crashes Drake (exit {done.returncode}){last}")
+        return None, ""
+    last = (done.stderr.strip().splitlines() or [""])[-1]
+    return done.returncode, last.replace(f"{shown(folder)}{os.sep}", "").replace(f"{folder}{os.sep}", "")
 
 
 def main() -> int:
