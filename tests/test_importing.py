@@ -1182,3 +1182,113 @@ def test_left_out_sensors_stand_in_the_terminal_and_in_the_readme(tmp_path, caps
     assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
     assert "sensor 'flat': type ray -> left out (near (80 m) should be below far (80 m))" in capsys.readouterr().out
     assert "sensor 'flat' | type ray | left out" in (tmp_path / "buggy" / "README.md").read_text()
+
+
+# --- springs -----------------------------------------------------------------------------------------------------
+
+K, C = 30_000.0, 2500.0
+
+
+def sprung(dialect: str, kind: str = "prismatic"):
+    """The car with a joint between the body and each wheel, whose spring is written in one of the dialects."""
+    model = car()
+    for name in ("ka", "kb", "j2a", "j2b"):
+        joint = model.joints[name]
+        slide = Joint(f"s_{name}", kind, "chassis", f"c_{name}", joint.X_PJ, axis=Z, where="car.urdf:75")
+        slide.limits = Limits(-0.08, 0.12)
+        if kind == "revolute":  # an arm that trails by half a metre
+            slide.X_PJ, slide.axis = joint.X_PJ @ at(0.5, 0.0, 0.0), Y
+            joint.X_PJ = at(-0.5, 0.0, 0.0)
+        else:
+            joint.X_PJ = RigidTransform()
+        joint.parent = slide.child
+        add(model, Link(slide.child, Inertial(5.0, RigidTransform(), np.diag([0.05, 0.05, 0.05]))), slide)
+        if dialect == "joint":
+            slide.stiffness, slide.damping = K, C
+        elif dialect == "damper only":
+            slide.damping = C
+        elif dialect == "controller":
+            kinds = "effort_controllers/JointPositionController"
+            model.controllers.append(Controller("c", kinds, (slide.name,), {slide.name: {"p": K, "d": C}}))
+        elif dialect == "plugin":
+            values = {"joint_name": slide.name, "spring_stiffness": str(K), "damping": str(C)}
+            model.plugins.append(Plugin("shock", "libspring.so", values))
+    return model
+
+
+@pytest.mark.parametrize("dialect", ["joint", "controller", "plugin"])
+def test_springs_of_the_source_become_the_suspension(dialect):
+    result = mend(sprung(dialect))
+    springs = result.springs
+    assert springs is not None
+    for end in ("front", "rear"):
+        values = [springs.numbers[f"{end}_{key}"].value for key in ("stiffness", "damping", "anti_roll")]
+        assert values == pytest.approx([K, C, 0.0])
+    assert (springs.rebound, springs.bump) == pytest.approx((-0.08, 0.12))
+    assert set(result.spring_joints.values()) == {"s_ka", "s_kb", "s_j2a", "s_j2b"}
+    assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
+    assert not said(result, "s_ka", "fixed at zero")
+
+
+@pytest.mark.parametrize("dialect", ["none", "damper only"])
+def test_a_stiffness_that_the_source_lacks_is_estimated_by_the_ride_frequency(dialect):
+    result = mend(sprung(dialect))
+    assert result.springs is not None
+    numbers = result.springs.numbers
+    assert numbers["front_stiffness"].value == pytest.approx(result.estimates.front_stiffness)
+    assert said(result, "suspension: front springs", "none", "ride frequency 1.25 Hz")
+    assert (numbers["rear_damping"].value == C) == (dialect == "damper only")
+
+
+def test_a_swing_arm_with_a_spring_becomes_a_vertical_spring_of_the_same_rate_at_the_wheel():
+    result = mend(sprung("joint", kind="revolute"))
+    assert result.springs is not None
+    assert result.springs.numbers["rear_stiffness"].value == pytest.approx(K / 0.5**2)
+    assert (result.springs.rebound, result.springs.bump) == pytest.approx((-0.04, 0.06))
+
+
+@pytest.mark.parametrize("stiffness", [0.0, -5.0, float("inf"), float("nan")])
+def test_an_impossible_stiffness_is_estimated(stiffness):
+    model = sprung("joint")
+    for joint in model.joints.values():
+        if joint.kind == "prismatic":
+            joint.stiffness = stiffness
+    result = mend(model)
+    assert result.springs is not None
+    assert result.springs.numbers["front_stiffness"].source.startswith("estimated: ride frequency")
+
+
+def test_springs_that_carry_nothing_or_not_all_wheels_are_left_out_with_the_reason():
+    model = sprung("joint")
+    model.links["chassis"].inertial = Inertial(BODY, at(1.5, 0.0, 0.2), box_tensor(BODY, 4.0, 1.5, 1.2))
+    for name in ("c_j2a", "c_j2b"):
+        model.links[name].inertial = Inertial(500.0, RigidTransform(), np.diag([50.0, 50.0, 50.0]))
+    result = mend(model)
+    assert result.springs is None
+    assert said(result, "suspension", "left out", "heavier than its load on the road")
+    model = sprung("joint")
+    for name in ("s_j2a", "s_j2b"):
+        model.joints[name].kind = "fixed"
+    result = mend(model)
+    assert result.springs is None
+    assert said(result, "suspension", "2 of 4 wheels on springs", "rear left, rear right")
+
+
+def test_a_sprung_car_is_written_and_stands_on_its_springs(tmp_path, same_process):
+    slide = (
+        '<link name="c_{0}"/><joint name="s_{0}" type="prismatic"><parent link="chassis"/><child link="c_{0}"/>'
+        '<axis xyz="0 0 -1"/><limit lower="-0.1" upper="0.1" effort="0" velocity="1"/></joint>'
+    )
+    text = urdf(extra="".join(slide.format(name) for name in ("hub_l", "hub_r", "wheel_rl", "wheel_rr")))
+    for joint, child in (("steer_l", "hub_l"), ("steer_r", "hub_r"), ("axle_rl", "wheel_rl"), ("axle_rr", "wheel_rr")):
+        head, _, tail = text.partition(f'<joint name="{joint}"')
+        text = head + f'<joint name="{joint}"' + tail.replace('"chassis"', f'"c_{child}"', 1)
+    (tmp_path / "source").mkdir()
+    (tmp_path / "source" / "car.urdf").write_text(text)
+    result = import_vehicle(tmp_path / "source" / "car.urdf", folder=tmp_path)
+    springs = result.vehicle.spec.suspension
+    assert springs is not None
+    assert springs.front.stiffness > 1e4
+    run = drive(result, [{"time": 0, "speed": 2.0}], 4.0)
+    assert run["ego.vx"].iloc[-1] == pytest.approx(2.0, abs=0.05)
+    assert abs(run["ego.vz"].iloc[-1]) < 5e-3

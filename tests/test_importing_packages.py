@@ -164,6 +164,14 @@ def test_textures_and_paint_of_the_source_are_in_the_folder(imported):
     assert ".dae" not in names
 
 
+@pytest.mark.parametrize("imported", ["shocks"], indirect=True)
+def test_springs_of_the_source_are_those_of_the_vehicle(imported):
+    springs = imported[0].vehicle.spec.suspension
+    assert (springs.front.stiffness, springs.rear.damping) == (30000.0, 2500.0)
+    assert imported[0].vehicle.spec.joints.suspension.front_left == "front_left_shock"
+    assert min(imported[0].vehicle.spring_loads) > 0.0
+
+
 @pytest.mark.parametrize("imported", ["loose_limits", "shocks", "uneven_steering", "ball_wheels"], indirect=True)
 def test_every_repair_stands_in_the_report_with_its_place(imported):
     result, _ = imported

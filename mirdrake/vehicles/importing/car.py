@@ -84,6 +84,21 @@ class Number:
     source: str
 
 
+@dataclass(frozen=True)
+class SpringSet:
+    """Springs, dampers and anti-roll bars, all at the wheel.
+
+    Attributes:
+        numbers: front_stiffness, front_damping, front_anti_roll and the same of the rear [N/m, N s/m, N/m].
+        rebound: lowest travel [m], below 0.
+        bump: highest travel [m].
+    """
+
+    numbers: dict[str, Number]
+    rebound: float
+    bump: float
+
+
 @dataclass
 class Car:
     """Everything that the files of a vehicle folder say.
@@ -98,6 +113,10 @@ class Car:
         wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
         wheel_joints: names, by the same.
         steering_joints: names, left and right.
+        carriers: by the wheel's name, what moves up and down with it besides wheel and knuckle, in the frame of the
+            body; empty without springs.
+        spring_joints: names, by the wheel's name.
+        springs: of the suspension; None: the wheels do not move up and down.
         drive: driven axle.
         drive_source: where that is from.
         numbers: all other numbers by key.
@@ -126,6 +145,9 @@ class Car:
     numbers: dict[str, Number]
     estimates: Estimates
     bounds: Bounds
+    carriers: dict[str, Part] = field(default_factory=dict)
+    spring_joints: dict[str, str] = field(default_factory=dict)
+    springs: SpringSet | None = None
     frames: list[Frame] = field(default_factory=list)
     mount_frames: list[Frame] = field(default_factory=list)
     mounts: dict[str, dict[str, object]] = field(default_factory=dict)
@@ -136,5 +158,5 @@ class Car:
 
     @property
     def parts(self) -> list[Part]:
-        """Body, knuckles and wheels."""
-        return [self.body, *self.knuckles, *self.wheels.values()]
+        """Body, knuckles, wheels and carriers."""
+        return [self.body, *self.knuckles, *self.wheels.values(), *self.carriers.values()]

@@ -69,6 +69,27 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             model.changes.append(Change(where(child), about, text[:80] or "…", "left out", why))
 
 
+def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
+    """A ``<drake:linear_spring_damper>`` between two links, which acts on the prismatic joint that connects them."""
+    values = {
+        child.tag.rpartition("_spring_damper_")[2]: (
+            child.get("name") or child.get("value") or child.text or ""
+        ).strip()
+        for child in element
+    }
+    ends = {values.get("body_A", ""), values.get("body_B", "")}
+    stiffness, damping = (
+        read_number(values.get(key), where=where(element), what=f"spring {key}") for key in ("stiffness", "damping")
+    )
+    for joint in model.joints.values():
+        if joint.kind == "prismatic" and {joint.parent, joint.child} == ends and stiffness is not None:
+            joint.stiffness, joint.damping = stiffness, joint.damping + (damping or 0.0)
+            return
+    was = " and ".join(sorted(ends))
+    why = "no prismatic joint connects its links"
+    model.changes.append(Change(where(element), "spring between links", was, "left out", why))
+
+
 def read_sensor(element: ElementTree.Element, link: str, where: Where, model: SourceModel) -> SensorTag:
     """A ``<sensor>`` tag on a link, as SDF and ``<gazebo>`` tags have it; unreadable numbers become a Change."""
     name = element.get("name", "") or element.get("type", "sensor")

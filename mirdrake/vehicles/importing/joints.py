@@ -10,22 +10,27 @@ from mirdrake.vehicles.importing.recognise import Roles
 MOST_NUMBERS = 24
 """Numbers of a plugin that a report names."""
 
-_SUSPENSION = "springs are not imported; the car stands at the zero position (vehicle.yaml can have a suspension)"
+_SUSPENSION = "not each of the four wheels has a spring of its own; the suspension is held at the zero position"
 _WHY = {
     "revolute": "it neither steers a front wheel nor turns a wheel",
     "continuous": "it neither steers a front wheel nor turns a wheel",
 }
 
 
-def say_joints(roles: Roles) -> list[Change]:
-    """One line for every joint that is held, becomes another kind, loses friction or gets an actuator."""
+def say_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]:
+    """One line for every joint that is held, becomes another kind, loses friction or gets an actuator.
+
+    Args:
+        roles: of the joints.
+        sprung: joints that become the suspension.
+    """
     changes: list[Change] = []
     wheels = [wheel.joint for wheel in roles.wheels.values()]
     used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
     said = {change.what for change in roles.changes if change.became == "fixed at zero"}
     carrying = {joint.name for wheel in wheels for joint in roles.tree.path(wheel.child)}
     for joint in roles.tree.above.values():
-        if joint.kind != "fixed" and all(joint is not other for other in used):
+        if joint.kind != "fixed" and all(joint is not other for other in (*used, *sprung)):
             what = f"joint '{joint.name}'"
             if what not in said:
                 springs = joint.kind == "prismatic" and joint.name in carrying
@@ -33,6 +38,10 @@ def say_joints(roles: Roles) -> list[Change]:
                 changes.append(Change(joint.where, what, _words(joint), "fixed at zero", why))
     for joint in used:
         changes += _of_used(joint, spins=any(joint is other for other in wheels))
+    for joint in sprung:
+        why = "springs of mirdrake act along the vertical; zero is the position of the loaded car at rest"
+        became = "prismatic, along the vertical: suspension"
+        changes.append(Change(joint.where, f"joint '{joint.name}'", _words(joint), became, why))
     changes += _actuators(roles, used)
     return changes
 

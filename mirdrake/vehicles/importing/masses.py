@@ -1,5 +1,8 @@
 """Masses and inertias of body, knuckles and wheels: left and right alike, and what is missing estimated."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from mirdrake.vehicles.importing.car import Layout, Mass, Part
@@ -31,7 +34,13 @@ POUND = 0.45359237
 
 
 def gather_masses(
-    tree: Tree, layout: Layout, body: Part, knuckles: tuple[Part, Part], wheels: dict[str, Part], bounds: Bounds
+    tree: Tree,
+    layout: Layout,
+    body: Part,
+    knuckles: tuple[Part, Part],
+    wheels: dict[str, Part],
+    bounds: Bounds,
+    carriers: Mapping[str, Part] = MappingProxyType({}),
 ) -> list[Change]:
     """Give every part its mass, from its links or estimated; left and right are alike afterwards."""
     changes: list[Change] = []
@@ -79,9 +88,44 @@ def gather_masses(
         changes.append(Change(at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why))
     else:
         _mirror("steering knuckles", knuckles, tree, changes)
-    for part in (body, *knuckles, *wheels.values()):
+    for end in ("front", "rear"):
+        if carriers:
+            _weigh_carriers(
+                (carriers[f"{end}_left"], carriers[f"{end}_right"]), end, wheels, body, layout, tree, changes
+            )
+    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
         part.mass.inertia = widen(part.mass.inertia)
     return changes
+
+
+def _weigh_carriers(
+    pair: tuple[Part, Part],
+    end: str,
+    wheels: Mapping[str, Part],
+    body: Part,
+    layout: Layout,
+    tree: Tree,
+    changes: list[Change],
+) -> None:
+    """Masses of what moves up and down with the wheels of an axle; where the source has none, a part of the body's."""
+    radius = layout.radii[end == "rear"]
+    for part in pair:
+        part.mass = gather(tree, part.links, part.X_MP, radius, changes)
+        if part.links:
+            _doubt(part, radius**3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+    if max(part.mass.mass for part in pair) > 0.0:
+        _mirror(f"{end} carriers", pair, tree, changes)
+        return
+    mass = min(0.5 * wheels[f"{end}_left"].mass.mass, 0.02 * body.mass.mass)
+    places = part_places(layout)
+    inertia = cylinder_inertia(mass, radius=0.3 * radius, length=0.3 * radius, axis=2)
+    for part, side in zip(pair, ("left", "right"), strict=True):
+        part.mass = Mass(mass, places[f"{end}_{side}"], inertia.copy())
+    scale = 1.0 - 2.0 * mass / body.mass.mass
+    body.mass = Mass(scale * body.mass.mass, body.mass.com, scale * body.mass.inertia)
+    became = f"{mass:.4g} kg each, of the body's"
+    at = tree.model.links[tree.root].where
+    changes.append(Change(at, f"{end} carriers: mass", "none", became, "half a wheel's; what moves needs a mass"))
 
 
 def total_mass(parts: list[Part]) -> float:
@@ -89,10 +133,16 @@ def total_mass(parts: list[Part]) -> float:
     return sum(part.mass.mass for part in parts)
 
 
-def centre_of_mass(body: Part, knuckles: tuple[Part, Part], wheels: dict[str, Part], layout: Layout) -> Vector:
+def centre_of_mass(
+    body: Part,
+    knuckles: tuple[Part, Part],
+    wheels: dict[str, Part],
+    layout: Layout,
+    carriers: Mapping[str, Part] = MappingProxyType({}),
+) -> Vector:
     """Centre of mass of the whole car in base_link [m]."""
     places = part_places(layout)
-    items = [(body.mass, np.zeros(3))]
+    items = [(part.mass, np.zeros(3)) for part in (body, *carriers.values())]
     items += [(part.mass, places[f"{side}_knuckle"]) for part, side in zip(knuckles, ("left", "right"), strict=True)]
     items += [(part.mass, places[name]) for name, part in wheels.items()]
     total = sum(mass.mass for mass, _ in items)
@@ -118,10 +168,11 @@ def check_balance(
     layout: Layout,
     bounds: Bounds,
     where: str,
+    carriers: Mapping[str, Part] = MappingProxyType({}),
 ) -> list[Change]:
     """Move a centre of mass that no car has; the body's own moves so that the car's is where it should be."""
     changes = []
-    com = centre_of_mass(body, knuckles, wheels, layout)
+    com = centre_of_mass(body, knuckles, wheels, layout, carriers)
     height = max(float(bounds[1][2]), 2.0 * max(layout.radii))
     wanted = com.copy()
     if not 0.0 < com[2] <= height:
@@ -140,7 +191,7 @@ def check_balance(
         wanted[1] = 0.0
         was = f"{com[1]:.4g} m to the left"
         changes.append(Change(where, "centre of mass of the car: sideways", was, "0 m", "it would nearly tip over"))
-    total = total_mass([body, *knuckles, *wheels.values()])
+    total = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
     if body.mass.mass < 0.5 * total:
         was = f"{body.mass.mass:.4g} kg of {total:.4g} kg"
         why = "wheels and knuckles are heavier than the body"

@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.errors import ModelError
-from mirdrake.vehicles.importing.gazebo_tags import SCRIPT, colour_of, read_sensor
+from mirdrake.vehicles.importing.gazebo_tags import SCRIPT, colour_of, read_sensor, read_spring_damper
 from mirdrake.vehicles.importing.model import (
     Change,
     Inertial,
@@ -97,6 +97,7 @@ class _Reader:
         self._frames: dict[str, _Frame] = {}
         self._poses: dict[str, RigidTransform] = {}
         self._plugins: list[Plugin] = []
+        self._springs: list[ElementTree.Element] = []
 
     def where(self, element: ElementTree.Element) -> str:
         return self._places.get(element, shown(self._model.files[0]))
@@ -128,6 +129,8 @@ class _Reader:
         self._set_joints()
         for plugin in self._plugins:  # which may name links that stand after them
             take_plugin(plugin, "", self._model)
+        for spring in self._springs:
+            read_spring_damper(spring, self._model, self.where)
         names = {name: self._pose(name) for name in self._model.links}
         self._link_poses = names
 
@@ -194,6 +197,8 @@ class _Reader:
                 self._include(child, scope, depth)
             elif child.tag == "plugin":
                 self._plugins.append(Plugin(name, child.get("filename", ""), leaves(child), self.where(child)))
+            elif child.tag.endswith("linear_spring_damper"):
+                self._springs.append(child)
             elif child.tag not in _WITHOUT_EFFECT:
                 self._change(child, f"model: <{child.tag}>", "…", "left out", "nothing here corresponds to it")
 

@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.errors import ModelError
-from mirdrake.vehicles.importing.gazebo_tags import read_gazebo_tag
+from mirdrake.vehicles.importing.gazebo_tags import read_gazebo_tag, read_spring_damper
 from mirdrake.vehicles.importing.model import Change, Inertial, Joint, Limits, Link, Shape, SourceModel, Surface
 from mirdrake.vehicles.importing.packages import Packages
 from mirdrake.vehicles.importing.ros_control import read_ros2_control, read_transmission
@@ -115,6 +115,9 @@ class _Reader:
             self._add(self._model.joints, self._joint(element), where(element), "joint")
         for element in root.findall("gazebo"):
             read_gazebo_tag(element, self._model, where)
+        for element in root:
+            if element.tag.endswith("linear_spring_damper"):
+                read_spring_damper(element, self._model, where)
         for element in root.findall("transmission"):
             read_transmission(element, self._model, where)
         for element in root.findall("ros2_control"):

@@ -1,6 +1,6 @@
 """From a recognised model to a car that mirdrake can drive; everything that is changed on the way becomes a Change."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,19 +20,21 @@ from mirdrake.vehicles.importing.names import Names
 from mirdrake.vehicles.importing.recognise import Roles
 from mirdrake.vehicles.importing.round_shapes import Bounds, join_bounds
 from mirdrake.vehicles.importing.sensors import make_mounts
+from mirdrake.vehicles.importing.springs import WheelSpring, find_springs, make_springs
 from mirdrake.vehicles.importing.straighten import SIDES, straighten
 from mirdrake.vehicles.spec import WHEELS
 
 BASE = "base_link"
 
 
-def repair(model: SourceModel, roles: Roles, *, name: str) -> Car:
+def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True) -> Car:
     """Make a car of a recognised model.
 
     Args:
         model: as read.
         roles: from :func:`mirdrake.vehicles.importing.recognise.recognise`.
         name: of the vehicle folder.
+        springs: whether springs of the source become a suspension.
 
     Raises:
         ModelError: left and right differ too much.
@@ -41,24 +43,36 @@ def repair(model: SourceModel, roles: Roles, *, name: str) -> Car:
     layout, found = straighten(roles)
     changes += found
     names = Names()
-    body, knuckles, wheels = _make_parts(roles, layout, names, changes)
+    sprung, found = find_springs(roles) if springs else ({}, [])
+    changes += found
+    body, knuckles, wheels, carriers = _make_parts(roles, layout, names, sprung, changes)
     bounds = _body_bounds(body, layout, changes)
-    changes += gather_masses(roles.tree, layout, body, knuckles, wheels, bounds)
+    changes += gather_masses(roles.tree, layout, body, knuckles, wheels, bounds, carriers)
     where = model.links[roles.tree.root].where or source_name(model)
-    changes += check_balance(body, knuckles, wheels, layout, bounds, where)
+    changes += check_balance(body, knuckles, wheels, layout, bounds, where, carriers)
     limit, found = steering_limit(roles)
     changes += found
-    com = centre_of_mass(body, knuckles, wheels, layout)
-    mass = total_mass([body, *knuckles, *wheels.values()])
+    com = centre_of_mass(body, knuckles, wheels, layout, carriers)
+    mass = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
     whole, front, rear = (
         _estimates(roles, layout, bounds, mass, float(com[0]), limit.value, end) for end in (None, 0, 1)
     )
     numbers, found = collect_numbers(roles, limit, whole, (front, rear))
     changes += found
+    suspension = None
+    if sprung:
+        suspension, found = make_springs(
+            sprung, body=body, knuckles=knuckles, wheels=wheels, carriers=carriers, layout=layout, estimates=whole
+        )
+        if suspension is None:
+            car = repair(model, roles, name=name, springs=False)
+            return replace(car, changes=[*car.changes, *found])
+        changes += found
     wheel_joints, steering_joints = _name_joints(roles, names)
-    changes += say_joints(roles)
-    changes += _say_collisions(roles, knuckles, layout)
-    frames, places = _make_frames(roles, body, knuckles, wheels, names)
+    spring_joints = {key: names.joint(item.joint.name) for key, item in sprung.items()}
+    changes += say_joints(roles, sprung=[item.joint for item in sprung.values()])
+    changes += _say_collisions(roles, (*knuckles, *carriers.values()), layout)
+    frames, places = _make_frames(roles, body, knuckles, wheels, carriers, names)
     mounts, mount_frames, found = make_mounts(model, places, names)
     changes += found
     return Car(
@@ -71,6 +85,9 @@ def repair(model: SourceModel, roles: Roles, *, name: str) -> Car:
         wheels=wheels,
         wheel_joints=wheel_joints,
         steering_joints=steering_joints,
+        carriers=carriers,
+        spring_joints=spring_joints,
+        springs=suspension,
         drive=roles.drive,
         drive_source=roles.drive_source,
         numbers=numbers,
@@ -115,11 +132,12 @@ def _estimates(
 
 
 def _make_parts(
-    roles: Roles, layout: Layout, names: Names, changes: list[Change]
-) -> tuple[Part, tuple[Part, Part], dict[str, Part]]:
-    """The seven links with the shapes of their sources."""
+    roles: Roles, layout: Layout, names: Names, sprung: Mapping[str, WheelSpring], changes: list[Change]
+) -> tuple[Part, tuple[Part, Part], dict[str, Part], dict[str, Part]]:
+    """Body, knuckles, wheels and, with springs, carriers, with the shapes of their sources."""
     tree = roles.tree
     free = {wheel.joint.name for wheel in roles.wheels.values()} | {joint.name for joint in roles.steering}
+    free |= {item.joint.name for item in sprung.values() if not item.steered}
     root = tree.model.links[tree.root]
     if tree.root == BASE or BASE not in tree.poses:
         base = names.link(BASE)
@@ -145,11 +163,16 @@ def _make_parts(
     for key in WHEELS:
         child = roles.wheels[key].joint.child
         wheels[key] = Part(names.link(child), tree.rigid_with(child, free), layout.parts[key])
-    for part in (body, *knuckles, *wheels.values()):
+    carriers = {}
+    for key, item in sprung.items():
+        own = [] if item.steered else tree.rigid_with(item.joint.child, free)
+        name = names.link(item.joint.child) if own else names.new(f"{key}_carrier")
+        carriers[key] = Part(name, own, layout.X_MB)
+    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
         _take_shapes(tree, part)
     body.visuals = _with_known_submeshes(body.visuals, changes)
     body.collisions = _with_known_submeshes(body.collisions, changes)
-    return body, (knuckles[0], knuckles[1]), wheels
+    return body, (knuckles[0], knuckles[1]), wheels, carriers
 
 
 def _take_shapes(tree: Tree, part: Part) -> None:
@@ -207,12 +230,17 @@ def _name_joints(roles: Roles, names: Names) -> tuple[dict[str, str], tuple[str,
 
 
 def _make_frames(
-    roles: Roles, body: Part, knuckles: Sequence[Part], wheels: dict[str, Part], names: Names
+    roles: Roles,
+    body: Part,
+    knuckles: Sequence[Part],
+    wheels: dict[str, Part],
+    carriers: dict[str, Part],
+    names: Names,
 ) -> tuple[list[Frame], dict[str, tuple[str, RigidTransform]]]:
     """Links of the source that became part of another one, as frames; and where every link of the source is now."""
     tree, frames = roles.tree, []
     places: dict[str, tuple[str, RigidTransform]] = {}
-    for part in (body, *knuckles, *wheels.values()):
+    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
         X_PM = part.X_MP.inverse()
         for name in part.links:
             X_PL = X_PM.multiply(tree.poses[name])

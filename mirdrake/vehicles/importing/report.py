@@ -65,7 +65,7 @@ def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, obje
 
 def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     layout = car.layout
-    com = centre_of_mass(car.body, car.knuckles, car.wheels, layout)
+    com = centre_of_mass(car.body, car.knuckles, car.wheels, layout, car.carriers)
     measured = "imported: measured on links and joints"
     wheels = (car.wheels["front_left"].mass, car.wheels["rear_left"].mass)
     repaired = {change.what for change in car.changes if "mass" in change.what or "inertia" in change.what}
@@ -114,6 +114,8 @@ def _to_check(car: Car) -> Iterable[str]:
         yield "Which end is the front: the steered axle was taken."
     if any("inertia" in what or "mass" in what for what in whats):
         yield "Masses, inertias and centre of mass: some were replaced, see below."
+    if car.springs is not None:
+        yield "Ride height: the car stands at the zero position of its springs; `suspension` in vehicle.yaml."
     if any("suspension" in change.why for change in car.changes):
         yield "Ride height: suspension is held at its zero position."
     estimated = sum(number.source.startswith("estimated") for number in car.numbers.values())

@@ -29,8 +29,8 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
         meant = _STEERING.search(f"{joint.name} {joint.child}") or joint.name in named
         if joint.name in (*wheels, *used) or not (meant or _turns_upright(tree, joint, upright)):
             continue
-        if not meant and joint.name not in carrying and joint.kind == "continuous":
-            continue  # a turning lidar
+        if not meant and joint.name not in carrying:
+            continue  # a turning lidar, an arm
         words.append(f"'{joint.name}' {_steering_fault(tree, joint, carrying, upright)}")
     return _clause("cannot be used as steering", words)
 
