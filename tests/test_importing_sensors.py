@@ -236,8 +236,9 @@ def test_plugins_of_sensors_become_sensors_on_their_link(tmp_path, extra, expect
 
 
 def test_a_plugin_without_a_link_sits_on_the_root_and_one_with_an_unknown_link_is_left_out(tmp_path):
-    car = car_with(tmp_path, plugin("libhector_gazebo_ros_imu.so", ""))
-    assert [frame.parent for frame in car.mount_frames] == [car.base]
+    for inside in ("", "<frameId>a_label</frameId>"):
+        car = car_with(tmp_path, plugin("libhector_gazebo_ros_imu.so", inside))
+        assert [frame.parent for frame in car.mount_frames] == [car.base]
     car = car_with(tmp_path, plugin("libhector_gazebo_ros_imu.so", "<bodyName>gone</bodyName>"))
     assert not car.mounts
     assert said(car, "sensor 'unit'", "left out", "there is no link 'gone'")

@@ -14,7 +14,8 @@ _NONE = {
     "p3d|ground_truth": "ground truth, not a sensor: the state of the vehicle (ego.state) has it",
     "magnet|baro|altimeter|pressure": "no sensor of mirdrake corresponds to it",
 }
-_LINKS = ("bodyName", "linkName", "link_name", "body_name", "frameName", "frame_name", "frameId", "frame_id", "link")
+_BODIES = ("bodyName", "linkName", "link_name", "body_name", "link")
+_FRAMES = ("frameName", "frame_name", "frameId", "frame_id")  # often a label of the messages only
 _RATES = ("updateRate", "update_rate", "rate", "pubRate")
 
 
@@ -51,12 +52,11 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
 
 def _link_of(plugin: Plugin, reference: str, model: SourceModel) -> tuple[str, str]:
     """The link that carries a plugin, and the name that the plugin gives where no link has it."""
-    named = ""
-    for text in (*(plugin.values.get(key, "") for key in _LINKS), reference):
+    named = next((plugin.values[key] for key in _BODIES if plugin.values.get(key)), "")
+    for text in (named,) if named else (*(plugin.values.get(key, "") for key in _FRAMES), reference):
         for word in (text, text.rpartition("::")[2], text.rpartition("/")[2]):
             if word and word in model.links:
                 return word, word
-        named = named or text
     return "", named
 
 
