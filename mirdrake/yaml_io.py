@@ -56,8 +56,10 @@ _UNITS: dict[str, dict[str, float]] = {
     "kg": {"kg": 1.0, "lb": 0.45359237, "t": 1000.0},
     "N": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
     "N m": {"N m": 1.0, "Nm": 1.0, "kN m": 1e3, "kNm": 1e3},
-    "W": {"W": 1.0, "kW": 1e3},
+    "W": {"W": 1.0, "kW": 1e3, "hp": 745.6998715822702},
     "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "kg m²": {"kg m²": 1.0, "kg m^2": 1.0},
+    "-": {},
     "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665},
 }
 _NUMBER = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
@@ -79,7 +81,7 @@ def to_si(value: Any, unit: str) -> Any:
         return number
     scale = _UNITS[unit].get(given)
     if scale is None:
-        allowed = ", ".join(_UNITS[unit])
+        allowed = ", ".join(_UNITS[unit]) or "none"
         raise ValueError(f"unit {_shown_value(given)} does not fit; allowed: {allowed}")
     return number * scale
 

@@ -24,7 +24,7 @@ from mirdrake.vehicles.bodywork.styles import STYLES
 from mirdrake.vehicles.bodywork.wheels import WheelDesign, build_wheel
 
 MODELS = sorted(path.parent.parent.name for path in (data_root() / "models").glob("*/meshes/generate.py"))
-OUTLINES = [name for name in MODELS if name != "unior"]  # the Unior is a buggy of write_car
+OUTLINES = [name for name in MODELS if name != "unior"]  # the Unior has an open body of its own
 SIZES = {
     "hatchback": (
         {"wheelbase": 2.60, "track": 1.52, "length": 4.20, "width": 1.76, "height": 1.48},
@@ -38,7 +38,15 @@ SIZES = {
         {"wheelbase": 0.19, "track": 0.13, "length": 0.30, "width": 0.155, "height": 0.125},
         {"wheel_radius": 0.026, "wheel_width": 0.018, "ground_clearance": 0.014, "front_overhang": 0.055},
     ),
-    "buggy": (
+    "van": (
+        {"wheelbase": 3.66, "track": 1.71, "length": 5.93, "width": 2.02, "height": 2.6},
+        {"wheel_radius": 0.34, "wheel_width": 0.235, "ground_clearance": 0.17, "front_overhang": 1.0},
+    ),
+    "truck": (
+        {"wheelbase": 4.2, "track": 1.96, "length": 7.5, "width": 2.45, "height": 3.3},
+        {"wheel_radius": 0.42, "wheel_width": 0.25, "ground_clearance": 0.25, "front_overhang": 1.3},
+    ),
+    "robot": (
         {"wheelbase": 0.57, "track": 0.45, "length": 0.90, "width": 0.56, "height": 0.40},
         {"wheel_radius": 0.095, "wheel_width": 0.09, "ground_clearance": 0.06, "front_overhang": 0.15},
     ),
@@ -226,7 +234,7 @@ def new_corners(triangles: np.ndarray, others: np.ndarray) -> int:
 def test_a_car_of_no_maker_has_the_size_asked_for_and_room_for_its_wheels(style: str, tmp_path: Path) -> None:
     sizes = {**SIZES[style][0], **SIZES[style][1]}
     write_car(tmp_path, style=style, **sizes)
-    # Half axles of the buggy end in its wheels.
+    # Half axles of bodies of boxes end in their wheels.
     triangles, _ = triangles_of(tmp_path / "meshes" / "body.gltf", without=("rim_shadow",))
     corners = triangles.reshape(-1, 3)
     front = sizes["wheelbase"] + sizes["front_overhang"]
@@ -249,9 +257,9 @@ def test_a_car_of_no_maker_has_the_size_asked_for_and_room_for_its_wheels(style:
 
 
 def test_the_same_sizes_give_the_same_bytes(tmp_path: Path) -> None:
-    sizes = {**SIZES["buggy"][0], **SIZES["buggy"][1]}
+    sizes = {**SIZES["robot"][0], **SIZES["robot"][1]}
     for folder in ("one", "two"):
-        write_car(tmp_path / folder, style="buggy", **sizes)
+        write_car(tmp_path / folder, style="robot", **sizes)
     for name in ("body.gltf", "body.bin", "wheel.gltf", "wheel.bin"):
         one, two = ((tmp_path / folder / "meshes" / name).read_bytes() for folder in ("one", "two"))
         assert one == two
@@ -264,9 +272,11 @@ def test_a_wheel_looks_different_after_every_turn_but_a_whole_one() -> None:
 
 
 def test_a_style_that_does_not_exist_is_refused_with_the_list(tmp_path: Path) -> None:
-    sizes = {**SIZES["buggy"][0], **SIZES["buggy"][1]}
-    with pytest.raises(ModelError, match=r"no body style 'coupe'; the styles are hatchback, sedan, suv, buggy"):
+    sizes = {**SIZES["robot"][0], **SIZES["robot"][1]}
+    with pytest.raises(
+        ModelError, match=r"no body style 'coupe'; the styles are hatchback, sedan, suv, van, truck, robot"
+    ):
         write_car(tmp_path, style="coupe", **sizes)
     with pytest.raises(ModelError, match=r"wheel_radius -0.1 m: it must be positive"):
-        write_car(tmp_path, style="buggy", **{**sizes, "wheel_radius": -0.1})
+        write_car(tmp_path, style="robot", **{**sizes, "wheel_radius": -0.1})
     assert not list(tmp_path.iterdir())

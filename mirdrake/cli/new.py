@@ -7,7 +7,17 @@ from pathlib import Path
 from typing import Any, get_args
 
 from mirdrake.errors import ConfigError
-from mirdrake.vehicles.questions import BODIES, QUANTITIES, REQUIRED, ask, parse_tyre
+from mirdrake.vehicles.questions import (
+    BODIES,
+    QUANTITIES,
+    SENSORS,
+    TYRES,
+    USUAL_SENSORS,
+    ask,
+    missing_keys,
+    parse_sensors,
+    parse_tyre,
+)
 from mirdrake.vehicles.spec import Drive
 from mirdrake.yaml_io import shown
 
@@ -17,7 +27,8 @@ What is not given is estimated; README.md in the folder says of every number whi
 "102.4 in", "3200 lb", "35 deg". In a terminal, what is missing is asked for. A diagram file to drive it comes along.
 
 example:
-  mirdrake new vehicle my_car --wheelbase 2.6 --track 1.5 --mass 1450 --tyre 205/55R16 --drive front"""
+  mirdrake new vehicle my_car --wheelbase 2.6 --track 1.5 --mass 1450 --tyre 205/55R16 --drive front
+  mirdrake new vehicle rover --wheelbase 0.6 --track 0.5 --mass 60 --wheel-radius 0.12 --sensors lidar,camera,imu"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,9 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             _option(quantity.key), metavar=quantity.unit.upper(), help=f"{quantity.text} [{quantity.unit}]"
         )
-    parser.add_argument("--tyre", metavar="SIZE", help="such as 215/50R17, instead of wheel radius and width")
+    for key, axle in zip(TYRES, ("", " of the front axle", " of the rear axle"), strict=True):
+        words = f"such as 215/50R17, instead of wheel radius and width{axle}"
+        parser.add_argument(_option(key), metavar="SIZE", help=words)
     parser.add_argument("--drive", choices=get_args(Drive), help="driven axle (default: rear)")
-    parser.add_argument("--body", choices=BODIES, help="looks, and usual length and height (default: hatchback)")
+    parser.add_argument("--body", choices=BODIES, help="looks, and usual length and height (default: by mass)")
+    parser.add_argument(
+        "--sensors", metavar="LIST", help=f"of {', '.join(SENSORS)}, or none (default: {USUAL_SENSORS})"
+    )
     parser.add_argument("--title", metavar="TEXT", help="make and model, for titles")
     parser.add_argument("--folder", type=Path, default=Path("models"), metavar="DIR", help="where to (default: models)")
     parser.add_argument("--diagram", action=argparse.BooleanOptionalAction, default=True, help="write a diagram file")
@@ -45,13 +61,12 @@ def run(options: argparse.Namespace) -> int:
     check_name(name)
     vehicle_place(name, folder=options.folder, force=options.force)  # before anybody answers questions
     given = _given(options)
-    missing = [key for key in REQUIRED if key not in given and not (key == "wheel_radius" and "tyre" in given)]
+    missing = missing_keys(given)
     if missing and sys.stdin.isatty():
         _say(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter takes what stands in brackets.")
         given = ask(given, say=_say)
     elif missing:
-        words = ["--wheel-radius (or --tyre)" if key == "wheel_radius" else _option(key) for key in missing]
-        raise ConfigError(f"missing: {', '.join(words)}")
+        raise ConfigError(f"missing: {', '.join(map(_option, missing))}")
     plan = plan_vehicle(**given)
     vehicle = write_vehicle(name, plan, title=options.title, folder=options.folder, force=options.force)
     diagram = None
@@ -62,8 +77,8 @@ def run(options: argparse.Namespace) -> int:
 
     _say(f"{shown(vehicle)}/")
     estimated = plan.estimated()
-    _say(_listed("given", [key for key in plan.sources if key not in estimated]))
-    _say(_listed("estimated", list(estimated)))
+    _say(_listed("given", [key for key in plan.listed() if key not in estimated]))
+    _say(_listed("estimated", [key for key in plan.listed() if key in estimated]))
     _say("  README.md says how; replace what you know better")
     if diagram is not None:
         _say(f"{shown(diagram)}{'' if written else '  (was there already, left as it is)'}")
@@ -76,10 +91,12 @@ def run(options: argparse.Namespace) -> int:
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """The options that were given, by argument of :func:`mirdrake.vehicles.scaffold.plan_vehicle`."""
-    keys = [*QUANTITIES, "tyre", "drive", "body"]
+    keys = [*QUANTITIES, *TYRES, "drive", "body", "sensors"]
     given = {key: value for key in keys if (value := getattr(options, key)) is not None}
-    if "tyre" in given:
-        parse_tyre(given["tyre"], where="--tyre")
+    for key in TYRES:
+        if key in given:
+            parse_tyre(given[key], where=_option(key))
+    parse_sensors(given.get("sensors", ""))
     return given
 
 

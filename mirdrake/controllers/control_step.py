@@ -49,6 +49,7 @@ class ControlSetup(NamedTuple):
         pedals: whether pedals drive and brake, and not the wheels' actuators.
         wheel_pid: whether a PID turns the wheels, and not their servos.
         steering_pid: whether PIDs steer, and not the servos.
+        open_differential: whether the wheel servos of an axle share their torque.
         turned: which wheels the unit turns.
         speed_loop: place of the speed loop in the memory.
         wheel_loops: places of the wheels' loops.
@@ -76,6 +77,7 @@ class ControlSetup(NamedTuple):
     pedals: bool
     wheel_pid: bool
     steering_pid: bool
+    open_differential: bool
     turned: tuple[bool, bool, bool, bool]
     speed_loop: int
     wheel_loops: tuple[int, int, int, int]
@@ -159,7 +161,14 @@ def control_step(
                 )
                 write_pid(memory, at, loop)
             else:
-                desired[actuators + setup.wheel_inputs[i]] = rates[i]
+                rate = rates[i]
+                if setup.open_differential:
+                    # Each servo of Drake holds its own wheel. When its set-point has the difference of speed that the
+                    # wheels have, its error is that of the axle's mean speed, and both torques are equal.
+                    other = i ^ 1
+                    difference = x[setup.wheel_velocities[i]] - x[setup.wheel_velocities[other]]
+                    rate = 0.5 * (rates[i] + rates[other] + difference)
+                desired[actuators + setup.wheel_inputs[i]] = rate
             actuation[setup.wheel_inputs[i]] = push
     for i in range(2):
         joint = setup.steering_inputs[i]

@@ -172,6 +172,7 @@ class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
             pedals=self._pedal_law is not None,
             wheel_pid=wheel_pid is not None,
             steering_pid=steering_pid is not None,
+            open_differential=control.wheel_speed.kind == "servo" and control.wheel_speed.differential == "open",
             turned=tuple(turned),  # type: ignore[arg-type]
             speed_loop=speed_loop,
             wheel_loops=tuple(wheel_loops),  # type: ignore[arg-type]

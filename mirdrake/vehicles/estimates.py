@@ -9,7 +9,9 @@ of the controllers; the steering servo keeps theirs.
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, radians, sin, sqrt
+from math import atan, atan2, cos, hypot, log, pi, radians, sin, sqrt, tan
+
+from mirdrake.errors import ConfigError
 
 GRAVITY = 9.80665
 
@@ -29,6 +31,37 @@ spin at 0.021 and 0.035, and is followed within 1.4 % at 0.055; a circle at 4 m/
 POINT_COMPRESSION = 0.061
 """The same in point contact: tyres of cars have about 200 kN/m, the Bolt's sits 20 mm deep."""
 
+ROBOT_MASS = 100.0
+"""Below it a vehicle is a robot without a hand wheel and a cabin; its estimates are those of model cars [kg]."""
+
+TURNING_CIRCLE = 4.0
+"""Turning circle between kerbs of a road vehicle, in wheelbases.
+
+Of the 32 vehicles in tests/data/turning_circles.csv (city car to lorry of 12 t) the law has a median error of +1 %, a
+standard deviation of 7 %, and errors from -15 to +17 %. The track explains nothing that the wheelbase does not.
+"""
+
+ROBOT_STEERING = 0.42
+"""Steering limit of a robot's inner wheel [rad]: F1TENTH 0.42, AutoRally 0.37, MuSHR 0.34, MIT racecar 0.3 to 0.34."""
+
+STEERING_MOST = 0.8
+"""Largest estimate of a steering limit [rad]; beyond it the joints of driven front wheels end."""
+
+YAW_COEFFICIENT = (0.09, 0.13)
+"""Yaw inertia over mass x wheelbase x length: of robots and of road vehicles [-].
+
+For road vehicles this form is Burg's, with 0.127 (quoted by MacInnis et al., SAE 970951); four measured ones in
+tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass in the middle: F1TENTH 0.067, BARC 0.085 to
+0.106, ORCA and AutoRally 0.10. Between :data:`ROBOT_MASS` and twice of it the logarithm of the mass decides. The errors
+of the whole table have a median of -4 % and a standard deviation of 14 %; F1TENTH has the largest, +34 %.
+"""
+
+STEERING_ERROR = 1e-3
+"""Deflection of a steering servo under the scrub moment of its tyre [rad]; tyres on contact friction do not slip."""
+
+STEERING_FREQUENCY = 10.0
+"""Least natural frequency of a steering servo with its wheel [Hz]; it is damped far beyond the aperiodic limit."""
+
 HOW: dict[str, str] = {
     "length": "estimated: 1.65 wheelbases (Bolt 1.60, Escape 1.69, MKZ 1.73), at least 2.6 wheel radii longer than one",
     "width": "estimated: 1.03 x (track + wheel width); Bolt 1.765 m of 1.716 m",
@@ -42,8 +75,9 @@ HOW: dict[str, str] = {
     "knuckle_mass": "estimated: half a wheel, as the Bolt's (10 kg)",
     "kingpin_offset": "estimated: scrub radius of 0.06 wheel radii; Bolt 0.02 m",
     "inertia_edges": "estimated: homogeneous box of 0.88 widths and 0.75 heights (Bolt), as long as makes the yaw "
-    "inertia of the whole vehicle 0.95 m a b, a and b from the centre of mass to the axles",
-    "yaw_inertia": "estimated: 0.95 m a b (dynamic index of the Bolt), a and b from the centre of mass to the axles",
+    "inertia of the whole vehicle the one below",
+    "yaw_inertia": "estimated: 0.13 x mass x wheelbase x length as measured road vehicles; below 100 kg 0.09, as F1TENTH, "
+    "BARC, AutoRally",
     "roll_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
     "pitch_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
     "tyre_modulus": "estimated: a wheel under a quarter of the weight is pressed in by 0.021 radii (Bolt); a smaller "
@@ -67,9 +101,14 @@ HOW: dict[str, str] = {
     "by 20 to 25 ms",
     "steering_ratio": "estimated: hand wheel of 8.2 rad to each side (MKZ) over the steering limit; 1 below 100 kg, "
     "where there is no hand wheel",
-    "steering_stiffness": "estimated: 39000 per rad x wheel load x wheel radius (Bolt 5e7 N m/rad), as good as rigid: "
-    "Coulomb tyres do not slip; with tyres that do, a thousandth of it gives way as a real steering",
+    "steering_stiffness": "estimated: 1 mrad under the scrub moment of the tyre, friction x load x the root of an eighth "
+    "of the patch's diagonal squared plus the scrub radius squared; at least 10 Hz with the wheel",
+    "handling_steering_stiffness": "estimated: 39 per rad x wheel load x wheel radius (Bolt 5e4 N m/rad), as compliant as "
+    "a real steering; at least 10 Hz with the wheel",
     "steering_damping": "estimated: time constant 0.02 s, one period of the controllers, as the Bolt",
+    "handling_steering_damping": "estimated: time constant 0.02 s, one period of the controllers",
+    "handling_steering_rate": "estimated: 2.5 times the rate of a vehicle that drives itself; a driver turns the hand wheel "
+    "with 1200 deg/s (FMVSS 126), AutoRally's servo 8 rad/s",
     "wheel_speed_limit": "estimated: 130 rad/s as the Bolt (a turn in ten steps of 5 ms), at most 45 m/s",
     "wheel_servo_gain": "estimated: time constant 0.42 s for a car, with the root of the wheel radius (Bolt 200)",
     "speed_kp": "estimated: 1, as the Bolt",
@@ -86,6 +125,19 @@ HOW: dict[str, str] = {
     "rear_damping": "estimated: damping ratio 0.3",
     "front_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.65 of the bars in front",
     "rear_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.35 of the bars at the rear",
+    "front_load": "estimated: of a wheel at rest",
+    "rear_load": "estimated: of a wheel at rest",
+    "front_cornering_stiffness": "estimated: 11 x the load per rad, as tyres of cars; robots 6.5 (ORCA 6), lorries less with "
+    "the root of the load above 10 kN",
+    "rear_cornering_stiffness": "estimated: 1.15 times the front's for its load, so that the vehicle understeers",
+    "front_slip_stiffness": "estimated: twice the cornering stiffness",
+    "rear_slip_stiffness": "estimated: twice the cornering stiffness",
+    "patch_half_length": "estimated: 0.2 wheel radii, as tyres of cars",
+    "assist_speed": "estimated: 2 m/s for a car, with the root of the wheel radius",
+    "stability_gain": "estimated: with mass x wheel radius x root of the wheel radius; a car like the Bolt 2e4 N m s/rad",
+    "stability_torque": "estimated: 0.3 of the weight x wheel radius; a car like the Bolt 1500 N m",
+    "relaxation_x": "estimated: 0.5 wheel radii",
+    "relaxation_y": "estimated: 1.3 wheel radii; cars 0.3 to 0.6 m",
 }
 """One line for each field of :class:`Estimates`: how it was found. They go into ``sources`` and README files."""
 
@@ -124,8 +176,11 @@ class Estimates:
         steering_motor_damping: resistance of one steering motor, at the road wheel [N m s/rad].
         steering_motor_inertia: of its rotor, at the road wheel [kg m²].
         steering_ratio: hand wheel to road wheel [-].
-        steering_stiffness: of one steering servo [N m/rad].
+        steering_stiffness: of one steering servo, with tyres on contact friction [N m/rad].
         steering_damping: of one steering servo [N m s/rad].
+        handling_steering_stiffness: the same with tyres that slip.
+        handling_steering_damping: the same.
+        handling_steering_rate: at the road wheel [rad/s].
         wheel_speed_limit: [rad/s].
         wheel_servo_gain: of one driven wheel [N m s/rad].
         speed_kp: of the speed loop [-].
@@ -142,6 +197,18 @@ class Estimates:
         rear_damping: the same at the rear.
         front_anti_roll: force of the bar on a front wheel over the difference of travel [N/m].
         rear_anti_roll: the same at the rear.
+        front_load: of a front wheel at rest [N].
+        rear_load: the same at the rear.
+        front_cornering_stiffness: of a front tyre at that load [N/rad].
+        rear_cornering_stiffness: the same at the rear.
+        front_slip_stiffness: longitudinal, of a front tyre at that load [N].
+        rear_slip_stiffness: the same at the rear.
+        patch_half_length: half the length of a tyre's contact patch [m].
+        assist_speed: below it antilock brakes, traction and stability control do nothing [m/s].
+        stability_gain: of the stability control [N m s/rad].
+        stability_torque: most that it brakes one wheel with [N m].
+        relaxation_x: relaxation length of longitudinal slip [m].
+        relaxation_y: relaxation length of lateral slip [m].
     """
 
     length: float
@@ -175,6 +242,9 @@ class Estimates:
     steering_ratio: float
     steering_stiffness: float
     steering_damping: float
+    handling_steering_stiffness: float
+    handling_steering_damping: float
+    handling_steering_rate: float
     wheel_speed_limit: float
     wheel_servo_gain: float
     speed_kp: float
@@ -191,6 +261,18 @@ class Estimates:
     rear_damping: float
     front_anti_roll: float
     rear_anti_roll: float
+    front_load: float
+    rear_load: float
+    front_cornering_stiffness: float
+    rear_cornering_stiffness: float
+    front_slip_stiffness: float
+    rear_slip_stiffness: float
+    patch_half_length: float
+    assist_speed: float
+    stability_gain: float
+    stability_torque: float
+    relaxation_x: float
+    relaxation_y: float
 
 
 def estimate(
@@ -206,6 +288,10 @@ def estimate(
     driven_wheels: int = 2,
     steering_limit: float = 0.6,
     front_axle_share: float | None = None,
+    com_height: float | None = None,
+    yaw_inertia: float | None = None,
+    power: float | None = None,
+    top_speed: float | None = None,
 ) -> Estimates:
     """Everything that a vehicle folder needs, from a few given numbers; :data:`HOW` says how.
 
@@ -221,6 +307,13 @@ def estimate(
         driven_wheels: 2 or 4.
         steering_limit: of the inner wheel [rad].
         front_axle_share: part of the weight on the front axle [-]; one half if left out.
+        com_height: centre of mass of the whole vehicle above the road [m]; estimated if left out, as are the next ones.
+        yaw_inertia: of the whole vehicle [kg m²].
+        power: of the powertrain [W].
+        top_speed: [m/s].
+
+    Raises:
+        ConfigError: no distribution of the mass has this yaw inertia.
     """
     radius = wheel_radius
     load = mass * GRAVITY / 4.0
@@ -229,30 +322,43 @@ def estimate(
     width = 1.03 * (track + wheel_width) if width is None else width
     height = 4.6 * radius if height is None else height
     share = 0.5 if front_axle_share is None else front_axle_share
-    com_height = min(0.37 * height, 0.45 * track)
+    com_height = min(0.37 * height, 0.45 * track) if com_height is None else com_height
     wheel_mass = min(283.0 * pi * radius**2 * wheel_width, 0.025 * mass)
     knuckle_mass = wheel_mass / 2.0
     kingpin_offset = 0.06 * radius
+    wanted = yaw_coefficient(mass) * mass * wheelbase * length if yaw_inertia is None else yaw_inertia
     edges, (roll, pitch, yaw) = _inertia(
+        yaw=wanted,
+        given=yaw_inertia is not None,
         mass=mass,
         wheelbase=wheelbase,
         track=track,
         radius=radius,
+        wheel_width=wheel_width,
         size=(length, width, height),
         com=(share * wheelbase, com_height),
         parts=(wheel_mass, knuckle_mass),
     )
     soft, softest = HYDROELASTIC_COMPRESSION
     compression = min(soft * max(BOLT_RADIUS / radius, 1.0), softest)
-    wheel_speed_limit = min(130.0, 45.0 / radius)
+    wheel_speed_limit = min(130.0, 45.0 / radius) if top_speed is None else top_speed / radius
     max_torque = 0.5 * mass * GRAVITY * radius
     # A flat strip on the wedge mesh, whose pressure is E depth / R: load = (4/3) w E d sqrt(2 R d) / R with d = c R.
     modulus = 0.75 * load / (sqrt(2.0) * compression**1.5 * wheel_width * radius)
     # The tread comes down with v a / R at the front end of the patch; a = sqrt(2 R d) is its half length.
     downward = wheel_speed_limit * radius * sqrt(2.0 * compression)
-    stiffness = 39e3 * load * radius
     effort, rate = 0.8 * load * radius, 0.16 / radius
     resistance = effort / (4.0 * rate)
+    # Scrub moment of a tyre that turns on the spot: the patch is as wide as the tread and 2 sqrt(2 R d) long.
+    friction, patch = 0.9, 2.0 * radius * sqrt(2.0 * compression)
+    scrub = friction * load * sqrt((wheel_width**2 + patch**2) / 8.0 + kingpin_offset**2)
+    turned = _wheel_inertia(wheel_mass, radius, wheel_width) + wheel_mass * kingpin_offset**2 + 0.016 * resistance
+    least = turned * (2.0 * pi * STEERING_FREQUENCY) ** 2
+    stiffness, compliant = max(scrub / STEERING_ERROR, least), max(39.0 * load * radius, least)
+    # Cornering stiffness over load; see HOW.
+    grip = 6.5 if mass < ROBOT_MASS else 11.0 * min(1.0, sqrt(10e3 / load))
+    loads = 2.0 * share * load, 2.0 * (1.0 - share) * load
+    cornering = grip * loads[0], 1.15 * grip * loads[1]
     return Estimates(
         length=length,
         width=width,
@@ -272,19 +378,22 @@ def estimate(
         tyre_resolution=0.155 * radius,
         tyre_dissipation=0.85 / downward,
         tyre_point_stiffness=load / (POINT_COMPRESSION * radius),
-        friction=0.9,
+        friction=friction,
         rolling_resistance=0.01,
         max_torque=max_torque,
-        max_power=max_torque * 0.45 * wheel_speed_limit,
+        max_power=max_torque * 0.45 * wheel_speed_limit if power is None else power,
         brake_torque=1.5 * mass * GRAVITY * radius,
         brake_front_share=min(max(share + 0.5 * com_height / wheelbase, 0.4), 0.85),
         steering_effort=effort,
         steering_rate=rate,
         steering_motor_damping=resistance,
         steering_motor_inertia=0.016 * resistance,
-        steering_ratio=8.2 / steering_limit if mass >= 100.0 else 1.0,
+        steering_ratio=8.2 / steering_limit if mass >= ROBOT_MASS else 1.0,
         steering_stiffness=stiffness,
         steering_damping=0.02 * stiffness,
+        handling_steering_stiffness=compliant,
+        handling_steering_damping=0.02 * compliant,
+        handling_steering_rate=2.5 * rate,
         wheel_speed_limit=wheel_speed_limit,
         wheel_servo_gain=mass * radius**2 / driven_wheels / (0.42 * slow),
         speed_kp=1.0,
@@ -305,7 +414,67 @@ def estimate(
             track=track,
             slow=slow,
         ),
+        front_load=loads[0],
+        rear_load=loads[1],
+        front_cornering_stiffness=cornering[0],
+        rear_cornering_stiffness=cornering[1],
+        front_slip_stiffness=2.0 * cornering[0],
+        rear_slip_stiffness=2.0 * cornering[1],
+        patch_half_length=0.2 * radius,
+        assist_speed=2.0 * slow,
+        stability_gain=2e4 * mass * radius * slow / (1616.0 * BOLT_RADIUS),
+        stability_torque=0.3 * mass * GRAVITY * radius,
+        relaxation_x=0.5 * radius,
+        relaxation_y=1.3 * radius,
     )
+
+
+def yaw_coefficient(mass: float) -> float:
+    """Yaw inertia over mass x wheelbase x length [-] of a vehicle of this mass [kg]; :data:`YAW_COEFFICIENT`."""
+    robot, road = YAW_COEFFICIENT
+    return robot + (road - robot) * min(max(log(mass / ROBOT_MASS) / log(2.0), 0.0), 1.0)
+
+
+def estimate_steering_limit(*, mass: float, wheelbase: float, track: float, wheel_radius: float) -> float:
+    """Return the steering limit of the inner wheel [rad]; :data:`TURNING_CIRCLE` and :data:`ROBOT_STEERING`."""
+    if mass < ROBOT_MASS:
+        return ROBOT_STEERING
+    circle = TURNING_CIRCLE * wheelbase
+    if circle <= least_turning_circle(wheelbase=wheelbase, track=track, wheel_radius=wheel_radius, limit=STEERING_MOST):
+        return STEERING_MOST
+    return steering_limit_of_circle(circle, wheelbase=wheelbase, track=track, wheel_radius=wheel_radius)
+
+
+def steering_limit_of_circle(circle: float, *, wheelbase: float, track: float, wheel_radius: float) -> float:
+    """Return the angle of the inner wheel [rad] at which the outer front wheel's middle runs on a circle.
+
+    The equations of :mod:`mirdrake.controllers.ackermann` with the scrub radius of :func:`estimate`.
+
+    Args:
+        circle: its diameter [m].
+        wheelbase: [m].
+        track: front [m].
+        wheel_radius: front [m].
+
+    Raises:
+        ConfigError: the inner wheel would have to turn by a right angle or more.
+    """
+    scrub = 0.06 * wheel_radius
+    kingpin = track / 2.0 - scrub
+    outer = circle / 2.0 - scrub  # from the turning centre to the outer kingpin
+    inner = sqrt(max(outer**2 - wheelbase**2, 0.0)) - 2.0 * kingpin  # to the inner one, along the rear axle
+    if inner <= 0.0:
+        raise ConfigError(
+            f"turning_circle {circle:g} m is not possible with a wheelbase of {wheelbase:g} m and a track of {track:g} m; "
+            f"allowed: above {2.0 * (hypot(wheelbase, 2.0 * kingpin) + scrub):.3g} m"
+        )
+    return atan(wheelbase / inner)
+
+
+def least_turning_circle(*, wheelbase: float, track: float, wheel_radius: float, limit: float) -> float:
+    """Return the turning circle [m] at a steering limit of the inner wheel [rad]."""
+    scrub = 0.06 * wheel_radius
+    return 2.0 * (hypot(wheelbase, wheelbase / tan(limit) + track - 2.0 * scrub) + scrub)
 
 
 def _springs(
@@ -344,28 +513,42 @@ def _reach(radius: float, side: float, limit: float) -> float:
     return hypot(radius, side) if worst < limit else radius * cos(limit) + side * sin(limit)
 
 
+def _wheel_inertia(mass: float, radius: float, width: float) -> float:
+    """Inertia of a wheel about a vertical axis through its centre [kg m²]: of a solid cylinder."""
+    return mass * (3.0 * radius**2 + width**2) / 12.0
+
+
 def _inertia(
     *,
+    yaw: float,
+    given: bool,
     mass: float,
     wheelbase: float,
     track: float,
     radius: float,
+    wheel_width: float,
     size: tuple[float, float, float],
     com: tuple[float, float],
     parts: tuple[float, float],
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Edges of the body's box [m], and roll, pitch and yaw inertia of the whole vehicle [kg m²].
 
-    Wheels and knuckles count as points at the wheel centres.
+    Wheels and knuckles count as points at the wheel centres, but for the yaw inertia.
 
     Args:
+        yaw: wanted yaw inertia of the whole vehicle [kg m²].
+        given: whether it was given, and must be met.
         mass: of the whole vehicle [kg].
         wheelbase: [m].
         track: [m].
         radius: of the wheels [m].
+        wheel_width: of their tread [m].
         size: length, width, height [m].
         com: centre of mass of the whole vehicle, ahead of the rear axle and above the road [m].
         parts: mass of a wheel and of a knuckle [kg].
+
+    Raises:
+        ConfigError: no box has the given yaw inertia.
     """
     wheel, knuckle = parts
     front, rear = 2.0 * (wheel + knuckle), 2.0 * wheel
@@ -377,7 +560,17 @@ def _inertia(
     across = (front + rear) * track**2 / 4.0
     up = (front + rear) * (radius - z) ** 2 + body * (body_z - z) ** 2
     b, c = 0.88 * size[1], 0.75 * size[2]
-    wanted = 0.95 * mass * x * (wheelbase - x)
-    a = sqrt(max(12.0 * (wanted - along - across) / body - b**2, (0.5 * size[0]) ** 2))
+    own = 4.0 * _wheel_inertia(wheel, radius, wheel_width) + 2.0 * knuckle * (0.3 * radius) ** 2 / 2.0
+    rest = along + across + own
+    # The box is at least as long as 0.4 of the vehicle, and so little wider that the yaw inertia is met.
+    b = min(b, sqrt(max(12.0 * (yaw - rest) / body - (0.4 * size[0]) ** 2, (0.4 * b) ** 2)))
+    square = 12.0 * (yaw - rest) / body - b**2
+    low, high = (rest + body * ((0.25 * part) ** 2 + b**2) / 12.0 for part in (size[0], 8.0 * size[0]))
+    if given and not low <= yaw <= high:
+        raise ConfigError(
+            f"yaw_inertia {yaw:g} kg m² does not fit the mass, the axles and the length; allowed: {low:.3g} to {high:.3g} "
+            "kg m²"
+        )
+    a = sqrt(max(square, (0.25 * size[0]) ** 2))
     box = [body * (p**2 + q**2) / 12.0 for p, q in ((b, c), (a, c), (a, b))]
-    return (a, b, c), (box[0] + across + up, box[1] + along + up, box[2] + along + across)
+    return (a, b, c), (box[0] + across + up, box[1] + along + up, box[2] + rest)

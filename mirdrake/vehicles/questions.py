@@ -2,7 +2,7 @@
 
 import builtins
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, get_args
@@ -11,10 +11,12 @@ from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.vehicles.spec import Drive
 from mirdrake.yaml_io import to_si
 
-BODIES = ("hatchback", "sedan", "suv", "buggy")
+BODIES = ("hatchback", "sedan", "suv", "van", "truck", "robot")
 
-STEERING_LIMIT = 0.6
-"""Of the inner wheel where nobody says otherwise [rad]: Bolt 0.6, MKZ 0.55, GEM e2 0.61."""
+SENSORS = ("camera", "depth_camera", "lidar", "gps", "imu", "sonar")
+"""What a new vehicle can mount."""
+
+USUAL_SENSORS = "camera,gps,imu"
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Quantity:
         high: largest value allowed.
         required: whether there is no estimate of it.
         example: what people may type.
+        instead: another quantity that this one replaces, in whole or for one axle.
     """
 
     key: str
@@ -38,6 +41,7 @@ class Quantity:
     high: float
     required: bool = False
     example: str = ""
+    instead: str = ""
 
 
 QUANTITIES: dict[str, Quantity] = {
@@ -45,16 +49,54 @@ QUANTITIES: dict[str, Quantity] = {
     for one in (
         Quantity("wheelbase", "wheelbase, between the axles", "m", 0.1, 10.0, True, "2.6, 102.4 in"),
         Quantity("track", "track, between the middles of the wheels of an axle", "m", 0.05, 4.0, True, "1.5, 59 in"),
+        Quantity("track_front", "track of the front axle", "m", 0.05, 4.0, example="1.52", instead="track"),
+        Quantity("track_rear", "track of the rear axle", "m", 0.05, 4.0, example="1.48", instead="track"),
         Quantity("mass", "mass, ready to drive", "kg", 0.1, 20000.0, True, "1450, 3200 lb"),
-        Quantity("wheel_radius", "wheel radius", "m", 0.01, 1.0, True, "0.32, 12.7 in"),
+        Quantity("wheel_radius", "wheel radius", "m", 0.01, 1.0, example="0.32, 12.7 in"),
         Quantity("wheel_width", "wheel width", "m", 0.003, 0.8, example="0.2, 8 in"),
         Quantity("steering_limit", "steering limit of the inner wheel", "rad", 0.05, 1.3, example="0.6, 35 deg"),
+        Quantity(
+            "turning_circle",
+            "turning circle between kerbs, of the outer front wheel",
+            "m",
+            0.3,
+            100.0,
+            example="10.8, 35.4 ft",
+            instead="steering_limit",
+        ),
         Quantity("length", "length over all", "m", 0.1, 20.0, example="4.1"),
         Quantity("width", "width without mirrors", "m", 0.05, 5.0, example="1.8"),
         Quantity("height", "height", "m", 0.03, 6.0, example="1.5"),
+        Quantity("front_axle_share", "part of the weight on the front axle", "-", 0.15, 0.85, example="0.56"),
+        Quantity("com_height", "height of the centre of mass above the road", "m", 0.005, 4.0, example="0.55"),
+        Quantity("yaw_inertia", "yaw inertia of the whole vehicle", "kg m²", 1e-5, 1e7, example="2500"),
+        Quantity("power", "power at the wheels", "W", 0.1, 2e6, example="110 kW"),
+        Quantity("top_speed", "top speed", "m/s", 0.2, 120.0, example="45, 160 km/h"),
     )
 }
 REQUIRED = tuple(one.key for one in QUANTITIES.values() if one.required)
+TYRES = ("tyre", "tyre_front", "tyre_rear")
+
+
+def missing_keys(given: Container[str]) -> list[str]:
+    """Return the required quantities that are neither given nor follow from what is given.
+
+    Args:
+        given: keys of what is given.
+    """
+    tracks = "track_front" in given and "track_rear" in given
+    return [key for key in REQUIRED if key not in given and not (key == "track" and tracks)]
+
+
+def parse_sensors(text: str) -> tuple[str, ...]:
+    """Return the sensors of a list such as ``lidar,camera,imu``, each once.
+
+    Raises:
+        ConfigError: one of them is not in :data:`SENSORS`.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip() and name.strip() != "none"]
+    return tuple(dict.fromkeys(choose("sensors", name, allowed=SENSORS) for name in names))
+
 
 _TYRE = re.compile(
     r"(?:P|LT|C)?\s*([0-9]{3})\s*/\s*([0-9]{2})\s*(?:Z?R|B|D|-)?\s*([0-9]{2}(?:\.5)?)(?:\s.*)?", re.IGNORECASE
@@ -91,7 +133,7 @@ def read_quantity(quantity: Quantity, value: Any, *, where: str | None = None) -
     except ValueError as error:
         raise ConfigError(f"{name}: {error}") from None
     if isinstance(number, bool) or not isinstance(number, int | float):
-        raise ConfigError(f"{name}: '{value}' is no number; for example {quantity.example}")
+        raise ConfigError(f"{name}: '{value}' is not a number; for example {quantity.example}")
     if not quantity.low <= number <= quantity.high:
         hint = ""
         if quantity.unit == "rad" and quantity.high < number <= 90.0:
@@ -107,22 +149,24 @@ def check_plausible(values: Mapping[str, float]) -> None:
     """Refuse dimensions that fit no vehicle with two axles.
 
     Args:
-        values: SI; wheelbase, track, mass, wheel_radius, and what is given of wheel_width, length, width, height.
+        values: SI; wheelbase, track, mass, wheel_radius, and what is given of the others.
 
     Raises:
         ConfigError: one line for each fault.
     """
-    wheelbase, track, _, radius = (values[key] for key in REQUIRED)
+    wheelbase, track, radius = (values[key] for key in ("wheelbase", "track", "wheel_radius"))
     tread = values.get("wheel_width", 0.0)
     box = wheelbase * track * 4.0 * radius
     rules: list[tuple[str, float, float, str]] = [  # key, least, largest, in words
         ("wheel_radius", 0.0, 0.48 * wheelbase, "0.48 wheelbases, or front and rear wheels overlap"),
         ("track", max(0.1 * wheelbase, radius, 1.25 * tread), 2.0 * wheelbase, "2 wheelbases"),
+        ("track_rear", max(0.7 * track, 1.25 * tread), 1.4 * track, "0.7 to 1.4 tracks of the front axle"),
         ("mass", 10.0 * box, 5000.0 * box, "10 to 5000 kg for each m³ of wheelbase x track x 4 wheel radii"),
         ("wheel_width", 0.1 * radius, 2.0 * radius, "2 wheel radii"),
         ("length", wheelbase, 3.0 * wheelbase, "1 to 3 wheelbases"),
         ("width", 0.7 * track, 2.0 * (track + tread), "0.7 tracks to twice track and wheel width"),
         ("height", 2.1 * radius, 15.0 * radius, "2.1 to 15 wheel radii"),
+        ("com_height", 0.3 * radius, 0.9 * values.get("height", 10.0 * radius), "0.3 wheel radii to 0.9 heights"),
     ]
     faults = []
     for key, low, high, words in rules:
@@ -182,14 +226,17 @@ def ask(
 
     for quantity in QUANTITIES.values():
         key = quantity.key
-        if key in known or (key in {"wheel_radius", "wheel_width"} and "tyre" in known):
+        tyres = "tyre" in known or {"tyre_front", "tyre_rear"} <= known.keys()
+        if key in known or (key in {"wheel_radius", "wheel_width"} and tyres):
+            continue
+        if quantity.instead in known or (key == "track" and {"track_front", "track_rear"} <= known.keys()):
             continue
         span = f"{quantity.low:g} to {quantity.high:g} {quantity.unit}"
         if key == "wheel_radius":
-            prompt = f"wheel radius, or tyre size such as 215/50R17 ({span}): "
-            known |= answer(prompt, wheel, optional=False)
+            prompt = f"wheel radius, or tyre size such as 215/50R17 ({span}) [estimated]: "
+            known |= answer(prompt, wheel, optional=True) or {}
             continue
-        default = "" if quantity.required else f" [{_default(key)}]"
+        default = "" if quantity.required else " [estimated]"
         value = answer(
             f"{quantity.text} ({span}; for example {quantity.example}){default}: ",
             partial(read_quantity, quantity),
@@ -197,10 +244,16 @@ def ask(
         )
         if value is not None:
             known[key] = value
-    for key, words, usual in (("drive", get_args(Drive), "rear"), ("body", BODIES, "hatchback")):
+    for key, words, usual in (("drive", get_args(Drive), "rear"), ("body", BODIES, "by size")):
         if key not in known:
-            prompt = f"{key}: {', '.join(words)} [{usual}]: "
-            known[key] = answer(prompt, _chooser(key, words), optional=True) or usual
+            value = answer(f"{key}: {', '.join(words)} [{usual}]: ", _chooser(key, words), optional=True)
+            if value is not None:
+                known[key] = value
+    if "sensors" not in known:
+        prompt = f"sensors: {', '.join(SENSORS)}, or none [{USUAL_SENSORS}]: "
+        value = answer(prompt, lambda text: ",".join(parse_sensors(text)), optional=True)
+        if value is not None:
+            known["sensors"] = value
     return known
 
 
@@ -213,10 +266,6 @@ def choose(key: str, word: str, *, allowed: tuple[str, ...]) -> str:
     if word not in allowed:
         raise ConfigError(f"{key} '{word}' is not allowed; {did_you_mean(word, allowed)}")
     return word
-
-
-def _default(key: str) -> str:
-    return f"{STEERING_LIMIT:g} rad" if key == "steering_limit" else "estimated"
 
 
 def _chooser(key: str, allowed: tuple[str, ...]) -> Callable[[str], str]:

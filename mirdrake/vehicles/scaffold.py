@@ -7,7 +7,7 @@ README.md, number by number, and in ``sources`` of its vehicle.yaml. The files a
 import json
 import os
 import re
-from math import atan, ceil, hypot, pi, sqrt, tan
+from math import atan, ceil, hypot, pi, radians, sqrt, tan
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ import jinja2
 from mirdrake.errors import ConfigError
 from mirdrake.paths import search_folders, staging
 from mirdrake.vehicles.bodywork.generic import write_car
-from mirdrake.vehicles.questions import ask
+from mirdrake.vehicles.estimates import least_turning_circle
+from mirdrake.vehicles.questions import USUAL_SENSORS, ask
 from mirdrake.vehicles.vehicle import load_vehicle
 from mirdrake.vehicles.vehicle_plan import TABLES, Plan, plan_vehicle, rounded
 from mirdrake.yaml_io import shown
@@ -36,17 +37,28 @@ def new_vehicle(
     name: str,
     *,
     wheelbase: float | str,
-    track: float | str,
     mass: float | str,
+    track: float | str | None = None,
+    track_front: float | str | None = None,
+    track_rear: float | str | None = None,
     wheel_radius: float | str | None = None,
     wheel_width: float | str | None = None,
     tyre: str | None = None,
+    tyre_front: str | None = None,
+    tyre_rear: str | None = None,
     drive: str = "rear",
     steering_limit: float | str | None = None,
+    turning_circle: float | str | None = None,
     length: float | str | None = None,
     width: float | str | None = None,
     height: float | str | None = None,
-    body: str = "hatchback",
+    front_axle_share: float | str | None = None,
+    com_height: float | str | None = None,
+    yaw_inertia: float | str | None = None,
+    power: float | str | None = None,
+    top_speed: float | str | None = None,
+    body: str | None = None,
+    sensors: str = USUAL_SENSORS,
     title: str | None = None,
     folder: Path | str | None = None,
     force: bool = False,
@@ -58,17 +70,28 @@ def new_vehicle(
     Args:
         name: of the folder and the model: letters, digits, underscores.
         wheelbase: between the axles [m].
-        track: between the middles of the wheels of an axle [m].
         mass: ready to drive [kg].
-        wheel_radius: [m]; needed if there is no `tyre`.
+        track: between the middles of the wheels of an axle [m].
+        track_front: the same of the front axle, instead of `track`.
+        track_rear: the same of the rear axle, if it differs.
+        wheel_radius: [m].
         wheel_width: [m].
         tyre: size such as ``215/50R17``, instead of wheel radius and width.
+        tyre_front: the same of the front axle.
+        tyre_rear: the same of the rear axle.
         drive: driven axle: front, rear or all.
         steering_limit: of the inner wheel [rad].
+        turning_circle: diameter between kerbs, of the outer front wheel's middle [m], instead of `steering_limit`.
         length: over all [m].
         width: without mirrors [m].
         height: [m].
-        body: hatchback, sedan, suv or buggy.
+        front_axle_share: part of the weight on the front axle [-].
+        com_height: height of the centre of mass [m].
+        yaw_inertia: of the whole vehicle [kg m²].
+        power: at the wheels [W].
+        top_speed: [m/s].
+        body: hatchback, sedan, suv, van, truck or robot; by mass if left out.
+        sensors: of camera, depth_camera, lidar, gps, imu and sonar, separated by commas.
         title: make and model for titles; made from the name if left out.
         folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
         force: replace a vehicle of that name.
@@ -83,16 +106,27 @@ def new_vehicle(
     plan = plan_vehicle(
         drive=drive,
         body=body,
+        sensors=sensors,
         tyre=tyre,
+        tyre_front=tyre_front,
+        tyre_rear=tyre_rear,
         wheelbase=wheelbase,
-        track=track,
         mass=mass,
+        track=track,
+        track_front=track_front,
+        track_rear=track_rear,
         wheel_radius=wheel_radius,
         wheel_width=wheel_width,
         steering_limit=steering_limit,
+        turning_circle=turning_circle,
         length=length,
         width=width,
         height=height,
+        front_axle_share=front_axle_share,
+        com_height=com_height,
+        yaw_inertia=yaw_inertia,
+        power=power,
+        top_speed=top_speed,
     )
     return write_vehicle(name, plan, title=title, folder=folder, force=force)
 
@@ -108,7 +142,8 @@ def write_vehicle(
         building.mkdir()
         _write_files(building, name, title or name.replace("_", " ").capitalize(), plan)
         load_vehicle(str(building))
-        load_vehicle(f"{building}@springs")
+        for variant in ("springs", "handling"):
+            load_vehicle(f"{building}@{variant}")
         stage.publish()
     return target
 
@@ -174,6 +209,7 @@ def write_diagram(vehicle: Path, *, folder: Path | str, force: bool = False) -> 
         speed=f"{speed:g}",
         duration=duration,
         steering=f"{rounded(atan(geometry.wheelbase / radius))}",
+        sensors=", ".join(loaded.sensors.mounts),
     )
     file.write_text(content, encoding="utf-8")
     return file, True
@@ -218,7 +254,20 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
         "body": plan.body,
         "sources": plan.sources,
         "tables": rows,
+        "robot": plan.body == "robot",
+        "mounts": place_sensors(plan),
+        "mast_radius": rounded(0.012 * values["height"]),
+        "other_rear": any(values[key] != values[f"rear_{key}"] for key in ("wheel_radius", "wheel_width")),
+        "axles": {
+            axle: {key: values[f"{axle}_{key}"] for key in ("load", "slip_stiffness", "cornering_stiffness")}
+            for axle in ("front", "rear")
+        },
         "camera_near": rounded(min(0.3 * values["wheel_radius"], 0.1)),
+        "turning_circle": rounded(
+            least_turning_circle(
+                limit=values["steering_limit"], **{key: values[key] for key in ("wheelbase", "track", "wheel_radius")}
+            )
+        ),
         "given_count": len(plan.sources) - len(plan.estimated()),
         "summary": f"{driven} vehicle of {values['mass']:g} kg with a wheelbase of {values['wheelbase']:g} m.",
     }
@@ -231,6 +280,42 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
     write_visuals(folder, plan)
 
 
+def place_sensors(plan: Plan) -> list[dict[str, Any]]:
+    """Return name, preset, place in base_link [m] and mast [m] of each sensor, all outside of the collision boxes.
+
+    Cameras and lidars look over the body: the mast of a lidar that also looks down is so high that its lowest beam, 15
+    degrees below the horizon, passes the ends of the roof. The upper end of a mast is a hundredth of the height below
+    the sensor, so that no beam meets it.
+
+    Args:
+        plan: the vehicle.
+    """
+    values, robot = plan.values, plan.body == "robot"
+    wheelbase, height, radius = values["wheelbase"], values["height"], values["wheel_radius"]
+    front = (wheelbase + values["length"]) / 2.0
+    com = values["front_axle_share"] * wheelbase
+    roof = (front - values["length"], 0.92 * wheelbase)  # as in contact.xacro
+    half_roof = (roof[1] - roof[0]) / 2.0
+    over = height + (0.06 * height if robot else max(0.05, tan(radians(16.0)) * half_roof))
+    bumper = 1.2 * radius if robot else 0.35 * height
+    known = {
+        "camera": ("front_camera", "bolt_camera", (0.7 * wheelbase, 1.03 * height), height),
+        "depth_camera": ("depth_camera", "kinect_v1", (0.8 * wheelbase, 1.03 * height), height),
+        "lidar": ("lidar", "hokuyo_utm_30lx" if robot else "velodyne_vlp16", (sum(roof) / 2.0, over), height),
+        "gps": ("gps", "consumer_gps", (com, height), None),
+        "imu": ("imu", "automotive_imu", (com, values["com_height"]), None),
+        "sonar": ("sonar", "parking_sonar", (front + 0.01 * height, bumper), None),
+    }
+    mounts = []
+    for sensor in plan.sensors:
+        name, preset, (x, z), foot = known[sensor]
+        mast = None if foot is None else (foot, z - 0.01 * height)
+        mounts.append(
+            {"name": name, "preset": preset, "x": rounded(x), "z": rounded(z), "mast": mast, "sensor": sensor}
+        )
+    return mounts
+
+
 def _cell(value: Any) -> str:
     return " x ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else f"{value:.10g}"
 
@@ -238,6 +323,7 @@ def _cell(value: Any) -> str:
 def write_visuals(folder: Path, plan: Plan) -> None:
     """Write meshes/body.gltf and meshes/wheel.gltf, in the frames of base_link and of a wheel."""
     values = plan.values
-    names = ("wheelbase", "track", "length", "width", "height", "wheel_radius", "wheel_width", "ground_clearance")
+    names = ("wheelbase", "length", "width", "height", "wheel_radius", "wheel_width", "ground_clearance")
     overhang = max((values["length"] - values["wheelbase"]) / 2.0, 0.02 * values["wheelbase"])
-    write_car(folder, style=plan.body, front_overhang=overhang, **{name: values[name] for name in names})
+    track = max(values["track"], values["track_rear"])
+    write_car(folder, style=plan.body, track=track, front_overhang=overhang, **{name: values[name] for name in names})

@@ -142,10 +142,17 @@ class Beliefs(Schema):
 
 
 class VelocityServo(Schema):
-    """Torque = gain x (wanted - measured wheel speed), solved implicitly by Drake."""
+    """Torque = gain x (wanted - measured wheel speed), solved implicitly by Drake.
+
+    With an open differential, wanted and measured speed are the means of an axle's two wheels, so that both wheels get
+    the same torque and the drive makes no yaw moment.
+    """
 
     kind: Literal["servo"]
     gain: float = Field(gt=0, description="[N m s/rad] per wheel")
+    differential: Literal["none", "open"] = Field(
+        default="none", description="none: a motor and a set-point per wheel; open: one drive per axle, equal torques"
+    )
 
 
 class PositionServo(Schema):

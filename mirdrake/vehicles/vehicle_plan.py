@@ -5,14 +5,26 @@ from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
 from mirdrake.errors import ConfigError
-from mirdrake.vehicles.estimates import HOW, estimate
+from mirdrake.vehicles.estimates import (
+    GRAVITY,
+    HOW,
+    ROBOT_MASS,
+    ROBOT_STEERING,
+    STEERING_MOST,
+    TURNING_CIRCLE,
+    estimate,
+    estimate_steering_limit,
+    steering_limit_of_circle,
+)
 from mirdrake.vehicles.questions import (
     BODIES,
     QUANTITIES,
     REQUIRED,
-    STEERING_LIMIT,
+    USUAL_SENSORS,
     check_plausible,
     choose,
+    missing_keys,
+    parse_sensors,
     parse_tyre,
     read_quantity,
 )
@@ -24,15 +36,23 @@ STYLES: dict[str, tuple[float, float, str]] = {
     "hatchback": (1.60, 4.9, "as the Bolt"),
     "sedan": (1.73, 4.5, "as the MKZ"),
     "suv": (1.69, 4.9, "length as the Escape, height as the Bolt"),
-    "buggy": (1.50, 3.8, "Unior about 1.5 and 4.4, a roll cage instead of a roof"),
+    "van": (1.60, 6.5, "as the Sprinter"),
+    "truck": (1.65, 6.5, "as a lorry of 7.5 t with a box"),
+    "robot": (1.50, 3.8, "Unior about 1.5 and 4.4, F1TENTH 1.7"),
 }
 """Of a body: length over wheelbase, height over wheel radius, why."""
 
 _OWN: dict[str, str] = {
+    "wheel_radius": "estimated: 0.12 wheelbases (Bolt 0.124, MKZ 0.116); below 200 kg 0.17 (F1TENTH 0.15, AutoRally 0.17)",
     "wheel_width": "estimated: 0.665 wheel radii, as the Bolt",
-    "steering_limit": f"estimated: {STEERING_LIMIT:g} rad, as many cars (Bolt 0.6, MKZ 0.55, GEM e2 0.61)",
+    "steering_limit": f"estimated: turning circle of {TURNING_CIRCLE:g} wheelbases as of 32 road vehicles (standard "
+    f"deviation 7 %), at most {STEERING_MOST:g} rad; below {ROBOT_MASS:g} kg {ROBOT_STEERING:g} rad (F1TENTH 0.42, "
+    "AutoRally 0.37)",
 }
-_FRONT_SHARE = (0.56, "estimated: 0.56, as the Bolt, which has its motor over the driven front axle, too")
+ROBOT_BODY, VAN_BODY, TRUCK_BODY = 200.0, 2500.0, 5000.0
+"""Masses from which the default body changes [kg]; lighter than the first one a vehicle looks like a robot."""
+
+_FRONT_SHARE = "estimated: 0.56, as the Bolt, which has its motor over the driven front axle, too"
 
 TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
     (
@@ -40,9 +60,12 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
         "properties.xacro",
         (
             ("wheelbase", "wheelbase", "m"),
-            ("track", "track, front and rear", "m"),
-            ("wheel_radius", "wheel radius", "m"),
-            ("wheel_width", "wheel width", "m"),
+            ("track", "track, front", "m"),
+            ("track_rear", "track, rear", "m"),
+            ("wheel_radius", "wheel radius, front", "m"),
+            ("wheel_width", "wheel width, front", "m"),
+            ("rear_wheel_radius", "wheel radius, rear", "m"),
+            ("rear_wheel_width", "wheel width, rear", "m"),
             ("length", "length", "m"),
             ("width", "width", "m"),
             ("height", "height", "m"),
@@ -124,6 +147,27 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
             ("steering_damping", "steering servo", "N m s/rad"),
         ),
     ),
+    (
+        "Tyres that slip",
+        "variants/handling.yaml; each for one tyre at the load of its axle",
+        (
+            ("front_load", "load, front", "N"),
+            ("rear_load", "load, rear", "N"),
+            ("front_cornering_stiffness", "cornering stiffness, front", "N/rad"),
+            ("rear_cornering_stiffness", "cornering stiffness, rear", "N/rad"),
+            ("front_slip_stiffness", "longitudinal slip stiffness, front", "N"),
+            ("rear_slip_stiffness", "longitudinal slip stiffness, rear", "N"),
+            ("patch_half_length", "half length of the contact patch", "m"),
+            ("relaxation_x", "relaxation length, longitudinal", "m"),
+            ("relaxation_y", "relaxation length, lateral", "m"),
+            ("assist_speed", "antilock, traction and stability control act above", "m/s"),
+            ("stability_gain", "gain of the stability control", "N m s/rad"),
+            ("stability_torque", "brake torque of the stability control, one wheel", "N m"),
+            ("handling_steering_stiffness", "steering servo", "N m/rad"),
+            ("handling_steering_damping", "steering servo", "N m s/rad"),
+            ("handling_steering_rate", "steering rate", "rad/s"),
+        ),
+    ),
 )
 """Tables of the README: title, file, and key, label, unit of each number."""
 
@@ -137,44 +181,59 @@ class Plan:
         sources: for each key, "given" or how it was estimated.
         body: style of the body.
         drive: driven axle.
+        sensors: mounted ones, of :data:`mirdrake.vehicles.questions.SENSORS`.
     """
 
     values: Mapping[str, Any]
     sources: Mapping[str, str]
     body: str
     drive: str
+    sensors: tuple[str, ...] = ()
 
     def estimated(self) -> dict[str, str]:
         """Keys of what was not given, with how it was estimated."""
         return {key: text for key, text in self.sources.items() if not text.startswith(GIVEN)}
 
+    def listed(self) -> list[str]:
+        """Keys without those of the rear axle that repeat the front's."""
+        pairs = {"track_rear": "track", "rear_wheel_radius": "wheel_radius", "rear_wheel_width": "wheel_width"}
+        return [key for key in self.values if self.values[key] != self.values.get(pairs.get(key, ""))]
+
 
 def plan_vehicle(
-    *, drive: str = "rear", body: str = "hatchback", tyre: str | None = None, **sizes: float | str | None
+    *,
+    drive: str = "rear",
+    body: str | None = None,
+    sensors: str = USUAL_SENSORS,
+    tyre: str | None = None,
+    tyre_front: str | None = None,
+    tyre_rear: str | None = None,
+    **sizes: float | str | None,
 ) -> Plan:
     """Check what is given and estimate the rest.
 
     Args:
         drive: front, rear or all.
-        body: style, one of :data:`mirdrake.vehicles.questions.BODIES`.
+        body: style, one of :data:`mirdrake.vehicles.questions.BODIES`; by mass if left out.
+        sensors: list of :data:`mirdrake.vehicles.questions.SENSORS`, separated by commas; ``none`` for none.
         tyre: size such as ``215/50R17``, instead of wheel_radius and wheel_width.
+        tyre_front: the same for the front axle.
+        tyre_rear: the same for the rear axle.
         sizes: by key of :data:`mirdrake.vehicles.questions.QUANTITIES`; numbers in SI, or texts with a unit.
 
     Raises:
         ConfigError: something is missing or implausible; one line for each fault.
     """
     choose("drive", drive, allowed=get_args(Drive))
-    choose("body", body, allowed=BODIES)
+    if body is not None:
+        choose("body", body, allowed=BODIES)
     given = {key: value for key, value in sizes.items() if value is not None}
-    if tyre is not None:
-        double = [key for key in ("wheel_radius", "wheel_width") if key in given]
-        if double:
-            raise ConfigError(f"tyre '{tyre}' says {' and '.join(double)} as well; give one or the other")
-        given["wheel_radius"], given["wheel_width"] = parse_tyre(tyre)
-    missing = [key for key in REQUIRED if key not in given]
-    if missing:
-        words = [f"{key} (or tyre)" if key == "wheel_radius" else key for key in missing]
-        raise ConfigError(f"missing: {', '.join(words)}")
+    tyres = {key: text for key, text in (("tyre", tyre), ("tyre_front", tyre_front), ("tyre_rear", tyre_rear)) if text}
+    _check_doubles(given, tyres)
+    if missing := missing_keys(given):
+        raise ConfigError(f"missing: {', '.join(missing)}")
+
+    # What is given, in SI and with its source; the front axle counts for what is asked only once.
     values: dict[str, Any] = {}
     faults = []
     for key, value in given.items():
@@ -184,32 +243,122 @@ def plan_vehicle(
             faults.append(str(error))
     if faults:
         raise ConfigError("\n".join(faults))
+    sources = {key: GIVEN if _is_plain(given[key]) else f"{GIVEN}: {given[key]}" for key in values}
+    for key, text in tyres.items():
+        for axle in ("", "rear_") if key == "tyre" else ("rear_",) if key == "tyre_rear" else ("",):
+            for part, size in zip(("wheel_radius", "wheel_width"), parse_tyre(text, where=key), strict=True):
+                values[axle + part], sources[axle + part] = size, f"{GIVEN}: tyre {text.strip()}"
+    for own, common in (("track", "track_front"), ("track_rear", "track")):
+        if own not in values:
+            values[own], sources[own] = values[common], sources[common]
+    values.pop("track_front", None), sources.pop("track_front", None)
+    if "wheel_radius" not in values:
+        part = 0.17 if values["mass"] < ROBOT_BODY else 0.12
+        values["wheel_radius"], sources["wheel_radius"] = rounded(part * values["wheelbase"]), _OWN["wheel_radius"]
     check_plausible(values)
 
-    sources = {key: GIVEN if _is_plain(given[key]) else f"{GIVEN}: {given[key]}" for key in values}
-    if tyre is not None:
-        sources |= dict.fromkeys(("wheel_radius", "wheel_width"), f"{GIVEN}: tyre {tyre.strip()}")
-    radius, wheelbase = values["wheel_radius"], values["wheelbase"]
-    own = {"wheel_width": min(0.665 * radius, 0.8 * values["track"]), "steering_limit": STEERING_LIMIT}
+    # Sizes that are asked for and not given.
+    _estimate_sizes(values, sources, body := body or _usual_body(values["mass"]))
+    share, share_text = (0.56, _FRONT_SHARE) if drive == "front" else (None, HOW["front_axle_share"])
+    result = estimate(
+        **{key: values[key] for key in ("mass", "wheelbase", "steering_limit", "length", "height")},
+        **{key: values.get(key) for key in ("width", "com_height", "yaw_inertia", "power", "top_speed")},
+        track=(values["track"] + values["track_rear"]) / 2.0,
+        wheel_radius=(values["wheel_radius"] + values["rear_wheel_radius"]) / 2.0,
+        wheel_width=(values["wheel_width"] + values["rear_wheel_width"]) / 2.0,
+        front_axle_share=values.get("front_axle_share", share),
+        driven_wheels=4 if drive == "all" else 2,
+    )
+    for key, name in (("power", "max_power"), ("top_speed", "wheel_speed_limit")):
+        if key in values:
+            sources[name] = sources.pop(key) + (", over the wheel radius" if key == "top_speed" else "")
+    for key, value in asdict(result).items():
+        if key not in values:
+            values[key] = tuple(map(rounded, value)) if isinstance(value, tuple) else rounded(value)
+            sources.setdefault(key, share_text if key == "front_axle_share" else HOW[key])
+    _check_power(values)
+    values = {key: value for key, value in values.items() if key not in ("power", "top_speed", "turning_circle")}
+    return Plan(values, {key: sources[key] for key in values}, body, drive, parse_sensors(sensors))
+
+
+def _check_doubles(given: Mapping[str, Any], tyres: Mapping[str, str]) -> None:
+    """Reject a quantity that is given twice.
+
+    Raises:
+        ConfigError: it is.
+    """
+    for key, text in tyres.items():
+        double = [part for part in ("wheel_radius", "wheel_width") if part in given]
+        if double:
+            raise ConfigError(f"{key} '{text}' has {' and '.join(double)} as well; give one or the other")
+    pairs = [("steering_limit", "turning_circle"), ("track", "track_front")]
+    present = {*given, *tyres}
+    pairs += [("tyre", "tyre_front"), ("tyre", "tyre_rear")]
+    for one, other in pairs:
+        if one in present and other in present:
+            raise ConfigError(f"{one} and {other} are both given; give one or the other")
+    if len(present & {"tyre_front", "tyre_rear"}) == 1:
+        (one,) = present & {"tyre_front", "tyre_rear"}
+        raise ConfigError(f"{one} is given alone; give tyre_front and tyre_rear, or tyre for both axles")
+
+
+def _usual_body(mass: float) -> str:
+    """Style of a body for a mass [kg]."""
+    for limit, style in ((ROBOT_BODY, "robot"), (VAN_BODY, "hatchback"), (TRUCK_BODY, "van")):
+        if mass < limit:
+            return style
+    return "truck"
+
+
+def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) -> None:
+    """Add wheel width, steering limit, length and height where they are not given, and what the rear axle has."""
+    radius, wheelbase, track = values["wheel_radius"], values["wheelbase"], values["track"]
     long, high, why = STYLES[body]
-    own |= {"length": max(long * wheelbase, wheelbase + 2.6 * radius), "height": high * radius}
+    own = {
+        "wheel_width": min(0.665 * radius, 0.8 * track),
+        "length": max(long * wheelbase, wheelbase + 2.6 * radius),
+        "height": high * radius,
+    }
     texts = _OWN | {
         "length": f"estimated: {long:g} wheelbases ({body}: {why}), at least 2.6 wheel radii longer than one",
         "height": f"estimated: {high:g} wheel radii ({body}: {why})",
     }
+    steering = {"wheelbase": wheelbase, "track": track, "wheel_radius": radius}
+    if "turning_circle" in values:
+        limit = QUANTITIES["steering_limit"]
+        angle = steering_limit_of_circle(values["turning_circle"], **steering)
+        if not limit.low <= angle <= limit.high:
+            raise ConfigError(
+                f"turning_circle {values['turning_circle']:g} m needs an inner wheel angle of {angle:.3g} rad; allowed: "
+                f"{limit.low:g} to {limit.high:g} rad"
+            )
+        values["steering_limit"] = angle
+        sources["steering_limit"] = f"{sources.pop('turning_circle')}: turning circle {values['turning_circle']:g} m"
+    else:
+        own["steering_limit"] = estimate_steering_limit(mass=values["mass"], **steering)
     for key, value in own.items():
         if key not in values:
             values[key], sources[key] = rounded(value), texts[key]
-    share, share_text = _FRONT_SHARE if drive == "front" else (None, HOW["front_axle_share"])
-    inputs = {key: values[key] for key in (*REQUIRED, "wheel_width", "steering_limit", "length", "height")}
-    result = estimate(
-        **inputs, width=values.get("width"), front_axle_share=share, driven_wheels=4 if drive == "all" else 2
-    )
-    for key, value in asdict(result).items():
-        if key not in values:
-            values[key] = tuple(map(rounded, value)) if isinstance(value, tuple) else rounded(value)
-            sources[key] = share_text if key == "front_axle_share" else HOW[key]
-    return Plan(values, sources, body, drive)
+    for key in ("wheel_radius", "wheel_width"):
+        if f"rear_{key}" not in values:
+            values[f"rear_{key}"], sources[f"rear_{key}"] = values[key], sources[key]
+
+
+def _check_power(values: Mapping[str, Any]) -> None:
+    """Reject a top speed that the power does not reach on the flat.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    if "top_speed" not in values or "power" not in values:
+        return
+    speed = values["top_speed"]
+    force = values["mass"] * GRAVITY * values["rolling_resistance"] + 0.6 * values["drag_area"] * speed**2
+    if force * speed > values["power"]:
+        raise ConfigError(
+            f"top_speed {speed:g} m/s needs {force * speed:.3g} W against air and rolling resistance, and power is "
+            f"{values['power']:g} W; lower the speed or raise the power"
+        )
 
 
 def rounded(value: float) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mirdrake.errors import ModelError
-from mirdrake.vehicles.bodywork.buggy import build_buggy
+from mirdrake.vehicles.bodywork.boxes import BOX_STYLES, build_boxes
 from mirdrake.vehicles.bodywork.car import CarOutline, Warp, arch_clearance, build_body, write_meshes
 from mirdrake.vehicles.bodywork.curves import Array
 from mirdrake.vehicles.bodywork.gltf import Material
@@ -21,7 +21,9 @@ _COLOURS = {
     "hatchback": Material((0.86, 0.30, 0.08), 0.36, 0.1),
     "sedan": Material((0.38, 0.42, 0.47), 0.32, 0.25),
     "suv": Material((0.13, 0.36, 0.26), 0.36, 0.15),
-    "buggy": Material((0.92, 0.62, 0.05), 0.4, 0.05),
+    "van": Material((0.86, 0.87, 0.88), 0.4, 0.05),
+    "truck": Material((0.10, 0.27, 0.55), 0.4, 0.05),
+    "robot": Material((0.92, 0.62, 0.05), 0.4, 0.05),
 }
 
 
@@ -37,7 +39,7 @@ def write_car(
 
     Args:
         folder: the vehicle's folder.
-        style: hatchback, sedan, suv, or buggy (an open car: floor, bumpers, seat tub and roll cage).
+        style: hatchback, sedan, suv, or one of :data:`mirdrake.vehicles.bodywork.boxes.BOX_STYLES`.
         wheelbase: distance of the axles [m].
         track: distance of the wheels' middle planes [m]; of the wider axle, if they differ.
         length: of the body [m].
@@ -56,8 +58,8 @@ def write_car(
         "wheel_radius": wheel_radius, "wheel_width": wheel_width, "ground_clearance": ground_clearance,
         "front_overhang": front_overhang,
     }  # fmt: skip
-    if style not in (*STYLES, "buggy"):
-        raise ModelError(f"no body style {style!r}; the styles are {', '.join((*STYLES, 'buggy'))}")
+    if style not in (*STYLES, *BOX_STYLES):
+        raise ModelError(f"no body style {style!r}; the styles are {', '.join((*STYLES, *BOX_STYLES))}")
     for name, value in sizes.items():
         if not (np.isfinite(value) and value > 0):
             raise ModelError(f"a body with {name} {value:g} m: it must be positive")
@@ -68,8 +70,8 @@ def write_car(
         raise ModelError(f"a body with {what} m leaves no room for a car; measure them again")
     scale = length / _LENGTH
     sizes = {name: value / scale for name, value in sizes.items()}
-    if style == "buggy":
-        meshes = {"wheel": build_wheel(_wheel(sizes, None)), "body": build_buggy(sizes, steering=STEERING)}
+    if style in BOX_STYLES:
+        meshes = {"wheel": build_wheel(_wheel(sizes, style)), "body": build_boxes(style, sizes, steering=STEERING)}
     else:
         drawn = STYLES[style]()
         shell = half_shell(drawn.skin)
@@ -82,7 +84,9 @@ def write_car(
 
 def fit(style: Style, sizes: dict[str, float], *, points: Array) -> CarOutline:
     """Return a style's car in the sizes of :func:`write_car`; ``points`` (n, 3) are those of its skin."""
-    wheel = _wheel(sizes, style)
+    wheel = WheelDesign(
+        sizes["wheel_radius"], sizes["wheel_width"], style.profile * sizes["wheel_radius"], rim=style.rim
+    )
     length, height, clearance = sizes["length"], sizes["height"], sizes["ground_clearance"]
     reach, inwards = arch_clearance(wheel, STEERING)
     front = sizes["wheelbase"] + sizes["front_overhang"]
@@ -108,8 +112,9 @@ def fit(style: Style, sizes: dict[str, float], *, points: Array) -> CarOutline:
     )  # fmt: skip
 
 
-def _wheel(sizes: dict[str, float], style: Style | None) -> WheelDesign:
+def _wheel(sizes: dict[str, float], style: str) -> WheelDesign:
+    """Wheel of a body of boxes: with cleats for a robot."""
     radius, width = sizes["wheel_radius"], sizes["wheel_width"]
-    if style is None:
-        return WheelDesign(radius, width, 0.55 * radius, blocks=14)
-    return WheelDesign(radius, width, style.profile * radius, rim=style.rim)
+    return WheelDesign(
+        radius, width, (0.55 if style == "robot" else 0.64) * radius, blocks=14 if style == "robot" else 0
+    )
