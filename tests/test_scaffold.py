@@ -1,6 +1,7 @@
 """A new vehicle from a few dimensions: its files, its estimates, and that it drives at once."""
 
 import argparse
+import csv
 import io
 import math
 import re
@@ -16,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mirdrake.cli import new as cli_new
+from mirdrake.controllers.ackermann import Ackermann, AxleGeometry
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import load_diagram
 from mirdrake.errors import ConfigError
@@ -23,9 +25,10 @@ from mirdrake.logs import Run
 from mirdrake.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle, scaffold
 from mirdrake.vehicles.bodywork.generic import write_car
-from mirdrake.vehicles.estimates import HOW, Estimates, estimate
+from mirdrake.vehicles.estimates import HOW, TURNING_CIRCLE, Estimates, estimate
+from mirdrake.vehicles.inspection import inspect_vehicle
 from mirdrake.vehicles.parse import parse_urdf
-from mirdrake.vehicles.questions import QUANTITIES, ask, parse_tyre
+from mirdrake.vehicles.questions import BODIES, QUANTITIES, ask, parse_tyre
 from mirdrake.vehicles.scaffold import new_vehicle, vehicle_place, write_diagram
 from mirdrake.vehicles.vehicle_plan import plan_vehicle
 
@@ -159,6 +162,99 @@ def test_the_whole_vehicles_mass_and_inertia_in_the_plant_are_the_planned_ones(c
         assert about[1, 1] == pytest.approx(planned["pitch_inertia"], rel=0.03)
 
 
+def table(name: str) -> list[dict[str, str]]:
+    """Rows of a table of tests/data."""
+    lines = (Path(__file__).parent / "data" / name).read_text(encoding="utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def test_the_law_of_the_turning_circle_holds_for_real_cars() -> None:
+    rows = table("turning_circles.csv")
+    errors = np.array([TURNING_CIRCLE * float(row["wheelbase_m"]) / float(row["turning_circle_m"]) - 1 for row in rows])
+    assert len(rows) >= 20
+    assert all(row["source"] for row in rows)
+    assert abs(np.median(errors)) < 0.02
+    assert errors.std() < 0.08
+    assert np.abs(errors).max() < 0.18
+    assert np.mean(np.abs(errors) < 0.1) > 0.85
+
+
+@pytest.mark.parametrize("row", table("turning_circles.csv"), ids=lambda row: row["name"])
+def test_a_given_turning_circle_is_met_and_one_left_out_is_estimated(row: dict[str, str]) -> None:
+    wheelbase, track, circle = (float(row[key]) for key in ("wheelbase_m", "front_track_m", "turning_circle_m"))
+    sizes = {"wheelbase": wheelbase, "track": track, "mass": 300.0 * wheelbase**2, "wheel_radius": 0.12 * wheelbase}
+    for circles, error in (({"turning_circle": circle}, 1e-4), ({}, 0.18)):
+        values = plan_vehicle(**sizes, **circles).values
+        law = Ackermann(
+            AxleGeometry(
+                wheelbase=wheelbase, front_track=track, rear_track=track, steering_limit=values["steering_limit"],
+                kingpin_track=track - 2 * values["kingpin_offset"],
+            )
+        )  # fmt: skip
+        radius = 1 / law.curvature(law.limit)  # of the rear axle's centre
+        outer = (
+            law.wheel_speed_ratios(law.limit)[1] * radius
+        )  # the outer wheel's path is as much longer as it is faster
+        assert 2 * outer == pytest.approx(circle, rel=error)
+
+
+def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
+    rows, errors = table("yaw_inertias.csv"), []
+    for row in rows:
+        mass, front, rear, inertia = (float(row[key]) for key in ("mass_kg", "front_m", "rear_m", "yaw_inertia_kgm2"))
+        base = front + rear
+        length = {"length": float(row["length_m"])} if row["length_m"] else {}
+        found = estimate(
+            mass=mass, wheelbase=base, track=0.6 * base, wheel_radius=0.13 * base, wheel_width=0.08 * base,
+            front_axle_share=rear / base, **length,
+        ).yaw_inertia  # fmt: skip
+        errors.append(math.log(found / inertia))
+    assert len(rows) >= 15
+    assert abs(np.median(errors)) < 0.06
+    assert np.std(errors) < 0.16
+    assert np.abs(errors).max() < math.log(1.36)
+
+
+def test_what_is_given_is_what_the_written_vehicle_has(tmp_path: Path) -> None:
+    folder = new_vehicle(
+        "city", folder=tmp_path, wheelbase=1.873, track_front=1.469, track_rear=1.43, mass=880, tyre_front="165/65R15",
+        tyre_rear="185/60R15", turning_circle=6.95, front_axle_share=0.45, com_height=0.52, yaw_inertia=700,
+        power="71 hp", top_speed="151 km/h", length=2.69, height=1.55,
+    )  # fmt: skip
+    city = load_vehicle(str(folder))
+    figures = inspect_vehicle(city)
+    assert figures.turning_circle == pytest.approx(6.95, rel=1e-3)
+    assert figures.tracks == pytest.approx((1.469, 1.43))
+    assert figures.wheel_radii == pytest.approx((0.29775, 0.3015))
+    assert figures.wheel_widths == pytest.approx((0.165, 0.185))
+    assert figures.front_share == pytest.approx(0.45, abs=1e-6)
+    assert figures.com[2] == pytest.approx(0.52, abs=1e-6)
+    assert figures.inertia[2] == pytest.approx(700, rel=2e-3)
+    assert city.spec.powertrain.max_power == pytest.approx(71 * 745.7, rel=1e-4)
+    for variant in ("", "@springs", "@handling"):
+        assert load_vehicle(f"{folder}{variant}").warnings == ()
+
+
+@pytest.mark.parametrize("mass", [1.0, 60.0, 1500.0, 18000.0])
+def test_the_steering_servo_fits_the_vehicle(mass: float) -> None:
+    """Between 10 Hz, slower than which it would swing, and what a steering linkage can have."""
+    base = (mass / 90.0) ** (1 / 3)
+    values = plan_vehicle(wheelbase=base, track=0.6 * base, mass=mass).values
+    radius, wheel = values["wheel_radius"], values["wheel_mass"]
+    inertia = wheel * (3 * radius**2 + values["wheel_width"] ** 2) / 12 + values["steering_motor_inertia"]
+    load = mass * GRAVITY / 4
+    for key in ("steering_stiffness", "handling_steering_stiffness"):
+        assert math.sqrt(values[key] / inertia) / (2 * math.pi) > 9.9
+        assert values[key] / (load * radius) < 1000  # a rad of error and a thousand times the torque that it has
+    assert values["steering_stiffness"] >= values["handling_steering_stiffness"]
+
+
+@pytest.mark.parametrize(("mass", "body"), [(3.0, "robot"), (60.0, "robot"), (900.0, "hatchback"), (3000.0, "van")])
+def test_a_vehicle_looks_like_what_has_its_mass(mass: float, body: str) -> None:
+    base = min((mass / 60.0) ** (1 / 3), 3.6)
+    assert plan_vehicle(wheelbase=base, track=0.6 * base, mass=mass).body == body
+
+
 # --- the folder --------------------------------------------------------------------------------------------------
 
 
@@ -195,6 +291,29 @@ def test_nothing_is_warned_about_and_every_number_has_its_source(cars: dict[str,
     assert cars["medium"].spec.name == 'Our "car", 100 %: yes & no'
     assert cars["medium"].spec.drive == "front"
     assert set(cars["small"].sensors.mounts) == {"front_camera", "gps", "imu"}
+
+
+@pytest.mark.parametrize("body", ["robot", "hatchback", "van", "truck"])
+def test_sensors_are_outside_the_body_and_look_past_it(tmp_path: Path, body: str) -> None:
+    base = {"robot": 0.6, "hatchback": 2.5, "van": 3.6, "truck": 4.2}[body]
+    folder = new_vehicle(
+        "car", folder=tmp_path, wheelbase=base, track=0.55 * base, mass=120 * base**3, body=body,
+        sensors="lidar,camera,depth_camera,sonar,gps,imu",
+    )  # fmt: skip
+    figures = inspect_vehicle(load_vehicle(str(folder)))
+    assert figures.warnings == ()
+    length, _, height = figures.size
+    places = {sensor.name: sensor for sensor in figures.sensors}
+    assert set(places) == {"lidar", "front_camera", "depth_camera", "sonar", "gps", "imu"}
+    for name in ("lidar", "front_camera", "depth_camera"):
+        assert places[name].place[2] > height
+    assert places["sonar"].place[0] > (base + length) / 2
+    lidar = places["lidar"]
+    ends = max(0.92 * base - lidar.place[0], lidar.place[0] - (base - length) / 2)
+    lowest = lidar.upward[0] if lidar.upward else 0.0
+    assert lidar.place[2] + ends * math.tan(lowest) > height
+    file, _ = write_diagram(folder, folder=tmp_path)
+    assert set(load_diagram(str(file)).sensors["ego"]) == set(places)
 
 
 def test_the_readme_lists_every_number_with_its_origin(folders: dict[str, Path]) -> None:
@@ -264,6 +383,44 @@ def test_a_new_vehicle_circles_as_fast_as_its_geometry_says_within_one_percent(
     late = run["ego.wz"].index >= 2.0
     assert run["ego.wz"][late].mean() == pytest.approx(speed * math.tan(steering) / wheelbase, rel=0.01)
     assert run["ego.vx"][late].mean() == pytest.approx(speed, rel=0.005)
+
+
+@pytest.mark.parametrize("time_step", [0.001, 0.01])
+@pytest.mark.parametrize("drive", ["front", "rear", "all"])
+def test_the_drive_of_a_new_vehicle_makes_no_yaw_moment_in_a_steady_turn(
+    tmp_path: Path, drive: str, time_step: float
+) -> None:
+    """Servos of its own for each wheel give the wheels of this axle 91 and 23 N."""
+    folder = new_vehicle("car", folder=tmp_path, wheelbase=1.9, track=1.4, mass=900, wheel_radius=0.3, drive=drive)
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": str(folder), "speed": 3.0}},
+        "control": {"ego": {"kind": "constant", "speed": 3.0, "steering": 0.35}},
+        "plant": {"contact": "point", "time_step": time_step},
+    }
+    run = Simulation(assemble(spec)).run(duration=3.0)
+    late = run["ego.wz"].index >= 2.0
+    for axle in ("front", "rear") if drive == "all" else (drive,):
+        left, right = (run[f"ego.wheel_torque.{axle}_{side}"][late].mean() for side in ("left", "right"))
+        assert left > 0.5
+        assert right == pytest.approx(left, rel=0.01)
+
+
+@CAR
+def test_the_handling_variant_follows_a_step_of_the_steering(
+    folders: dict[str, Path], cars: dict[str, Vehicle], name: str
+) -> None:
+    """It turns in without overshoot beyond that of cars and settles near the kinematic yaw rate, below it."""
+    geometry = cars[name].geometry
+    speed = 6.0 * math.sqrt(geometry.wheelbase)  # a third of 1 g at the same Froude number
+    steering = 1.5 * geometry.wheelbase / speed**2
+    run = drive(folders[name].with_name(f"{name}@handling"), 4.0, speed=speed, start=speed, steering=steering,
+                contact="point")  # fmt: skip
+    wanted = speed * math.tan(steering) / geometry.wheelbase
+    rate = run["ego.wz"].to_numpy()
+    assert 0.7 * wanted < rate[run["ego.wz"].index >= 3.0].mean() < 1.0 * wanted
+    assert rate[run["ego.wz"].index >= 3.0].std() < 0.01 * wanted
+    assert rate.max() < 1.25 * wanted
 
 
 @CAR
@@ -386,7 +543,7 @@ def test_a_tyre_size_is_a_radius_and_a_width(text: str, radius: float, width: fl
 @given(
     wheelbase=st.floats(0.2, 8.0), track=st.floats(0.3, 1.2), radius=st.floats(0.06, 0.3),
     tread=st.one_of(st.none(), st.floats(0.15, 1.0)), density=st.floats(50.0, 1500.0), limit=st.floats(0.1, 1.2),
-    drive=st.sampled_from(["front", "rear", "all"]), body=st.sampled_from(["hatchback", "sedan", "suv", "van", "truck", "robot"]),
+    drive=st.sampled_from(["front", "rear", "all"]), body=st.sampled_from(BODIES),
 )  # fmt: skip
 def test_any_plausible_input_gives_a_vehicle_of_those_sizes(
     wheelbase: float, track: float, radius: float, tread: float | None, density: float, limit: float,
@@ -413,28 +570,8 @@ def test_any_plausible_input_gives_a_vehicle_of_those_sizes(
 
 
 def test_what_is_missing_is_asked_for_until_the_answer_makes_sense() -> None:
-    answers = iter(
-        [
-            "long",
-            "26",
-            "102.4 in",
-            "1.5 m",
-            "1450",
-            "big",
-            "215/50R17",
-            "",
-            "10.8",
-            "4.1",
-            "",
-            "",
-            "0.6",
-            "",
-            "",
-            "",
-            "",
-        ]
-        + ["front", "tank", "", "lidar, imu"]
-    )
+    sizes = ["long", "26", "102.4 in", "1.5 m", "1450", "big", "215/50R17", "", "10.8", "4.1", "", ""]
+    answers = iter([*sizes, "0.6", "", "", "", "", "front", "tank", "", "lidar, imu"])
     asked: list[str] = []
     told: list[str] = []
 

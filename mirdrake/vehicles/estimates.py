@@ -52,8 +52,8 @@ YAW_COEFFICIENT = (0.09, 0.13)
 
 For road vehicles this form is Burg's, with 0.127 (quoted by MacInnis et al., SAE 970951); four measured ones in
 tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass in the middle: F1TENTH 0.067, BARC 0.085 to
-0.106, ORCA and AutoRally 0.10. Between :data:`ROBOT_MASS` and twice of it the logarithm of the mass decides. The errors
-of the whole table have a median of -4 % and a standard deviation of 14 %; F1TENTH has the largest, +34 %.
+0.106, ORCA and AutoRally 0.10. Between :data:`ROBOT_MASS` and twice of it the logarithm of the mass decides. The
+errors of the whole table have a median of -4 % and a standard deviation of 14 %; F1TENTH has the largest, +34 %.
 """
 
 STEERING_ERROR = 1e-3
@@ -76,8 +76,8 @@ HOW: dict[str, str] = {
     "kingpin_offset": "estimated: scrub radius of 0.06 wheel radii; Bolt 0.02 m",
     "inertia_edges": "estimated: homogeneous box of 0.88 widths and 0.75 heights (Bolt), as long as makes the yaw "
     "inertia of the whole vehicle the one below",
-    "yaw_inertia": "estimated: 0.13 x mass x wheelbase x length as measured road vehicles; below 100 kg 0.09, as F1TENTH, "
-    "BARC, AutoRally",
+    "yaw_inertia": "estimated: 0.13 x mass x wheelbase x length as measured road vehicles; below 100 kg 0.09, as "
+    "F1TENTH, BARC, AutoRally",
     "roll_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
     "pitch_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
     "tyre_modulus": "estimated: a wheel under a quarter of the weight is pressed in by 0.021 radii (Bolt); a smaller "
@@ -101,14 +101,14 @@ HOW: dict[str, str] = {
     "by 20 to 25 ms",
     "steering_ratio": "estimated: hand wheel of 8.2 rad to each side (MKZ) over the steering limit; 1 below 100 kg, "
     "where there is no hand wheel",
-    "steering_stiffness": "estimated: 1 mrad under the scrub moment of the tyre, friction x load x the root of an eighth "
-    "of the patch's diagonal squared plus the scrub radius squared; at least 10 Hz with the wheel",
-    "handling_steering_stiffness": "estimated: 39 per rad x wheel load x wheel radius (Bolt 5e4 N m/rad), as compliant as "
-    "a real steering; at least 10 Hz with the wheel",
+    "steering_stiffness": "estimated: 1 mrad under the scrub moment of the tyre, friction x load x the root of an "
+    "eighth of the patch's diagonal squared plus the scrub radius squared; at least 10 Hz with the wheel",
+    "handling_steering_stiffness": "estimated: 39 per rad x wheel load x wheel radius (Bolt 5e4 N m/rad), as compliant "
+    "as a real steering; at least 10 Hz with the wheel",
     "steering_damping": "estimated: time constant 0.02 s, one period of the controllers, as the Bolt",
     "handling_steering_damping": "estimated: time constant 0.02 s, one period of the controllers",
-    "handling_steering_rate": "estimated: 2.5 times the rate of a vehicle that drives itself; a driver turns the hand wheel "
-    "with 1200 deg/s (FMVSS 126), AutoRally's servo 8 rad/s",
+    "handling_steering_rate": "estimated: 2.5 times the rate of a vehicle that drives itself; a driver turns the hand "
+    "wheel with 1200 deg/s (FMVSS 126), AutoRally's servo 8 rad/s",
     "wheel_speed_limit": "estimated: 130 rad/s as the Bolt (a turn in ten steps of 5 ms), at most 45 m/s",
     "wheel_servo_gain": "estimated: time constant 0.42 s for a car, with the root of the wheel radius (Bolt 200)",
     "speed_kp": "estimated: 1, as the Bolt",
@@ -127,14 +127,14 @@ HOW: dict[str, str] = {
     "rear_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.35 of the bars at the rear",
     "front_load": "estimated: of a wheel at rest",
     "rear_load": "estimated: of a wheel at rest",
-    "front_cornering_stiffness": "estimated: 11 x the load per rad, as tyres of cars; robots 6.5 (ORCA 6), lorries less with "
-    "the root of the load above 10 kN",
+    "front_cornering_stiffness": "estimated: 11 x the load per rad, as tyres of cars; robots 6.5 (ORCA 6), lorries "
+    "less with the root of the load above 10 kN",
     "rear_cornering_stiffness": "estimated: 1.15 times the front's for its load, so that the vehicle understeers",
     "front_slip_stiffness": "estimated: twice the cornering stiffness",
     "rear_slip_stiffness": "estimated: twice the cornering stiffness",
     "patch_half_length": "estimated: 0.2 wheel radii, as tyres of cars",
     "assist_speed": "estimated: 2 m/s for a car, with the root of the wheel radius",
-    "stability_gain": "estimated: with mass x wheel radius x root of the wheel radius; a car like the Bolt 2e4 N m s/rad",
+    "stability_gain": "estimated: with mass x wheel radius x root of the wheel radius; the Bolt has 2e4 N m s/rad",
     "stability_torque": "estimated: 0.3 of the weight x wheel radius; a car like the Bolt 1500 N m",
     "relaxation_x": "estimated: 0.5 wheel radii",
     "relaxation_y": "estimated: 1.3 wheel radii; cars 0.3 to 0.6 m",
@@ -465,8 +465,8 @@ def steering_limit_of_circle(circle: float, *, wheelbase: float, track: float, w
     inner = sqrt(max(outer**2 - wheelbase**2, 0.0)) - 2.0 * kingpin  # to the inner one, along the rear axle
     if inner <= 0.0:
         raise ConfigError(
-            f"turning_circle {circle:g} m is not possible with a wheelbase of {wheelbase:g} m and a track of {track:g} m; "
-            f"allowed: above {2.0 * (hypot(wheelbase, 2.0 * kingpin) + scrub):.3g} m"
+            f"turning_circle {circle:g} m is not possible with a wheelbase of {wheelbase:g} m and a track of {track:g} "
+            f"m; allowed: above {2.0 * (hypot(wheelbase, 2.0 * kingpin) + scrub):.3g} m"
         )
     return atan(wheelbase / inner)
 
@@ -568,8 +568,8 @@ def _inertia(
     low, high = (rest + body * ((0.25 * part) ** 2 + b**2) / 12.0 for part in (size[0], 8.0 * size[0]))
     if given and not low <= yaw <= high:
         raise ConfigError(
-            f"yaw_inertia {yaw:g} kg m² does not fit the mass, the axles and the length; allowed: {low:.3g} to {high:.3g} "
-            "kg m²"
+            f"yaw_inertia {yaw:g} kg m² does not fit the mass, the axles and the length; allowed: {low:.3g} to "
+            f"{high:.3g} kg m²"
         )
     a = sqrt(max(square, (0.25 * size[0]) ** 2))
     box = [body * (p**2 + q**2) / 12.0 for p, q in ((b, c), (a, c), (a, b))]

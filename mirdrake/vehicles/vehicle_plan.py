@@ -19,7 +19,6 @@ from mirdrake.vehicles.estimates import (
 from mirdrake.vehicles.questions import (
     BODIES,
     QUANTITIES,
-    REQUIRED,
     USUAL_SENSORS,
     check_plausible,
     choose,
@@ -43,7 +42,8 @@ STYLES: dict[str, tuple[float, float, str]] = {
 """Of a body: length over wheelbase, height over wheel radius, why."""
 
 _OWN: dict[str, str] = {
-    "wheel_radius": "estimated: 0.12 wheelbases (Bolt 0.124, MKZ 0.116); below 200 kg 0.17 (F1TENTH 0.15, AutoRally 0.17)",
+    "wheel_radius": "estimated: 0.12 wheelbases (Bolt 0.124, MKZ 0.116); below 200 kg 0.17 (F1TENTH 0.15, "
+    "AutoRally 0.17)",
     "wheel_width": "estimated: 0.665 wheel radii, as the Bolt",
     "steering_limit": f"estimated: turning circle of {TURNING_CIRCLE:g} wheelbases as of 32 road vehicles (standard "
     f"deviation 7 %), at most {STEERING_MOST:g} rad; below {ROBOT_MASS:g} kg {ROBOT_STEERING:g} rad (F1TENTH 0.42, "
@@ -244,25 +244,32 @@ def plan_vehicle(
     if faults:
         raise ConfigError("\n".join(faults))
     sources = {key: GIVEN if _is_plain(given[key]) else f"{GIVEN}: {given[key]}" for key in values}
-    for key, text in tyres.items():
-        for axle in ("", "rear_") if key == "tyre" else ("rear_",) if key == "tyre_rear" else ("",):
-            for part, size in zip(("wheel_radius", "wheel_width"), parse_tyre(text, where=key), strict=True):
+    for place, text in tyres.items():
+        for axle in ("", "rear_") if place == "tyre" else ("rear_",) if place == "tyre_rear" else ("",):
+            for part, size in zip(("wheel_radius", "wheel_width"), parse_tyre(text, where=place), strict=True):
                 values[axle + part], sources[axle + part] = size, f"{GIVEN}: tyre {text.strip()}"
     for own, common in (("track", "track_front"), ("track_rear", "track")):
         if own not in values:
             values[own], sources[own] = values[common], sources[common]
-    values.pop("track_front", None), sources.pop("track_front", None)
+    for known in (values, sources):
+        known.pop("track_front", None)
     if "wheel_radius" not in values:
-        part = 0.17 if values["mass"] < ROBOT_BODY else 0.12
-        values["wheel_radius"], sources["wheel_radius"] = rounded(part * values["wheelbase"]), _OWN["wheel_radius"]
+        ratio = 0.17 if values["mass"] < ROBOT_BODY else 0.12
+        values["wheel_radius"], sources["wheel_radius"] = rounded(ratio * values["wheelbase"]), _OWN["wheel_radius"]
     check_plausible(values)
 
     # Sizes that are asked for and not given.
     _estimate_sizes(values, sources, body := body or _usual_body(values["mass"]))
     share, share_text = (0.56, _FRONT_SHARE) if drive == "front" else (None, HOW["front_axle_share"])
+    inputs: dict[str, Any] = {
+        key: values.get(key)
+        for key in (
+            *("mass", "wheelbase", "steering_limit", "length", "height"),
+            *("width", "com_height", "yaw_inertia", "power", "top_speed"),
+        )
+    }
     result = estimate(
-        **{key: values[key] for key in ("mass", "wheelbase", "steering_limit", "length", "height")},
-        **{key: values.get(key) for key in ("width", "com_height", "yaw_inertia", "power", "top_speed")},
+        **inputs,
         track=(values["track"] + values["track_rear"]) / 2.0,
         wheel_radius=(values["wheel_radius"] + values["rear_wheel_radius"]) / 2.0,
         wheel_width=(values["wheel_width"] + values["rear_wheel_width"]) / 2.0,
@@ -329,8 +336,8 @@ def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) 
         angle = steering_limit_of_circle(values["turning_circle"], **steering)
         if not limit.low <= angle <= limit.high:
             raise ConfigError(
-                f"turning_circle {values['turning_circle']:g} m needs an inner wheel angle of {angle:.3g} rad; allowed: "
-                f"{limit.low:g} to {limit.high:g} rad"
+                f"turning_circle {values['turning_circle']:g} m needs an inner wheel angle of {angle:.3g} rad; "
+                f"allowed: {limit.low:g} to {limit.high:g} rad"
             )
         values["steering_limit"] = angle
         sources["steering_limit"] = f"{sources.pop('turning_circle')}: turning circle {values['turning_circle']:g} m"

@@ -14,7 +14,7 @@ from mirdrake.vehicles.bodywork.wheels import WheelDesign
 
 BOX_STYLES = ("van", "truck", "robot")
 
-_SIDE = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # the depth of a prism to y, its first axis to z, its second to x
+_SIDE = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # depth, y, z of a prism to y, z, x
 
 
 def build_boxes(style: str, sizes: Mapping[str, float], *, steering: float) -> Mesh:
@@ -67,30 +67,27 @@ def build_boxes(style: str, sizes: Mapping[str, float], *, steering: float) -> M
         body = [(rear + bar, over), (front - bar, over), (front - bar, waist), (nose, waist + 0.1 * (height - waist)),
                 (0.86 * nose, height), (rear + bar, height)]  # fmt: skip
         slab("paint", body, width)
-        pillars = (0.87 * nose, waist + 0.92 * (height - waist)), (0.985 * nose, waist + 0.16 * (height - waist))
-        slab(
-            "glass",
-            [*pillars, (0.62 * nose, waist + 0.16 * (height - waist)), (0.62 * nose, pillars[0][1])],
-            width + 0.01,
-        )
-        slab("glass", [(nose + 0.01, waist + 0.12 * (height - waist)), (nose - 0.02, waist + 0.12 * (height - waist)),
-                       (0.86 * nose + 0.02, height - 0.06), (0.86 * nose + 0.05, height - 0.06)], 0.88 * width)  # fmt: skip
+        cab = height - waist
+        sill, top, low_edge = waist + 0.16 * cab, waist + 0.92 * cab, waist + 0.12 * cab
+        slab("glass", [(0.87 * nose, top), (0.985 * nose, sill), (0.62 * nose, sill), (0.62 * nose, top)], width + 0.01)
+        slab("glass", [(nose + 0.01, low_edge), (nose - 0.02, low_edge), (0.86 * nose + 0.02, height - 0.06),
+                       (0.86 * nose + 0.05, height - 0.06)], 0.88 * width)  # fmt: skip
         lamps, lamp_z, lamp = front - bar, over + 0.6 * (waist - over), 0.25 * (waist - over)
     else:
         # A cab ahead of a box of freight.
         back, waist = base - 0.9 * radius, over + 0.35 * (height - over)
         roof = low + 0.86 * (height - low)
-        cab = [(back, over), (front - bar, over), (front - bar, waist), (front - 2.5 * bar, roof), (back, roof)]
-        slab("paint", cab, 0.96 * width)
+        side = [(back, over), (front - bar, over), (front - bar, waist), (front - 2.5 * bar, roof), (back, roof)]
+        slab("paint", side, 0.96 * width)
         slab("glass", [(front - bar + 0.01, waist), (front - bar - 0.02, waist), (front - 2.5 * bar, roof - 0.08),
                        (front - 2.5 * bar + 0.03, roof - 0.08)], 0.86 * width)  # fmt: skip
         box("glass", (back + 0.35 * (front - back), front - 3.0 * bar), 0.97 * width, (waist, roof - 0.1))
         box("rim_machined", (rear + bar, back - 0.1), width, (over, height))
         lamps, lamp_z, lamp = front - bar, over + 0.35 * (waist - over), 0.2 * (waist - over)
 
-    for side in (-1.0, 1.0):
+    for hand in (-1.0, 1.0):
         for material, x in (("lamp_white", lamps), ("lamp_red", rear + (2.0 if style == "robot" else 1.0) * bar)):
-            at = (x, side * 0.36 * width, lamp_z)
+            at = (x, hand * 0.36 * width, lamp_z)
             mesh.add_mesh(pillow(material, (0.04, 0.16 * width, lamp), 0.5), None, at)
     for axle in (0.0, base):
         hub = sizes["track"] - 0.9 * sizes["wheel_width"]
