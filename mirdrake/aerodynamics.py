@@ -16,9 +16,10 @@ from math import hypot
 
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.plant import VehicleInPlant
 from mirdrake.signals import Signal, declare_state_output
 from mirdrake.tyres.wheel_motion import base_motion

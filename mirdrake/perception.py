@@ -9,9 +9,10 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 from pydrake.perception import BaseField, Fields, PointCloud
-from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, EventStatus
 
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.sensors import LaserScanner, Lidar, LidarScan
 from mirdrake.sensors.sampling import STAMP
 from mirdrake.signals import Signal, declare_state_output, declare_vector_input, signals

@@ -311,7 +311,9 @@ def add_vehicle(
     tyres, turning = [], vehicle.spec.tyres.kind == "coulomb"
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
     for wheel, joint, radius, width in sizes:
-        geometries = plant.GetCollisionGeometriesForBody(joint.child_body())
+        # Copies of the ids: those of GetCollisionGeometriesForBody keep the plant alive, and systems keep them.
+        frame = plant.GetBodyFrameIdOrThrow(joint.child_body().index())
+        geometries = scene_graph.model_inspector().GetGeometries(frame, Role.kProximity)
         if len(geometries) != 1:
             raise ModelError(
                 f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"

@@ -8,9 +8,10 @@ and are then checked by size only.
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from pydrake.systems.framework import BasicVector, InputPort, LeafSystem, OutputPort, System
+from pydrake.systems.framework import BasicVector, InputPort, OutputPort, System
 
 from mirdrake.errors import DiagramError
+from mirdrake.leaf_system import LeafSystem
 
 
 class Signal(NamedTuple):

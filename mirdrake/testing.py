@@ -27,7 +27,6 @@ from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
     InputPort,
-    LeafSystem,
     OutputPort,
     PortDataType,
     System,
@@ -35,6 +34,7 @@ from pydrake.systems.framework import (
 
 from mirdrake.diagram import DiagramSpec, assemble, load_diagram, make_spec
 from mirdrake.errors import ConfigError, DiagramError, did_you_mean
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import signals_of
 from mirdrake.simulation import Simulation
 from mirdrake.wiring import JOIN

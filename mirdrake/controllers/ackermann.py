@@ -21,11 +21,12 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import STEERING_ANGLES
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input, declare_vector_output, signals
 
 Linkage = Literal["ackermann", "unior", "unior_printed"]

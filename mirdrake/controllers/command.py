@@ -10,10 +10,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import COMMAND, SETPOINT, Setpoint
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
 
 TOLERANCE = 1e-9

@@ -6,12 +6,13 @@ a speed trim, which takes up slip and tyre deflection.
 
 from collections.abc import Sequence
 
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.controllers.vectors import SETPOINT, WHEEL_SPEEDS
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
 
 WheelRates = tuple[float, float, float, float]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
-from pydrake.systems.framework import LeafSystem
 
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.behaviours.spec import (
@@ -24,6 +23,7 @@ from mirdrake.controllers.behaviours.spec import (
 from mirdrake.controllers.spec import ConstantSpec, PathTrackingSpec, ScheduleSpec
 from mirdrake.controllers.vectors import COMMAND
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.own_systems import make_own_system
 from mirdrake.yaml_io import Schema, Source, validate
 

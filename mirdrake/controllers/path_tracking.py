@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
 from mirdrake.controllers.checks import check_number
@@ -35,6 +35,7 @@ from mirdrake.controllers.drivable_line import (
 )
 from mirdrake.controllers.vectors import COMMAND, PATH_ERROR, STATE, Command
 from mirdrake.errors import RunError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input
 
 _SPEED_GRID = 0.25  # lines are planned for multiples of this speed [m/s]

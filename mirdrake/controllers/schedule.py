@@ -5,11 +5,12 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from typing import Literal
 
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import COMMAND, Setpoint
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_vector_output
 
 Interpolation = Literal["linear", "hold"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.compiled import compiled, records
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
@@ -31,6 +31,7 @@ from mirdrake.controllers.gain_schedule import GainTable, read_schedule
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState
 from mirdrake.controllers.vectors import COMMAND, WHEELS
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.powertrain import PEDALS, ActuatorLaw
 from mirdrake.powertrain.system import make_law
 from mirdrake.signals import declare_state_output, declare_vector_input, signals

@@ -17,6 +17,7 @@ from mirdrake.diagram_spec import SystemEntry
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Starts, find_function, finite
 from mirdrake.gym.readings import Readings, check_bounds, steering_limit, top_speed
+from mirdrake.leaf_system import weak_callback
 from mirdrake.plant import set_start
 from mirdrake.powertrain import PEDALS
 from mirdrake.tyres import RoadFriction
@@ -126,7 +127,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self._simulator = Simulator(self.assembly.diagram)
         self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
         if self._friction.varies:
-            self._simulator.set_monitor(self._watch)
+            self._simulator.set_monitor(weak_callback(self._watch))
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
         self._sources: list[tuple[_Input, ConstantVectorSource]] = [(one, systems[one.block]) for one in self._inputs]
         self._context: Context | None = None

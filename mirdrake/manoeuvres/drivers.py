@@ -27,12 +27,13 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.spec import DrivenVehicle
 from mirdrake.controllers.vectors import COMMAND, STATE
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.profiles import make_profile
 from mirdrake.signals import declare_state_output, declare_vector_input, signals

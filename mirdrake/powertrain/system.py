@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
+from pydrake.systems.framework import Context, DiscreteValues, State
 
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.powertrain.law import Measured, PowertrainLaw
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.vehicles import WHEELS

@@ -10,9 +10,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.controllers.vectors import PATH_ERROR, STATE, STEERING_ANGLES, WHEEL_SPEEDS
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
 from mirdrake.signals import declare_vector_output
 from mirdrake.vehicles.mounts import GroundTruthMount

@@ -8,6 +8,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
+from mirdrake.leaf_system import FreeableType
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, aligned_period, mount_pose
 from mirdrake.signals import copy_signals, signals
@@ -28,7 +29,7 @@ IMU = signals(
 """Specific force a - g of the mount's origin and angular velocity, both in the world and expressed in the mount."""
 
 
-class Imu(Diagram):  # type: ignore[misc, unused-ignore]
+class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
     """Specific force and angular velocity of a frame, in that frame; lever arm and rotation follow from the motion.
 
     Drake's Accelerometer and Gyroscope measure, without noise; samples are taken at a rate, with noise. The

@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 from shapely.geometry.polygon import orient
 
 from mirdrake.controllers.behaviours.fan import BEAMS, END_ANGLE, REACH, START_ANGLE, beam_angles, range_signals
@@ -24,6 +24,7 @@ from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of, v
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import STATE
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import Signal, declare_vector_input, declare_vector_output
 
 Array = NDArray[np.float64]

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
+from pydrake.systems.framework import Context, DiscreteValues, State
 
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.sensors.noise import Noise, is_lost
 from mirdrake.signals import Signals, declare_state_output, signals
 

@@ -9,7 +9,7 @@ A vehicle that is driven by pedals has its pedals and its powertrain here, too; 
 what acts on the slip of single wheels is left out: antilock, stability and traction control.
 """
 
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, make_steering_law
 from mirdrake.controllers.checks import check_number
@@ -21,6 +21,7 @@ from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.controllers.vectors import COMMAND, STATE
 from mirdrake.controllers.vehicle_control import believed_geometry
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.powertrain import PEDALS, ActuatorLaw
 from mirdrake.signals import copy_signals, declare_state_output, declare_vector_input, signals
 from mirdrake.single_track.dynamics import Tyres, Variant

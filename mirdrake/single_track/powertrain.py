@@ -1,8 +1,9 @@
 """Powertrain and brakes in front of the single-track model: the same laws, on wheels that turn with the car."""
 
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.vectors import STATE
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.powertrain import PEDALS, STATUS, Measured, PowertrainLaw
 from mirdrake.powertrain.system import RATE
 from mirdrake.signals import declare_state_output, declare_vector_input

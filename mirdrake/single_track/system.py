@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, OutputPort, ValueProducer
+from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, OutputPort
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from mirdrake.controllers.vectors import STATE
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.leaf_system import declare_cached_value, freeable
 from mirdrake.signals import Signals, declare_vector_input, declare_vector_output, signals
 from mirdrake.single_track.dynamics import TYRES, Variant, evaluate, maths_of
 from mirdrake.single_track.fast import make_fast
@@ -54,7 +55,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
     maths = maths_of(T)
     plain = T is float
 
-    class Impl(LeafSystem_[T]):  # type: ignore[misc, unused-ignore]
+    class Impl(freeable(LeafSystem_[T])):  # type: ignore[misc, unused-ignore]
         """Single-track model of a vehicle; equations in :mod:`mirdrake.single_track.dynamics`.
 
         Input ports:
@@ -101,11 +102,10 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             self._parameters = self.DeclareNumericParameter(BasicVector_[T](parameters.values()))
             if plain:
                 self._fast = make_fast(variant, len(self.state_names), 3 + 2 * servo)
-                ready = ValueProducer(allocate=Value[object], calc=self._prepare)
-                self._ready = self.DeclareCacheEntry("constants", ready, {self.all_parameters_ticket()})
-                held = ValueProducer(allocate=Value[object], calc=self._read)
+                needs = {self.all_parameters_ticket()}
+                self._ready = declare_cached_value(self, "constants", Value[object], self._prepare, needs)
                 needs = {self.all_parameters_ticket(), self.steering.ticket(), self.forces.ticket()}
-                self._held = self.DeclareCacheEntry("constants and inputs", held, needs)
+                self._held = declare_cached_value(self, "constants and inputs", Value[object], self._read, needs)
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
             if variant.tyres == "kinematic" and not variant.actuators:
                 needs.add(self.steering.ticket())
@@ -126,7 +126,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:  # noqa: N802
             if plain:
                 x = context.get_continuous_state_vector().CopyToVector().tolist()
-                constants, inputs = self._held.Eval(context)
+                constants, inputs = self._held.evaluate(context)
                 rates = self._fast.rates(constants, x, inputs)
             else:
                 rates = self._evaluate(context).state
@@ -137,7 +137,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             constants.set_value(self._fast.prepare(parameters))
 
         def _read(self, context: Context, held: Any) -> None:
-            held.set_value((self._ready.Eval(context), self._inputs(context)))
+            held.set_value((self._ready.evaluate(context), self._inputs(context)))
 
         def _inputs(self, context: Context) -> list[Any]:
             steering, forces = self.steering.Eval(context).tolist(), self.forces.Eval(context).tolist()
@@ -168,7 +168,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def _calc_motion(self, context: Context, output: Any) -> None:
             if plain:
                 x = context.get_continuous_state_vector().CopyToVector().tolist()
-                constants, inputs = self._held.Eval(context)
+                constants, inputs = self._held.evaluate(context)
                 output.SetFromVector(self._fast.motion(constants, x, inputs))
             else:
                 zero = T(0.0)  # makes floats into T

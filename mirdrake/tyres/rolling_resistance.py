@@ -36,10 +36,11 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.compiled import compiled, records
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.plant import VehicleInPlant
 from mirdrake.signals import Signal, declare_state_output
 from mirdrake.tyres.wheel_motion import STEP_PARTS, WheelPlace, base_motion, wheel_motion, wheel_places

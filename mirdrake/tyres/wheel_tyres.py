@@ -14,9 +14,10 @@ import numpy.typing as npt
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.compiled import Records, compiled, plain, record_type, records
+from mirdrake.leaf_system import LeafSystem, declare_cached_value
 from mirdrake.plant import VehicleInPlant
 from mirdrake.rest_pose import check_balance
 from mirdrake.signals import Signal, declare_state_output, declare_vector_input
@@ -160,9 +161,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.friction = self.DeclareNumericParameter(BasicVector(np.full(len(wheels), friction / REFERENCE_FRICTION)))
         self._memory = self.DeclareDiscreteState(np.tile(Memory(), len(wheels)))
         self._told = self.DeclareDiscreteState(len(wheels) * len(FORCES))
-        self._solution = self.DeclareCacheEntry(
-            "tyre forces", ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc)
-        )
+        self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
         self.generalized_force = self.DeclareVectorOutputPort(
             "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
         )
@@ -185,10 +184,10 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         context.get_mutable_numeric_parameter(self.friction).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
 
     def _copy_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._solution.Eval(context).force)
+        output.SetFromVector(self._solution.evaluate(context).force)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        solution = self._solution.Eval(context)
+        solution = self._solution.evaluate(context)
         state.get_mutable_value(self._memory)[:] = solution.memory.view(float)
         state.get_mutable_value(self._told)[:] = solution.told.ravel()
 

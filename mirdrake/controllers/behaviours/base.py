@@ -5,7 +5,7 @@ from abc import abstractmethod
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.behaviours.fan import BEAMS, Array, Fan, range_signals
@@ -13,6 +13,7 @@ from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import COMMAND, STATE, Command
 from mirdrake.errors import RunError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input
 
 

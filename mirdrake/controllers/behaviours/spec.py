@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from typing import Annotated, Literal, Protocol
 
 from pydantic import Field, model_validator
-from pydrake.systems.framework import LeafSystem
 
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearest
@@ -25,6 +24,7 @@ from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.controllers.schedule import ConstantCommand
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.yaml_io import Acceleration, Angle, Duration, Length, Schema, Speed
 from mirdrake.yaml_io import where as place_of
 

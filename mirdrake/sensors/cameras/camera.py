@@ -18,10 +18,11 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, OutputPort, ValueProducer
+from pydrake.systems.framework import Context, OutputPort
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import declare_cached_value
 from mirdrake.sensors.cameras.labels import SKY, label_names
 from mirdrake.sensors.cameras.lens_map import LensMap
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
@@ -128,8 +129,7 @@ class Camera(SampledValue):
         }
         self._color_camera, self._depth_camera = self._render_cameras(renderer)
         needs = {self.query_object.ticket(), self.time_ticket()}
-        producer = ValueProducer(allocate=AbstractValue.Make(empty).Clone, calc=self._draw)
-        self._now = self.DeclareCacheEntry("picture", producer, needs)
+        self._now = declare_cached_value(self, "picture", AbstractValue.Make(empty).Clone, self._draw, needs)
         for name in empty.pictures:
             self._declare_image(name)
 
@@ -139,12 +139,12 @@ class Camera(SampledValue):
         Args:
             context: Context of the whole diagram.
         """
-        shot: Shot = self._now.Eval(self.GetMyContextFromRoot(context))
+        shot: Shot = self._now.evaluate(self.GetMyContextFromRoot(context))
         return dict(shot.pictures)
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:  # noqa: ARG002
         """The pictures of now; drawn once, also if somebody looked already."""
-        sample.set_value(self._now.Eval(context))
+        sample.set_value(self._now.evaluate(context))
 
     def _render_cameras(self, renderer: str) -> tuple[ColorRenderCamera, DepthRenderCamera]:
         mount = self._mount
@@ -194,15 +194,17 @@ class Camera(SampledValue):
         kinds = {"depth": ("depth_image_32f", ImageDepth32F), "label": ("label_image", ImageLabel16I)}
         port, kind = kinds.get(name, ("color_image" if name == "color" else f"{name}_color_image", ImageRgba8U))
 
+        held_index, stamp_index = int(self._held), self._held_stamp  # a callback that refers to self is never freed
+
         def show(context: Context, value: AbstractValue) -> None:
-            held: Shot = context.get_abstract_state(int(self._held)).get_value()
+            held: Shot = context.get_abstract_state(held_index).get_value()
             out, picture = value.get_mutable_value().mutable_data, held.pictures[name]
             if picture.ndim == 2:
                 out[:, :, 0] = picture
                 return
             for channel in range(3):
                 out[:, :, channel] = picture[:, :, channel]
-            out[:, :, 3] = 255 if context.get_discrete_state(self._held_stamp).get_value()[0] >= 0.0 else 0
+            out[:, :, 3] = 255 if context.get_discrete_state(stamp_index).get_value()[0] >= 0.0 else 0
 
         empty = AbstractValue.Make(kind(mount.width, mount.height))
         return self.DeclareAbstractOutputPort(port, empty.Clone, show, {self.all_state_ticket()})

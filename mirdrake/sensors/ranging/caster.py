@@ -7,8 +7,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.faces import Array
 from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state

@@ -7,10 +7,11 @@ import math
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.checks import check_number
 from mirdrake.errors import ConfigError
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.tuning.models import Floats
 
 LONGEST = 0.5

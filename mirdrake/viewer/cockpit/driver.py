@@ -1,8 +1,9 @@
 """The driver of a cockpit: a system whose output is what hands command."""
 
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.controllers.vectors import COMMAND
+from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_vector_output
 
 KIND = f"{__name__}:HumanDriver"

@@ -1,0 +1,116 @@
+"""Base classes of systems written in Python, which garbage collection can free with their diagram.
+
+A class derived from pydrake's own LeafSystem is never freed in Drake 1.51, nor is anything that it refers to, such as
+the diagram it is part of, for two reasons:
+
+- A class statement adds an instance dictionary to that which pydrake's classes have. Both are one object, so garbage
+  collection visits it twice, counts one reference too many and takes the system for one that is in use.
+  :class:`FreeableType` leaves the second one out.
+- C++ holds the callbacks of ports and cache entries. A bound method refers to its system, and garbage collection
+  cannot see this reference. The ``Declare...`` functions here hand over callbacks that refer to the system weakly.
+
+What else a system keeps must not refer to its diagram out of sight: Drake's bodies, joints, frames, ports of a plant
+(``get_body_poses_output_port`` and others) and Simulators do; keep their indices or the plant itself.
+"""
+
+import weakref
+from collections.abc import Callable, Iterable
+from functools import wraps
+from types import MethodType
+from typing import TYPE_CHECKING, Any
+
+from pydrake.systems.framework import CacheEntry, ContextBase, DependencyTicket, LeafSystem_, SystemBase, ValueProducer
+from pydrake.systems.framework import LeafSystem as DrakeLeafSystem
+
+Callback = Callable[..., Any]
+
+
+class FreeableType(type(DrakeLeafSystem)):  # type: ignore[misc]
+    """Metaclass of systems that have the instance dictionary of pydrake's class only."""
+
+    def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **options: Any) -> Any:
+        """Make a class without a dictionary of its own; attributes go to that of pydrake's class."""
+        namespace.setdefault("__slots__", ())
+        return super().__new__(mcs, name, bases, namespace, **options)
+
+
+def weak_callback(method: MethodType) -> Callback:
+    """Return a callback that calls a bound method and refers to its object weakly."""
+    owner, function = weakref.ref(method.__self__), method.__func__
+
+    def call(*arguments: Any) -> Any:
+        return function(owner(), *arguments)
+
+    return call
+
+
+def _weaken(system: SystemBase, argument: Any) -> Any:
+    """Return a weak callback for a method of the system, and any other argument unchanged."""
+    of_system = isinstance(argument, MethodType) and argument.__self__ is system
+    return weak_callback(argument) if of_system else argument
+
+
+class CachedValue:
+    """Value that a system calculates once for a Context and the inputs and parameters in it.
+
+    Args:
+        system: the system; only weakly referred to, as pydrake's CacheEntry refers to it out of sight.
+        entry: its cache entry.
+    """
+
+    def __init__(self, system: SystemBase, entry: CacheEntry) -> None:
+        self._system, self._index, self._ticket = weakref.ref(system), entry.cache_index(), entry.ticket()
+
+    def evaluate(self, context: ContextBase) -> Any:
+        """Return the value, calculated anew if what it depends on has changed."""
+        return self._system().get_cache_entry(self._index).Eval(context)
+
+    def ticket(self) -> DependencyTicket:
+        """Return the ticket of those that depend on the value."""
+        return self._ticket
+
+
+def declare_cached_value(
+    system: SystemBase, name: str, allocate: Callback, calc: Callback, needs: Iterable[DependencyTicket] | None = None
+) -> CachedValue:
+    """Declare a cache entry of a system.
+
+    Args:
+        system: the system.
+        name: name of the entry.
+        allocate: makes an AbstractValue to hold the value.
+        calc: sets it, from a Context.
+        needs: tickets of what the value depends on; of all sources if None.
+    """
+    producer = ValueProducer(allocate=_weaken(system, allocate), calc=_weaken(system, calc))
+    arguments = {} if needs is None else {"prerequisites_of_calc": set(needs)}
+    return CachedValue(system, system.DeclareCacheEntry(name, producer, **arguments))
+
+
+def freeable(base: type) -> Any:
+    """Return a subclass of one of pydrake's LeafSystem classes that garbage collection can free.
+
+    Its functions that declare ports, events and witness functions take callbacks as those of pydrake do. Cache entries
+    are declared by :func:`declare_cached_value`.
+
+    Args:
+        base: ``LeafSystem_[T]`` for a scalar type T.
+    """
+    names = [name for name in dir(base) if name.startswith("Declare") or name == "MakeWitnessFunction"]
+    functions: dict[str, Any] = {name: _declare_weakly(getattr(base, name)) for name in names}
+    return FreeableType("LeafSystem", (base,), {"__doc__": base.__doc__, "__module__": __name__, **functions})
+
+
+def _declare_weakly(declare: Callback) -> Callback:
+    @wraps(declare)
+    def call(self: Any, *arguments: Any, **options: Any) -> Any:
+        weak = [_weaken(self, argument) for argument in arguments]
+        return declare(self, *weak, **{name: _weaken(self, option) for name, option in options.items()})
+
+    return call
+
+
+if TYPE_CHECKING:
+    LeafSystem = DrakeLeafSystem
+else:
+    LeafSystem = freeable(LeafSystem_[float])
