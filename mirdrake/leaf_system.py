@@ -63,7 +63,8 @@ class CachedValue:
 
     def evaluate(self, context: ContextBase) -> Any:
         """Return the value, calculated anew if what it depends on has changed."""
-        return self._system().get_cache_entry(self._index).Eval(context)
+        system: Any = self._system()
+        return system.get_cache_entry(self._index).Eval(context)
 
     def ticket(self) -> DependencyTicket:
         """Return the ticket of those that depend on the value."""

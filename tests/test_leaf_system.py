@@ -34,13 +34,19 @@ MOUNTS: dict[str, dict[str, Any]] = {
     "ground_truth": {"frame": "imu"},
     "laser_scanner": {"frame": "front_lidar", "beams": 5, "start_angle": -0.5, "end_angle": 0.5, **_RANGE},
     "lidar": {
-        **{"frame": "roof_lidar", "columns": 6, "rows": 2, "horizontal_start": -0.5, "horizontal_end": 0.5},
-        **{"vertical_start": -0.1, "vertical_end": 0.1, **_RANGE},
+        "frame": "roof_lidar",
+        "columns": 6,
+        "rows": 2,
+        "horizontal_start": -0.5,
+        "horizontal_end": 0.5,
+        "vertical_start": -0.1,
+        "vertical_end": 0.1,
+        **_RANGE,
     },
     "radar": {"frame": "front_lidar", "horizontal_fov": 0.5, "vertical_fov": 0.1, **_RANGE},
     "sonar": {"frame": "front_lidar", "cone": 0.3, **_RANGE},
     "steering_angle": {"frame": "imu"},
-    "wheel_encoder": {"frame": "imu", "counts": 64},
+    "wheel_encoder": {"frame": "front_left_wheel", "counts": 64},
 }
 DRIVERS: dict[str, dict[str, Any]] = {
     "path_tracking": {},
