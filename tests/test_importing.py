@@ -1023,7 +1023,9 @@ def outline_boxes(result):
     root = ElementTree.fromstring(result.vehicle.urdf)
     link = next(link for link in root.iter("link") if link.get("name") == "base_link")
     return {
-        kind: [tuple(map(float, box.get("size").split())) for shape in link.iter(kind) for box in shape.iter("box")]
+        kind: [
+            tuple(map(float, str(box.get("size")).split())) for shape in link.iter(kind) for box in shape.iter("box")
+        ]
         for kind in ("visual", "collision")
     }
 
