@@ -4,11 +4,17 @@ xacro itself forgets lines. The files are therefore parsed here: every element g
 its place in a table. Elements of the expanded model keep theirs, which gives :class:`Urdf` its ``where``.
 During an expansion the functions of the xacro module that parse and expand are wrapped; xacro keeps its state in
 module globals anyway, hence the lock.
+
+A file from elsewhere may be hostile. Expressions are evaluated by :mod:`mirdrake.vehicles.xacro_expressions`, not by
+Python; the number of elements, the amount of text, the depth of macros and the time have limits; YAML files are read
+from the packages only, environment variables by :data:`VARIABLES` only. ``docs/security.md`` lists all of it.
 """
 
 import contextlib
+import os
 import re
 import threading
+import time
 import xml.dom.minidom
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,14 +25,40 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import xacro
+import yaml
+from xacro.substitution_args import convert_value
 
 from mirdrake.errors import ModelError, did_you_mean
+from mirdrake.vehicles.xacro_expressions import LARGEST, Evaluator
 from mirdrake.yaml_io import shown
 
 Place = tuple[str, int]
 _AT = "_at"
 _USED = re.compile(r"\$\(arg\s+(\w+)\s*\)")
 _LOCK = threading.Lock()
+
+VARIABLES = frozenset({"ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "GAZEBO_VERSION", "GZ_VERSION"})
+"""Environment variables that a file may read, besides those that :data:`MORE_VARIABLES` lists."""
+
+MORE_VARIABLES = "MIRDRAKE_XACRO_ENV"
+"""Environment variable with the names of more of them, separated by commas."""
+
+ELEMENTS = 50_000
+"""Elements that an expansion evaluates."""
+
+TEXT = 20_000_000
+"""Characters that an expansion evaluates."""
+
+MACROS = 100
+"""Macros within macros."""
+
+SECONDS = 5.0
+"""Processor time of an expansion [s]."""
+
+FILE_SIZE = 20_000_000
+"""Bytes of a file; a tenth of it for a YAML file."""
+
+_PACKAGE_FOLDERS = {"urdf", "xacro", "robots", "robot", "description", "models", "model", "launch", "config", "params"}
 
 
 @dataclass(frozen=True)
@@ -71,6 +103,27 @@ class _Expansion:
     files: list[Path] = field(default_factory=list)
     cursor: int | None = None
     warnings: list[str] = field(default_factory=list)
+    find: Callable[[str], Path | None] | None = None
+    packages: list[Path] = field(default_factory=list)
+    began: float = field(default_factory=time.thread_time)
+    elements: int = 0
+    characters: int = 0
+
+    def tick(self) -> None:
+        """Raise an error when the time of the expansion is over."""
+        if time.thread_time() - self.began > SECONDS:
+            raise ModelError(f"{self.where()}: the expansion takes more than {SECONDS:g} s of processor time")
+
+    def count(self, *, elements: int = 0, characters: int = 0) -> None:
+        """Raise an error when the expansion gets too large."""
+        self.tick()
+        self.elements, self.characters = self.elements + elements, self.characters + characters
+        if self.elements > ELEMENTS:
+            raise ModelError(f"{self.where()}: more than {ELEMENTS} elements; does a macro call itself without an end?")
+        if self.characters > TEXT or characters > LARGEST:
+            raise ModelError(
+                f"{self.where()}: too much text: a value of {LARGEST} characters, {TEXT} in all are allowed"
+            )
 
     def missing(self) -> dict[str, Place]:
         """Arguments that have neither a value nor a default, declared or only used."""
@@ -93,6 +146,8 @@ class _Expansion:
         name = shown(path)
         try:
             problem = "" if path.is_file() or not path.exists() else "is a folder" if path.is_dir() else "is no file"
+            if not problem and path.stat().st_size > FILE_SIZE:
+                problem = f"has more than {FILE_SIZE} bytes"
             data = b"" if problem else path.read_bytes()  # reading a pipe or a device would never end
         except OSError as error:
             problem = (error.strerror or "cannot be read") if path.exists() else "no such file"
@@ -103,6 +158,13 @@ class _Expansion:
         lines: list[int] = []
         parser = expat.ParserCreate()
         parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
+
+        def reject_entity(entity: str, *_: Any) -> None:
+            raise ModelError(
+                f"{name}:{parser.CurrentLineNumber}: declares the entity '{_printable(entity)}'; write it out"
+            )
+
+        parser.EntityDeclHandler = reject_entity
         try:
             parser.Parse(data, True)
             document = xml.dom.minidom.parseString(data)
@@ -123,6 +185,97 @@ class _Expansion:
                     else:
                         self.required.setdefault(node.getAttribute("name"), (name, line))
         return document
+
+    def read_yaml(self, filename: str) -> Any:
+        """Read a YAML file of the packages, for ``xacro.load_yaml``.
+
+        Raises:
+            XacroException: it is outside of them, too large or not valid.
+        """
+        path = Path(xacro.abs_filename_spec(str(filename)))
+        roots = {_package_of(file) for file in self.files} | set(self.packages)
+        resolved = path.resolve()
+        if not any(resolved.is_relative_to(root) for root in roots):
+            raise xacro.XacroException(
+                f"load_yaml: {shown(path)} is outside of the vehicle's package {shown(min(roots))}"
+            )
+        if not resolved.is_file():
+            raise xacro.XacroException(f"load_yaml: {shown(path)}: no such file")
+        if resolved.stat().st_size > FILE_SIZE // 10:
+            raise xacro.XacroException(f"load_yaml: {shown(path)} has more than {FILE_SIZE // 10} bytes")
+        for unit in xacro.ConstructUnits:
+            _Yaml.add_constructor(unit.value.tag, unit.constructor)
+        xacro.filestack.append(str(path))
+        try:
+            node = yaml.compose(resolved.read_text(encoding="utf-8"), Loader=_Yaml)
+            if _expanded_size(node, {}) > LARGEST:
+                raise xacro.XacroException(f"load_yaml: {shown(path)}: more than {LARGEST} values, aliases expanded")
+            loader = _Yaml("")
+            return xacro.YamlListWrapper.wrap(None if node is None else loader.construct_document(node))
+        except (yaml.YAMLError, ValueError, TypeError) as error:
+            raise xacro.XacroException(f"load_yaml: {shown(path)}: {_one_line(error)}") from None
+        finally:
+            xacro.filestack.pop()
+
+    def found(self, package: str) -> str:
+        """Return the folder of a package, for ``$(find package)``."""
+        folder = self.find(package) if self.find is not None else None
+        if folder is None and self.find is not None:
+            hint = f"give its folder with --package {package}=DIR"
+            raise ModelError(f"{self.where()}: package '{package}' is not here; {hint}")
+        if folder is None:
+            text = f"$(find {package}): there are no ROS packages here; give a path relative to this file"
+            raise xacro.XacroException(text)
+        self.packages.append(folder.resolve())
+        return str(folder)
+
+    def variable(self, name: str, default: str | None = None) -> str:
+        """Return an environment variable, for ``$(env)`` and ``$(optenv)``.
+
+        Raises:
+            XacroException: it is not set or may not be read, and there is no default.
+        """
+        allowed = VARIABLES | {one.strip() for one in os.environ.get(MORE_VARIABLES, "").split(",")}
+        if name in allowed and name in os.environ:
+            return os.environ[name]
+        what = "is not set" if name in allowed else f"is not read; allow it with {MORE_VARIABLES}={name}"
+        if default is None:
+            raise xacro.XacroException(f"environment variable '{_printable(name)}' {what}")
+        if name not in allowed and name in os.environ:
+            self.warnings.append(f"{self.where()}: environment variable '{_printable(name)}' {what}")
+        return default
+
+
+class _Yaml(yaml.SafeLoader):
+    """YAML with the units of xacro, such as ``!degrees 90``."""
+
+
+def _expanded_size(node: Any, known: dict[int, int]) -> int:
+    """Values of a YAML document with its aliases written out.
+
+    Raises:
+        XacroException: a value contains itself.
+    """
+    if node is None or isinstance(node, yaml.ScalarNode):
+        return 1
+    if id(node) in known:
+        if known[id(node)] == 0:
+            raise xacro.XacroException("load_yaml: a value contains itself")
+        return known[id(node)]
+    known[id(node)] = 0
+    pairs = isinstance(node, yaml.MappingNode)
+    parts = [part for pair in node.value for part in pair] if pairs else node.value
+    known[id(node)] = 1 + sum(_expanded_size(part, known) for part in parts)
+    return known[id(node)]
+
+
+def _package_of(file: Path) -> Path:
+    """The folder of the package that a file belongs to; without ``package.xml`` its own, or that above ``urdf``."""
+    folder = Path(os.path.abspath(file)).parent.resolve()
+    for above in (folder, *folder.parents):
+        if (above / "package.xml").is_file():
+            return above
+    return folder.parent if folder.name in _PACKAGE_FOLDERS else folder
 
 
 class MissingArgumentsError(ModelError):
@@ -163,15 +316,17 @@ def render_xacro(
         ModelError: XML or xacro errors, unknown arguments, or xacro tags that were not expanded.
     """
     given = {name: str(value) for name, value in (arguments or {}).items()}
-    note = _Expansion(frozenset({*given, *(defaults or {})}))
-    with _LOCK, _wrapped_xacro(note, find):
+    note = _Expansion(frozenset({*given, *(defaults or {})}), find=find)
+    with _LOCK, _wrapped_xacro(note):
         try:
             xacro.init_stacks(str(path))
             document = note.parse(path)
             xacro.process_doc(document, mappings=dict(defaults or {}) | given, verbosity=0)
         except xacro.XacroException as error:
             _check_arguments(given, note, where)
-            cause = getattr(error, "exc", None)
+            cause: Any = error
+            while isinstance(cause, xacro.XacroException):  # each property that is evaluated adds one
+                cause = cause.exc
             if isinstance(cause, ModelError):
                 raise cause from None
             missing = note.missing()
@@ -219,10 +374,18 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
 
 
 @contextlib.contextmanager
-def _wrapped_xacro(note: _Expansion, find: Callable[[str], Path | None] | None) -> Iterator[None]:
-    """Let xacro parse through `note`, tell it where it is, and print nothing."""
+def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
+    """Let xacro parse and evaluate through `note`, tell it where it is, and print nothing."""
     check_attrs, handle_macro_call, eval_all = xacro.check_attrs, xacro.handle_macro_call, xacro.eval_all
-    eval_extension = xacro.eval_extension
+    eval_extension, eval_text = xacro.eval_extension, xacro.eval_text
+    arguments = xacro.substitution_args_context
+    evaluator = Evaluator(
+        load_yaml=note.read_yaml,
+        abs_filename=xacro.abs_filename_spec,
+        argument=lambda name: arguments["arg"][name],
+        warn=lambda text: note.warnings.append(f"{note.where()}: {text}"),
+        tick=note.tick,
+    )
 
     def parse(source: Any, filename: Any = None) -> Any:
         return note.parse(Path(filename)) if source is None else source
@@ -234,22 +397,45 @@ def _wrapped_xacro(note: _Expansion, find: Callable[[str], Path | None] | None) 
     def noted_macro_call(node: Any, *rest: Any) -> Any:
         if node.tagName.startswith("xacro:"):
             _take(node)
+        if len(xacro.macrostack) > MACROS:
+            raise ModelError(f"{note.where()}: more than {MACROS} macros within one another; does one call itself?")
         return handle_macro_call(node, *rest)
 
     def noted_eval_all(node: Any, *rest: Any) -> Any:
         note.note(node)
+        note.count(elements=1)
         return eval_all(node, *rest)
 
+    def noted_eval_text(text: Any, symbols: Any) -> Any:
+        value = eval_text(text, symbols)
+        note.count(characters=len(value) if isinstance(value, str) else 0)
+        return value
+
+    def evaluate(text: str, symbols: Any, _: Any = None) -> Any:
+        return evaluator.evaluate(text, symbols)
+
+    def argument(name: str) -> Any:
+        return convert_value(str(arguments["arg"][name]), "auto")
+
     def extension(text: str) -> Any:
-        words = text.removeprefix("$(").removesuffix(")").split()
-        if find is not None and words and words[0] in {"find", "find-pkg-share"} and len(words) == 2:
-            folder = find(words[1])
-            if folder is None:
-                hint = f"give its folder with --package {words[1]}=DIR"
-                raise ModelError(f"{note.where()}: package '{words[1]}' is not here; {hint}")
-            return str(folder)
-        if text.startswith("$(find "):
-            raise xacro.XacroException(f"{text}: there are no ROS packages here; give a path relative to this file")
+        inside = text.removeprefix("$(").removesuffix(")")
+        words = inside.split()
+        if inside.startswith("eval "):
+            functions: dict[str, Any] = {"arg": argument, "env": note.variable, "find": note.found, "true": True}
+            functions |= {"optenv": lambda name, default="": note.variable(name, default), "false": False}
+            functions |= {"dirname": lambda: str(Path(xacro.abs_filename_spec("")).resolve())}
+            values = {name: argument(name) for name in arguments["arg"]}
+            return str(evaluator.evaluate(inside[5:], {}, names=values | functions))
+        if words and words[0] in {"find", "find-pkg-share"} and len(words) == 2:
+            return note.found(words[1])
+        if words and words[0] == "env" and len(words) == 2:
+            return note.variable(words[1])
+        if words and words[0] == "optenv" and len(words) > 1:
+            return note.variable(words[1], " ".join(words[2:]))
+        if words and words[0] not in {"arg", "cwd", "dirname"}:
+            raise xacro.XacroException(
+                f"{text}: unknown substitution; there are arg, cwd, dirname, env, eval, find, optenv"
+            )
         return eval_extension(text)
 
     def _take(node: Any) -> None:
@@ -267,6 +453,8 @@ def _wrapped_xacro(note: _Expansion, find: Callable[[str], Path | None] | None) 
         mock.patch.object(xacro, "eval_all", noted_eval_all),
         mock.patch.object(xacro, "eval_extension", extension),
         mock.patch.object(xacro, "warning", warning),
+        mock.patch.object(xacro, "eval_text", noted_eval_text),
+        mock.patch.object(xacro, "safe_eval", evaluate),
     ):
         yield
 
