@@ -149,6 +149,33 @@ class DiagramSpec(Schema):
         return value
 
 
+def without_own_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
+    """Return a diagram without the user's own systems and drivers, and what was left out, a line each.
+
+    A system that gets an input from one of them is left out, too.
+
+    Args:
+        spec: is not changed.
+    """
+    systems = {name: entry.kind for name, entry in spec.systems.items() if ":" in entry.kind}
+    found = bool(systems)
+    while found:  # a system without one of its inputs is a fault
+        fed = [(source.split(".")[0], sink.split(".")[0]) for source, sink in spec.connect]
+        found = False
+        for source, sink in fed:
+            if source in systems and sink in spec.systems and sink not in systems:
+                systems[sink], found = f"an input is from {source}", True
+    drivers = {name: entry.kind for name, entry in spec.control.items() if ":" in entry.kind}
+    rest = spec.model_copy()
+    rest.systems = {name: entry for name, entry in spec.systems.items() if name not in systems}
+    rest.control = {name: entry for name, entry in spec.control.items() if name not in drivers}
+    rest.connect = [pair for pair in spec.connect if not any(end.split(".")[0] in systems for end in pair)]
+    lost = len(spec.connect) - len(rest.connect)
+    left_out = [f"systems.{name} ({kind})" for name, kind in systems.items()]
+    left_out += [f"control.{name} ({kind})" for name, kind in drivers.items()]
+    return rest, left_out + ([f"{lost} connections of these systems"] if lost else [])
+
+
 def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     """A diagram file, checked.
 

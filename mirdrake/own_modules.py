@@ -2,16 +2,33 @@
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from mirdrake.errors import ConfigError, did_you_mean
 
-__all__ = ["import_own_module", "load_own_function"]
+__all__ = ["import_own_module", "load_own_function", "without_own_code"]
 
 _FOREIGN: set[str] = set()  # modules that were imported here
+_SKIPPED: ContextVar[list[str] | None] = ContextVar("skipped", default=None)
+
+
+@contextmanager
+def without_own_code() -> Iterator[list[str]]:
+    """While inside, no module of the user's is imported; yields the names of those that were asked for.
+
+    A function is replaced by one that cannot be called, a system is a :class:`ConfigError`.
+    """
+    skipped: list[str] = []
+    token = _SKIPPED.set(skipped)
+    try:
+        yield skipped
+    finally:
+        _SKIPPED.reset(token)
 
 
 def import_own_module(name: str, *, folder: str | Path | None = None) -> ModuleType:
@@ -24,6 +41,10 @@ def import_own_module(name: str, *, folder: str | Path | None = None) -> ModuleT
     Raises:
         ConfigError: there is none, or it fails on import.
     """
+    skipped = _SKIPPED.get()
+    if skipped is not None:
+        skipped.append(name)
+        raise ConfigError(f"module '{name}' is not executed; --trust does")
     folders = [Path(path) for path in (folder, Path.cwd()) if path is not None]
     extra = [str(path) for path in folders if str(path) not in sys.path]
     sys.path[:0] = extra
@@ -51,6 +72,10 @@ def load_own_function(name: str, *, folder: str | Path | None = None) -> Callabl
     Raises:
         ConfigError: there is no such module or function.
     """
+    skipped = _SKIPPED.get()
+    if skipped is not None:
+        skipped.append(name)
+        return _not_executed
     module_name, _, function_name = name.partition(":")
     module = import_own_module(module_name, folder=folder)
     function = getattr(module, function_name, None)
@@ -58,6 +83,11 @@ def load_own_function(name: str, *, folder: str | Path | None = None) -> Callabl
         known = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
         raise ConfigError(f"no function '{function_name}' in {module_name}; {did_you_mean(function_name, known)}")
     return function  # type: ignore[no-any-return]
+
+
+def _not_executed(*_: Any, **__: Any) -> Any:
+    """Stand for a function of the user's that was not loaded."""
+    raise ConfigError("a function of the user's is not executed; --trust does")
 
 
 def _forget_namesake(name: str, folders: list[Path]) -> None:

@@ -180,6 +180,44 @@ def test_check_takes_overrides_and_run_folders(here: Callable[..., tuple[int, st
     assert here("check", "out")[:2] == (0, "out: sound\n")
 
 
+OWN = """
+world: empty
+vehicles: {ego: {model: bolt}}
+control: {ego: {kind: "harmful:Harmful"}}
+systems: {own: {kind: "harmful:Harmful"}, half: {kind: gain, gain: 0.5}}
+connect: [[own.y, half.u]]
+"""
+
+
+@pytest.mark.parametrize("verb", ["check", "draw"])
+def test_a_module_of_the_users_is_executed_with_trust_only(
+    verb: str, here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    if verb == "draw" and shutil.which("dot") is None:
+        pytest.skip("needs Graphviz")
+    (tmp_path / "own.yaml").write_text(OWN, encoding="utf-8")
+    (tmp_path / "harmful.py").write_text("open('executed', 'w').close()\n", encoding="utf-8")
+    code, out, _ = here(verb, "own.yaml")
+    assert (code, (tmp_path / "executed").exists()) == (0, False)
+    word = "checked" if verb == "check" else "drawn"
+    for part in ("systems.own (harmful:Harmful)", "control.ego (harmful:Harmful)", "systems.half (an input is from own)"):
+        assert f"  not {word}: {part}: a module of your own is executed with --trust only" in out
+    assert here(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
+    assert (tmp_path / "executed").exists()
+
+
+def test_a_study_is_checked_without_its_metrics_functions(
+    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    (tmp_path / "harmful.py").write_text("open('executed', 'w').close()\ndef figure(run): ...\n", encoding="utf-8")
+    (tmp_path / "study.yaml").write_text(
+        "mirdrake: study/1\ndiagram: bolt_test_track\nparameters: {control.ego.speed: {grid: [5, 6]}}\nmetrics: ['harmful:figure']\n",
+        encoding="utf-8",
+    )
+    code, out, err = here("check", "study.yaml")
+    assert not (tmp_path / "executed").exists(), (code, out, err)
+
+
 def test_draw_writes_the_blocks(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     assert here("draw", "drive.yaml", "--out", "blocks.dot") == (0, "blocks.dot\n", "")
     assert (tmp_path / "blocks.dot").read_text(encoding="utf-8").startswith("digraph {")

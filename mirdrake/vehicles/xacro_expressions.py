@@ -12,6 +12,7 @@ import math
 import operator
 import re
 import string
+import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -22,6 +23,9 @@ LONGEST = 5_000
 
 STEPS = 50_000
 """Nodes of the syntax tree that an expression evaluates, with repetitions in comprehensions."""
+
+SECONDS = 0.5
+"""Processor time of an expression [s], with the properties that it uses."""
 
 LARGEST = 100_000
 """Characters of a text, and items of a collection with all that is in it."""
@@ -134,7 +138,7 @@ class Evaluator:
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
         self._callable = {id(one) for one in self._functions if callable(one)}
         self._tick = tick
-        self._steps = 0
+        self._steps, self._until = 0, 0.0
         self._symbols: Any = {}
         self._first: Mapping[str, Any] = {}
 
@@ -159,13 +163,14 @@ class Evaluator:
         except ValueError as error:  # a null character, or a number of too many digits
             raise SyntaxError(str(error)) from None
         # A property is evaluated when an expression uses it for the first time, within that expression.
-        outer = self._steps, self._symbols, self._first, self._callable
+        outer = self._steps, self._symbols, self._first, self._callable, self._until
         self._steps, self._symbols, self._first = 0, symbols, names or {}
+        self._until = time.thread_time() + SECONDS
         self._callable = self._callable | {id(one) for one in self._first.values() if callable(one)}
         try:
             return self._value(tree.body, {}, 0)
         finally:
-            self._steps, self._symbols, self._first, self._callable = outer
+            self._steps, self._symbols, self._first, self._callable, self._until = outer
 
     def _value(self, node: ast.AST, local: Mapping[str, Any], depth: int) -> Any:
         """The checked value of a node."""
@@ -174,6 +179,8 @@ class Evaluator:
             raise XacroException(f"the expression takes more than {STEPS} steps")
         if self._steps % 16 == 0:
             self._tick()
+            if time.thread_time() > self._until:
+                raise XacroException(f"the expression takes more than {SECONDS:g} s")
         if depth > _DEPTH:
             raise XacroException("the expression is nested too deeply")
         method = _NODES.get(type(node))

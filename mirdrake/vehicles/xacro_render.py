@@ -13,6 +13,7 @@ from the packages only, environment variables by :data:`VARIABLES` only. ``docs/
 import contextlib
 import os
 import re
+import sys
 import threading
 import time
 import xml.dom.minidom
@@ -43,20 +44,26 @@ VARIABLES = frozenset({"ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "GAZEB
 MORE_VARIABLES = "MIRDRAKE_XACRO_ENV"
 """Environment variable with the names of more of them, separated by commas."""
 
-ELEMENTS = 50_000
+ELEMENTS = 20_000
 """Elements that an expansion evaluates."""
 
 TEXT = 20_000_000
 """Characters that an expansion evaluates."""
 
-MACROS = 100
+MACROS = 300
 """Macros within macros."""
 
-SECONDS = 5.0
+SECONDS = 3.0
 """Processor time of an expansion [s]."""
 
-FILE_SIZE = 20_000_000
-"""Bytes of a file; a tenth of it for a YAML file."""
+FILE_SIZE, YAML_SIZE = 20_000_000, 300_000
+"""Bytes of an XML file, and of a YAML file."""
+
+VALUES, NESTED = 20_000, 50
+"""Values of a YAML file, and how deeply they may be nested."""
+
+LONGEST_MESSAGE = 400
+"""Characters of xacro's part of a message."""
 
 _PACKAGE_FOLDERS = {"urdf", "xacro", "robots", "robot", "description", "models", "model", "launch", "config", "params"}
 
@@ -201,13 +208,20 @@ class _Expansion:
             )
         if not resolved.is_file():
             raise xacro.XacroException(f"load_yaml: {shown(path)}: no such file")
-        if resolved.stat().st_size > FILE_SIZE // 10:
-            raise xacro.XacroException(f"load_yaml: {shown(path)} has more than {FILE_SIZE // 10} bytes")
+        if resolved.stat().st_size > YAML_SIZE:
+            raise xacro.XacroException(f"load_yaml: {shown(path)} has more than {YAML_SIZE} bytes")
         for unit in xacro.ConstructUnits:
             _Yaml.add_constructor(unit.value.tag, unit.constructor)
         xacro.filestack.append(str(path))
         try:
-            node = yaml.compose(resolved.read_text(encoding="utf-8"), Loader=_Yaml)
+            text = resolved.read_text(encoding="utf-8")
+            depth = 0
+            for number, event in enumerate(yaml.parse(text, Loader=_Yaml)):
+                depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+                if number > VALUES or depth > NESTED:
+                    limits = f"{VALUES} values, {NESTED} within one another"
+                    raise xacro.XacroException(f"load_yaml: {shown(path)}: too large; allowed are {limits}")
+            node = yaml.compose(text, Loader=_Yaml)
             if _expanded_size(node, {}) > LARGEST:
                 raise xacro.XacroException(f"load_yaml: {shown(path)}: more than {LARGEST} values, aliases expanded")
             loader = _Yaml("")
@@ -446,6 +460,8 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
     def warning(*texts: Any, **_: Any) -> None:
         note.warnings.append(f"{note.where()}: {' '.join(map(str, texts))}")
 
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(limit, 20 * MACROS))  # a macro within a macro takes some ten calls
     with (
         mock.patch.object(xacro, "parse", parse),
         mock.patch.object(xacro, "check_attrs", noted_check_attrs),
@@ -456,7 +472,10 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         mock.patch.object(xacro, "eval_text", noted_eval_text),
         mock.patch.object(xacro, "safe_eval", evaluate),
     ):
-        yield
+        try:
+            yield
+        finally:
+            sys.setrecursionlimit(limit)
 
 
 def _elements(node: Any) -> Iterator[Any]:
@@ -477,7 +496,8 @@ def _drop_space_and_comments(node: Any) -> None:
 
 def _one_line(error: Exception) -> str:
     parts = " ".join(str(error).split()).split(" when evaluating expression ")
-    return _printable(" in ".join(parts[:2])) or type(error).__name__
+    text = _printable(" in ".join(parts[:2])) or type(error).__name__
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} …"
 
 
 def _printable(text: str) -> str:
