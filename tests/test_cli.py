@@ -200,7 +200,11 @@ def test_a_module_of_the_users_is_executed_with_trust_only(
     code, out, _ = here(verb, "own.yaml")
     assert (code, (tmp_path / "executed").exists()) == (0, False)
     word = "checked" if verb == "check" else "drawn"
-    for part in ("systems.own (harmful:Harmful)", "control.ego (harmful:Harmful)", "systems.half (an input is from own)"):
+    for part in (
+        "systems.own (harmful:Harmful)",
+        "control.ego (harmful:Harmful)",
+        "systems.half (an input is from own)",
+    ):
         assert f"  not {word}: {part}: a module of your own is executed with --trust only" in out
     assert here(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
     assert (tmp_path / "executed").exists()
