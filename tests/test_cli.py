@@ -214,10 +214,8 @@ def test_a_study_is_checked_without_its_metrics_functions(
     here: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     (tmp_path / "harmful.py").write_text("open('executed', 'w').close()\ndef figure(run): ...\n", encoding="utf-8")
-    (tmp_path / "study.yaml").write_text(
-        "mirdrake: study/1\ndiagram: bolt_test_track\nparameters: {control.ego.speed: {grid: [5, 6]}}\nmetrics: ['harmful:figure']\n",
-        encoding="utf-8",
-    )
+    study = "mirdrake: study/1\ndiagram: bolt_test_track\nparameters: {ego.speed.kp: {low: 0.5, high: 5, count: 2}}\n"
+    (tmp_path / "study.yaml").write_text(f"{study}metrics: ['harmful:figure']\n", encoding="utf-8")
     code, out, err = here("check", "study.yaml")
     assert not (tmp_path / "executed").exists(), (code, out, err)
 

@@ -91,7 +91,7 @@ def test_the_page_on_this_machine_gives_each_picture_and_nothing_else(run: Run) 
                 urllib.request.urlopen(served.url + path)
             caught.value.close()
         with pytest.raises(RunError, match=r"cannot listen on port \d+ of localhost: Address already in use; choose"):
-            Replay(run, port=urlsplit(served.url).port)
+            Replay(run, port=int(urlsplit(served.url).port or 0))
     finally:
         served.close()
         thread.join()

@@ -32,7 +32,8 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.logs import write_file
     from mirdrake.own_modules import without_own_code
 
-    spec, skipped = load_diagram(options.diagram, overrides=options.set), []
+    spec = load_diagram(options.diagram, overrides=options.set)
+    skipped: list[str] = []
     if not options.trust:
         spec, skipped = without_own_systems(spec)
     with nullcontext() if options.trust else without_own_code():
