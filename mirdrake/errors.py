@@ -7,7 +7,8 @@
     ├── ModelError           a vehicle folder cannot become a plant (xacro, URDF, meshes, inertia)
     ├── WorldError           a world cannot be laid out (unclosed track, start outside the world)
     ├── DiagramError         ports do not fit: unknown name, size, type or unit, open inputs
-    ├── RunError             a run cannot start or be written (read-only folder, unstable state)
+    ├── RunError             a run cannot start or be written (read-only folder)
+    │   └── DivergedError    the state of a run is not finite any more
     └── MissingDependencyError   an optional package or system library is not installed
 
 Every message is one line: what was given, where, what is allowed, what to do.
@@ -43,6 +44,10 @@ class DiagramError(MirdrakeError):
 
 class RunError(MirdrakeError):
     """A run cannot start, go on or be written."""
+
+
+class DivergedError(RunError):
+    """A block found that the state is not finite: the simulation has become unstable."""
 
 
 class MissingDependencyError(MirdrakeError):

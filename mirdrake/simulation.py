@@ -2,27 +2,32 @@
 
 import math
 import os
+import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat
+from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus, System
 
+from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, assemble
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.errors import ConfigError, DivergedError, RunError
 from mirdrake.logs import Run, RunWriter, read_signals
 from mirdrake.recorder import Blocks, Events, Recorder, vector_sensors
+from mirdrake.requirements.incidents import Incident, Incidents
 from mirdrake.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.telemetry import Array, Columns, Telemetry
 from mirdrake.tyres import RoadFriction
+from mirdrake.worlds import Start
 from mirdrake.yaml_io import shown, where
 
 BLOCK = 1.0
@@ -38,6 +43,13 @@ SLICE = 0.125
 """Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
 
 Progress = Callable[[float, float], None]
+
+Report = Callable[[Incident], None]
+
+_DIVERGENCE = re.compile(
+    r"converge|\bnan\b|not finite|non-?finite|infinit|singular|factori[sz]|unstable", re.IGNORECASE
+)
+"""Words of Drake's when numbers have become too large to go on."""
 
 
 def simulate(
@@ -81,6 +93,7 @@ class Simulation:
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
         self._simulator = Simulator(assembly.diagram)
+        self._volumes = {name: volume_of(part.vehicle) for name, part in assembly.parts.vehicles.items()}
         self._friction = RoadFriction(assembly.parts, assembly.tyres)
 
     def run(
@@ -93,6 +106,7 @@ class Simulation:
         change: Callable[[Context], None] | None = None,
         monitor: Callable[[Context], None] | None = None,
         until: Callable[[Context], bool] | None = None,
+        report: Report | None = None,
     ) -> Run:
         """One run; see :func:`simulate`.
 
@@ -105,6 +119,7 @@ class Simulation:
             monitor: called with the Context after every step; it looks and changes nothing.
             until: asked with the Context after every step, and at the start; the run ends as soon as it says True, with
                 the stop reason "condition".
+            report: called at once with every impossible start, collision, and vehicle that leaves the ground.
         """
         assembly, simulator = self.assembly, self._simulator
         end = assembly.spec.duration if duration is None else duration
@@ -136,19 +151,28 @@ class Simulation:
         telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
         began = time.perf_counter()
         reason, failure = "duration", None
+        incidents = Incidents(assembly.parts.world, assembly.parts.vehicles, self._volumes)
+        logs = _Logs(telemetry, blocks, events, incidents, report)
+        logs.report(incidents.check_starts(self._starts(context)))
         try:
             with _interrupt() as interrupted, recorder or nullcontext():
                 simulator.Initialize()
-                reason = self._advance(context, end, telemetry, blocks, events, progress, interrupted, met)
+                reason = self._advance(context, end, logs, progress, interrupted, met)
         except KeyboardInterrupt:
             reason = "interrupted"
-        except RunError:  # the folder cannot be written any more
-            raise
+        except RunError as error:
+            if not isinstance(error, DivergedError):  # the folder cannot be written any more
+                raise
+            reason = f"diverged: {error}"
         except Exception as error:
-            failure = _failure(error)
-            reason = f"failed: {failure}"
+            if _is_divergence(error):
+                reason = f"diverged: the solver failed: {str(error).strip().split('. ')[0].splitlines()[0]}"
+            else:
+                failure = _failure(error)
+                reason = f"failed: {failure}"
         times, columns = telemetry.read(context)
         blocks.add(times, columns, telemetry.units)
+        logs.report(incidents.look(times, columns))
         wall = time.perf_counter() - began
         simulated = float(context.get_time())
         if failure is None and reason not in {"duration", "laps", "condition"}:
@@ -160,7 +184,9 @@ class Simulation:
             view.draw(context)
             if view.failed:
                 events.add(view.failed_at, "view", "Meshcat has ended; the run went on without its page")
-        figures = partial(make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason)
+        figures = partial(
+            make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason, incidents=incidents.found
+        )
         recorded = recorder.counts() if recorder is not None else {}
         table, summary = None, {}
         if writer is not None:
@@ -174,6 +200,21 @@ class Simulation:
             raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {failure}")
         written = writer.folder if writer else None
         return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
+
+    def _starts(self, context: Context) -> dict[str, Start]:
+        """Where the vehicles start: as asked for, or where `change` put them."""
+        plant = self.assembly.parts.plant
+        plant_context, starts = plant.GetMyContextFromRoot(context), {}
+        for name, part in self.assembly.parts.vehicles.items():
+            asked = self.assembly.starts[name]
+            pose = part.base.EvalPoseInWorld(plant_context)
+            velocity = part.base.EvalSpatialVelocityInWorld(plant_context).translational()
+            x, y, _ = pose.translation().tolist()
+            yaw = float(RollPitchYaw(pose.rotation()).yaw_angle())
+            speed = float(velocity @ pose.rotation().matrix()[:, 0])
+            moved = math.hypot(x - asked.x, y - asked.y) > 1e-6
+            starts[name] = Start(x, y, yaw, speed, None if moved else asked.track, None if moved else asked.s)
+        return starts
 
     def _check_inputs(self, context: Context) -> None:
         """Refuse a diagram with open inputs, as of a vehicle that nobody drives, unless `change` gave them values."""
@@ -191,14 +232,13 @@ class Simulation:
         self,
         context: Context,
         end: float,
-        telemetry: Telemetry,
-        blocks: Blocks,
-        events: Events,
+        logs: "_Logs",
         progress: Progress | None,
         interrupted: threading.Event,
         met: threading.Event,
     ) -> str:
         """Advance block by block until something stops the run; returns the reason."""
+        telemetry, blocks, events = logs.telemetry, logs.blocks, logs.events
         plant = self.assembly.parts.plant
         plant_context = plant.GetMyContextFromRoot(context)
         laps = self.assembly.spec.laps
@@ -219,6 +259,7 @@ class Simulation:
             times, columns = telemetry.read(context)
             blocks.add(times, columns, telemetry.units)
             events.look(times, columns, vehicles)
+            logs.report(logs.incidents.look(times, columns))
             if progress is not None:
                 progress(context.get_time(), end)
             if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
@@ -234,6 +275,32 @@ class Simulation:
             if interrupted.is_set() and context.get_time() < end - 1e-9:
                 return "interrupted"
         return "duration"
+
+
+class _Logs(NamedTuple):
+    """What takes the samples of a run."""
+
+    telemetry: Telemetry
+    blocks: Blocks
+    events: Events
+    incidents: Incidents
+    reporter: Report | None
+
+    def report(self, incidents: Sequence[Incident]) -> None:
+        """Keep incidents as events, and pass them on at once."""
+        for incident in incidents:
+            self.events.add(incident.time, incident.kind, incident.text)
+            if self.reporter is not None:
+                self.reporter(incident)
+
+
+def _is_divergence(error: Exception) -> bool:
+    """Whether Drake itself, not a block written in Python, gave up because of numbers that it cannot go on with."""
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    own = frame is not None and Path(frame.tb_frame.f_code.co_filename) == Path(__file__)
+    return own and _DIVERGENCE.search(str(error)) is not None
 
 
 def _not_finite(times: Array, columns: Columns) -> str | None:

@@ -2,7 +2,7 @@
 
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from mirdrake.controllers.spec import ScheduleSpec
 from mirdrake.diagram import Assembly
 from mirdrake.logs import spec_hash
 from mirdrake.paths import installed_version
+from mirdrake.requirements.incidents import Incident
 from mirdrake.telemetry import Array
 
 STRAIGHT = 1e-4
@@ -62,7 +63,14 @@ def _source_text(system: System) -> str:
 
 
 def make_summary(
-    assembly: Assembly, data: Mapping[str, Any], signals: pd.DataFrame, *, simulated: float, wall: float, reason: str
+    assembly: Assembly,
+    data: Mapping[str, Any],
+    signals: pd.DataFrame,
+    *,
+    simulated: float,
+    wall: float,
+    reason: str,
+    incidents: Sequence[Incident] = (),
 ) -> dict[str, Any]:
     """The figures of a run, as in summary.json."""
     summary: dict[str, Any] = {
@@ -79,6 +87,11 @@ def make_summary(
     }
     for name, part in assembly.parts.vehicles.items():
         summary["vehicles"][name] = {"model": part.vehicle.name} | _vehicle_figures(signals, name)
+        summary["vehicles"][name]["collisions"] = [
+            {"time": round(one.time, 6), "with": one.other, "speed_mps": round(one.speed, 3)}
+            for one in incidents
+            if one.kind == "collision" and one.vehicle == name
+        ]
     return summary
 
 

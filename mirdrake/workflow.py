@@ -11,7 +11,7 @@ from mirdrake.drawing import draw_svg, write_dot
 from mirdrake.errors import MissingDependencyError
 from mirdrake.logs import Run, write_file
 from mirdrake.scene import Scene
-from mirdrake.simulation import Progress, Simulation, default_folder
+from mirdrake.simulation import Progress, Report, Simulation, default_folder
 from mirdrake.viewer import FollowCamera, write_recording
 
 
@@ -25,6 +25,7 @@ def run_diagram(
     realtime_rate: float = 0.0,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
+    report: Report | None = None,
 ) -> Run:
     """Run a diagram into a run folder with all its files.
 
@@ -37,6 +38,7 @@ def run_diagram(
         realtime_rate: 1 for real time, 0 for as fast as it goes.
         progress: see :func:`mirdrake.simulation.simulate`.
         say: told what is being done.
+        report: see :meth:`mirdrake.simulation.Simulation.run`.
 
     Raises:
         MirdrakeError: what is wrong, on one line.
@@ -46,7 +48,12 @@ def run_diagram(
     folder = folder or default_folder(assembly.spec.name)
     monitor = FollowCamera(meshcat, assembly) if meshcat is not None else None
     run = Simulation(assembly).run(
-        duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress, monitor=monitor
+        duration=duration,
+        folder=folder,
+        realtime_rate=realtime_rate,
+        progress=progress,
+        monitor=monitor,
+        report=report,
     )
     record = assembly.spec.record
     svg = None

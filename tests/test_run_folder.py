@@ -17,9 +17,10 @@ import pytest
 import yaml
 
 import mirdrake as mir
+from mirdrake.diagram import assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import RunWriter, load_run
-from mirdrake.simulation import default_folder, simulate
+from mirdrake.simulation import Simulation, default_folder, simulate
 from mirdrake.workflow import run_diagram
 
 FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "spec_sha256", "seed", "vehicles"}
@@ -312,6 +313,19 @@ def test_a_nan_in_the_steering_ends_the_run_with_a_reason(faulty_drive: Path, tm
     run = load_run(tmp_path / "out")
     assert run.summary["stop_reason"] == "diverged: faulty.y is nan at t = 0.8 s"
     assert run["ego.vx"].notna().all()  # the dead-man does not take it for a command
+
+
+def test_a_solver_that_fails_is_a_divergence_and_the_folder_is_finished(tmp_path: Path) -> None:
+    simulation = Simulation(assemble(drive(duration=1.0)))
+    plant = simulation.assembly.parts.plant
+
+    def too_fast(context: Any) -> None:
+        mine = plant.GetMyMutableContextFromRoot(context)
+        plant.SetVelocities(mine, np.full(plant.num_velocities(), 1e160))
+
+    run = simulation.run(folder=tmp_path / "out", change=too_fast)
+    assert run.summary["stop_reason"].startswith("diverged: the solver failed: ")
+    assert load_run(tmp_path / "out").summary["stop_reason"] == run.summary["stop_reason"]
 
 
 def test_a_failed_run_raises_in_python_too(faulty_drive: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Several vehicles in one diagram: each with its own name, start and controllers, all in one contact problem."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,11 @@ import pytest
 
 from mirdrake.diagram import assemble, load_diagram
 from mirdrake.errors import ConfigError, WorldError
+from mirdrake.requirements import observe
+from mirdrake.requirements.incidents import Incident
 from mirdrake.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import load_world
 
 TWO: dict[str, Any] = {
     "world": "empty",
@@ -67,3 +72,81 @@ def test_the_bundled_two_cars_keep_to_their_circles():
     for name, turn in (("left", 1.0), ("right", -1.0)):
         assert run[f"{name}.lateral_error"].abs().max() < 0.1
         assert run[f"{name}.wz"].iloc[-100:].mean() == pytest.approx(turn * 5.0 / 9.125, rel=0.02)
+
+
+# --- what vehicles see of one another, and what is reported at once -------------------------------------------------
+
+
+def parked_ahead(behaviour: dict[str, Any], *, y: float = 0.3, yaw: float = 0.4, model: str = "mkz") -> dict[str, Any]:
+    return {
+        "world": "empty",
+        "vehicles": {
+            "ego": {"model": "bolt", "start": {"x": 0, "y": 0}, "speed": 8},
+            "other": {"model": model, "start": {"x": 25, "y": y, "yaw": yaw}, "parked": True},
+        },
+        "control": {"ego": behaviour, "other": {"kind": "constant", "speed": 0}},
+        "plant": {"contact": "point"},
+    }
+
+
+@pytest.mark.parametrize("kind", ["straight_and_avoid", "obstacle_stopper", "drive_to_nearest_and_stop"])
+def test_a_behaviour_sees_a_parked_car(kind: str):
+    run = Simulation(assemble(parked_ahead({"kind": kind, "speed": 8}))).run(duration=4.0)
+    assert run["other_contacts"].max() == 0
+    assert run.summary["vehicles"]["ego"]["collisions"] == []
+    assert np.hypot(run["ego.x"].iloc[-1], run["ego.y"].iloc[-1]) > 10.0
+
+
+def test_a_collision_is_reported_at_once_with_its_time_and_speed():
+    reported: list[Incident] = []
+    spec = parked_ahead({"kind": "blind", "speed": 8}, y=0.0, yaw=0.0, model="bolt")
+    run = Simulation(assemble(spec)).run(duration=4.0, report=reported.append)
+    (hit,) = run.summary["vehicles"]["ego"]["collisions"]
+    assert hit["with"] == "other"
+    assert hit["time"] == pytest.approx((25.0 - 4.166) / 8.0, abs=0.15)
+    assert hit["speed_mps"] == pytest.approx(8.0, abs=0.5)
+    assert [one.text for one in reported if one.vehicle == "ego"] == [
+        entry["text"] for entry in run.events if entry["kind"] == "collision" and entry["text"].startswith("ego")
+    ]
+    others = {name: load_vehicle("bolt") for name in ("ego", "other")}
+    seen = observe(run, load_world("empty"), "ego", others["ego"], others=others)
+    assert seen.events["collision"].truth.any()
+    assert seen.signals["clearance"][0] == pytest.approx(25.0 - 4.166, abs=0.01)
+
+
+WALLS = """
+mirdrake: world/1
+name: walls
+ground: {surface: asphalt, size: [60, 40]}
+props: [{box: [1, 4, 2], name: wall, at: [10, 0]}]
+start: {a: {at: [0, 0]}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "kind", "text"),
+    [
+        ({"start": {"x": 9, "y": 0}}, "start", "ego: starts in 'wall', "),
+        ({"start": {"x": 29, "y": 0}}, "start", "ego: stands beyond the ground at its start"),
+        ({"start": {"x": 0, "y": 9}, "speed": 90}, "start", "ego: starts at 90 m/s; its top speed is 42.0 m/s"),
+        ({"start": {"x": 0, "y": 9}, "speed": -90}, "start", "ego: starts at -90 m/s; its top speed backwards"),
+        ({"start": {"x": 0, "y": 9}, "speed": 3, "parked": True}, "start", "although it is parked"),
+        ({"start": {"x": 20, "y": 9}, "speed": 8}, "ground", "ego: left the world's ground at (30"),
+        ({"start": {"x": 0, "y": 0}, "speed": 8}, "collision", "ego: collision with 'wall' at 8."),
+    ],
+)
+def test_what_a_user_should_know_is_in_the_events(vehicle: dict[str, Any], kind: str, text: str, tmp_path: Path):
+    (tmp_path / "walls.yaml").write_text(WALLS)
+    spec = {
+        "world": str(tmp_path / "walls.yaml"),
+        "vehicles": {"ego": {"model": "bolt", **vehicle}},
+        "control": {"ego": {"kind": "constant", "speed": 8}},
+        "plant": {"contact": "point"},
+    }
+    run = Simulation(assemble(spec)).run(duration=1.5)
+    assert [entry for entry in run.events if entry["kind"] == kind and text in entry["text"]]
+
+
+def test_a_sound_start_has_no_incident():
+    run = Simulation(assemble(TWO)).run(duration=0.2)
+    assert not [entry for entry in run.events if entry["kind"] in {"start", "collision", "ground"}]

@@ -16,6 +16,7 @@ from mirdrake.yaml_io import shown
 if TYPE_CHECKING:
     from mirdrake.diagram_spec import DiagramSpec
     from mirdrake.logs import Run
+    from mirdrake.requirements.incidents import Incident
 
 HELP = "simulate a diagram and write a run folder"
 MORE = """\
@@ -104,6 +105,7 @@ def run(options: argparse.Namespace) -> int:
             realtime_rate=1.0 if options.realtime else 0.0,
             progress=progress,
             say=lambda text: bar.set_postfix_str(text) if not bar.disable else None,
+            report=None if options.quiet else lambda incident: bar.write(_incident_text(incident), file=sys.stderr),
         )
     if not options.quiet:
         _print_summary(done)
@@ -111,7 +113,8 @@ def run(options: argparse.Namespace) -> int:
     if reason.startswith("diverged"):
         place = f"{shown(done.folder)}: " if done.folder else ""
         print(
-            f"error: {place}the run {reason}; mend what computes it, or try a smaller plant.time_step", file=sys.stderr
+            f"error: {place}the run {reason}; correct what computes it, or try a smaller plant.time_step",
+            file=sys.stderr,
         )
         return 1
     return 0
@@ -141,6 +144,10 @@ def _drive_from(spec: "DiagramSpec", texts: Sequence[str]) -> float:
     return lasts
 
 
+def _incident_text(incident: "Incident") -> str:
+    return f"warning: t = {incident.time:.2f} s: {incident.text}"
+
+
 def _print_summary(run: "Run") -> None:
     summary = run.summary
     factor = summary["real_time_factor"] or 0.0
@@ -157,6 +164,8 @@ def _print_summary(run: "Run") -> None:
     print(f"  {texts.get(reason, reason)}")
     for name, figures in summary["vehicles"].items():
         print(f"  {name}: {figures['model']}, {figures['distance_m'] or 0.0:.1f} m driven")
+        for hit in figures.get("collisions", ()):
+            print(f"    collision with '{hit['with']}' at t = {hit['time']:.2f} s, {hit['speed_mps']:.1f} m/s")
         for key, text in (
             ("laps", "laps {:.3f}"),
             ("max_abs_lateral_error_m", "largest lateral error {:.3f} m"),

@@ -34,7 +34,7 @@ from mirdrake.controllers.drivable_line import (
     make_drivable_line,
 )
 from mirdrake.controllers.vectors import COMMAND, PATH_ERROR, STATE, Command
-from mirdrake.errors import RunError
+from mirdrake.errors import DivergedError
 from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input
 
@@ -301,7 +301,7 @@ class PathTracker(LeafSystem):
 
     Raises:
         ConfigError: the period is not positive, or the track turns tighter than the vehicle can.
-        RunError: (while running) the vehicle state is not finite.
+        DivergedError: (while running) the vehicle state is not finite.
     """
 
     def __init__(
@@ -348,7 +348,7 @@ class PathTracker(LeafSystem):
     def _find(self, x: float, y: float, state: PathState) -> Place:
         """The place of a point: near the last one, else anywhere on the track."""
         if not math.isfinite(x + y):
-            raise RunError(f"path tracking: the vehicle is at ({x}, {y}); the simulation has become unstable")
+            raise DivergedError(f"path tracking: the vehicle is at ({x}, {y}); the simulation has become unstable")
         place = self.path.project(x, y, near=state.progress) if state.started else None
         if place is None:
             s, lateral = (float(value) for value in self.track.project(x, y))

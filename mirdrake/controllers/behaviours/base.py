@@ -12,7 +12,7 @@ from mirdrake.controllers.behaviours.fan import BEAMS, Array, Fan, range_signals
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.vectors import COMMAND, STATE, Command
-from mirdrake.errors import RunError
+from mirdrake.errors import DivergedError
 from mirdrake.leaf_system import LeafSystem
 from mirdrake.signals import declare_state_output, declare_vector_input
 
@@ -76,7 +76,7 @@ class Behaviour(LeafSystem):
 
     Raises:
         ConfigError: the period is not positive, or the vehicle's lengths are wrong.
-        RunError: (while running) the vehicle state is not finite.
+        DivergedError: (while running) the vehicle state is not finite.
     """
 
     def __init__(self, vehicle: ShapedVehicle, *, period: float, memory: int = 0):
@@ -106,7 +106,9 @@ class Behaviour(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         x, y, _, _, _, yaw, vx, *_ = self.state.Eval(context).tolist()
         if not math.isfinite(x + y + yaw + vx):
-            raise RunError(f"{type(self).__name__}: the vehicle is at ({x}, {y}); the simulation has become unstable")
+            raise DivergedError(
+                f"{type(self).__name__}: the vehicle is at ({x}, {y}); the simulation has become unstable"
+            )
         ranges = self.ranges.Eval(context)
         memory = context.get_discrete_state(self._memory).value().copy()
         speed, steering = self.decide(View(x, y, yaw, vx, ranges, self.fan.points(ranges)), memory)
