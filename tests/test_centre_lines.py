@@ -464,3 +464,24 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory: pytest.TempPa
         lines = [f"{len(table.points)} points"]
         assert len(table.points) >= 4
     assert len(lines) == 1
+
+
+# --- points that are spaced unevenly, and roads that are too wide for their bends ----------------------------------
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_curve_through_unevenly_spaced_points_does_not_swing_out(seed: int):
+    """Distances of 1 to 40 m and bends of up to 60 degrees in any order: the curve stays by the line between points."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 14))
+    lengths = np.exp(rng.uniform(0.0, math.log(40.0), count - 1))
+    headings = np.cumsum(rng.uniform(-1.05, 1.05, count - 1))
+    steps = np.column_stack((lengths * np.cos(headings), lengths * np.sin(headings)))
+    points = np.vstack(([0.0, 0.0], np.cumsum(steps, axis=0)))
+    pieces, start = pieces_through(points, closed=False)
+    track = Track(pieces, start=start)
+    curve = shapely.points(*track.point(np.linspace(0.0, track.length, 4000)))
+    chords = [shapely.LineString(pair) for pair in itertools.pairwise(points)]
+    allowed = [shapely.buffer(chord, 0.16 * chord.length) for chord in chords]
+    assert shapely.covers(shapely.buffer(shapely.union_all(allowed), 1e-6), curve).all()
+    assert shapely.distance(shapely.points(points), shapely.LineString(shapely.get_coordinates(curve))).max() < 0.02

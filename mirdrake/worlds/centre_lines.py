@@ -4,16 +4,20 @@ A chain of clothoids through points, with heading and curvature continuous at th
 cubic spline is to a function: between joints the curvature is linear along the arc (do Carmo, "Differential Geometry of
 Curves and Surfaces", section 1-5). Here joints are chosen among the points; clothoids.py finds the chain through them.
 
+Where points are spaced unevenly such a chain may swing far out beside the line from point to point. There points of a
+centripetal Catmull-Rom curve (P. J. Schneider and others; C. Yuksel, S. Schaefer and J. Keyser, "Parameterization and
+Applications of Catmull-Rom Curves", Computer-Aided Design 43, 2011), which stays near that line, are put between them.
+
 Noisy points are smoothed first by a cubic smoothing spline (C. H. Reinsch, "Smoothing by spline functions", Numerische
 Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression and Generalized Linear Models", section
 2.3), with the bending energy as small as the allowed deviation permits.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import scipy  # which imports its parts when they are first named
+import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mirdrake.errors import WorldError
@@ -23,6 +27,9 @@ from mirdrake.worlds.tracks import Track
 
 _TURN = 0.35  # [rad] by which the first choice of joints may turn from one to the next
 _FAR = 40.0  # [m] between joints of the first choice
+_BULGE = 0.05  # distance of the curve from the line from point to point, over the distance of the points, that is small
+_WIDER = 2.0  # times the distance of the Catmull-Rom curve that it may have
+_SPLITS = 4  # times that points between points are doubled where the curve swings out farther
 _GAP = (1e-6, 1e-8)  # [m], [rad] by which a closed curve may miss its start
 
 
@@ -54,13 +61,7 @@ def pieces_through(
     if smooth:
         places = _smooth(places, closed, smooth)
 
-    for finer in (1, 2, 4, 8, 16):
-        ring = _refine(places, closed, finer)
-        found = _fit(ring, closed, tolerance)
-        if found is not None:
-            break
-    else:
-        raise WorldError("no smooth curve through the points was found; are they in driving order? add more of them")
+    ring, found = _curve(places, closed, tolerance)
     yaw, k, length = found
     following = np.append(k[1:], k[0]) if closed else k[1:]
     pieces = [Piece(*row) for row in np.column_stack((length, k[: len(length)], following)).tolist()]
@@ -154,21 +155,80 @@ def _chords(places: Array, closed: bool) -> Array:
     return np.asarray(np.hypot(*(ahead - places[: len(ahead)]).T))
 
 
-def _spline(places: Array, closed: bool) -> tuple[Any, Array]:
-    """A cubic spline through the points, and its parameter at each: the length of the chords up to there [m]."""
-    t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
-    if closed:
-        places = np.vstack((places, places[:1]))
-    return scipy.interpolate.CubicSpline(t, places, bc_type="periodic" if closed else "not-a-knot"), t
+def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[Array, Array, Array]]:
+    """The points that clothoids go through, and their headings, curvatures and lengths, with small bulges.
+
+    Raises:
+        WorldError: none are found.
+    """
+    best: tuple[float, Array, tuple[Array, Array, Array]] | None = None
+    chords = _chords(places, closed)
+    parts = np.ones(len(chords), dtype=int)
+    for _ in range(_SPLITS + 1):
+        ring = _between(places, closed, parts)
+        found = _fit(ring, closed, tolerance)
+        if found is None:
+            parts = 2 * parts
+            continue
+        bulge = _bulges(places, closed, ring, found)
+        if best is None or bulge.max() < best[0]:
+            best = float(bulge.max()), ring, found
+        wide = bulge > _BULGE
+        if wide.any():
+            wide &= bulge > _WIDER * _usual_bulges(places, closed)
+        if not wide.any():
+            return ring, found
+        around = wide | (np.roll(wide, 1) if closed else np.append(False, wide[:-1]))
+        around |= np.roll(wide, -1) if closed else np.append(wide[1:], False)
+        parts = np.where(around, 2 * parts, parts)
+    if best is None:
+        raise WorldError("no smooth curve through the points was found; are they in driving order? add more of them")
+    return best[1], best[2]
 
 
-def _refine(places: Array, closed: bool, parts: int) -> Array:
-    """The points, and between neighbours as many of a cubic spline through them as it takes to have `parts` parts."""
-    if parts == 1:
+def _between(places: Array, closed: bool, parts: NDArray[np.int_]) -> Array:
+    """The points, and between each and the next so many parts of a centripetal Catmull-Rom curve."""
+    if (parts == 1).all():
         return places
-    spline, t = _spline(places, closed)
-    fine = np.interp(np.arange((len(t) - 1) * parts + (not closed)) / parts, np.arange(len(t)), t)
-    return np.asarray(spline(fine))
+    if closed:
+        padded = np.vstack((places[-1:], places, places[:2]))
+    else:  # the ends go on as they begin
+        padded = np.vstack((2.0 * places[0] - places[1], places, 2.0 * places[-1] - places[-2]))
+    rows = []
+    for index, count in enumerate(parts.tolist()):
+        p0, p1, p2, p3 = padded[index : index + 4]
+        a, b, c = (math.sqrt(math.dist(*pair)) for pair in ((p0, p1), (p1, p2), (p2, p3)))  # the knots' distances
+        start = (p1 - p0) / a - (p2 - p0) / (a + b) + (p2 - p1) / b
+        end = (p2 - p1) / b - (p3 - p1) / (b + c) + (p3 - p2) / c
+        u = (np.arange(count) / count)[:, None]
+        h1, h2 = u * u * (3.0 - 2.0 * u), u * (1.0 - u)
+        rows.append(p1 + h1 * (p2 - p1) + b * (h2 * (1.0 - u) * start - h2 * u * end))
+    return np.vstack(rows if closed else [*rows, places[-1:]])
+
+
+def _usual_bulges(places: Array, closed: bool) -> Array:
+    """The same of a centripetal Catmull-Rom curve."""
+    chords = _chords(places, closed)
+    curve = _between(places, closed, np.full(len(chords), 8))[: 8 * len(chords)].reshape(-1, 8, 2)
+    ahead = (np.roll(places, -1, axis=0)[: len(chords)] - places[: len(chords)]) / chords[:, None]
+    rest = curve - curve[:, :1]
+    across = rest[..., 0] * ahead[:, None, 1] - rest[..., 1] * ahead[:, None, 0]
+    return np.asarray(np.abs(across).max(axis=1) / chords)
+
+
+def _bulges(places: Array, closed: bool, ring: Array, found: tuple[Array, Array, Array]) -> Array:
+    """Largest distance of the curve from each chord of the points that is nearest to it, over the chord's length."""
+    yaw, k, length = found
+    following = np.append(k[1:], k[0]) if closed else k[1:]
+    pieces = [Piece(*row) for row in np.column_stack((length, k[: len(length)], following)).tolist()]
+    track = Track(pieces, start=(float(ring[0, 0]), float(ring[0, 1]), float(yaw[0])))
+    ends = np.vstack((places, places[:1])) if closed else places
+    chords = np.asarray(shapely.linestrings(np.stack((ends[:-1], ends[1:]), axis=1)))
+    curve = shapely.points(*track.point(np.linspace(0.0, track.length, 4 * len(ring) + 1)))
+    (_, chord), distance = shapely.STRtree(chords).query_nearest(curve, return_distance=True)
+    worst = np.zeros(len(chords))
+    np.maximum.at(worst, chord, distance)
+    return worst / _chords(places, closed)
 
 
 def _smooth(places: Array, closed: bool, rms: float) -> Array:
