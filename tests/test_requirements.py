@@ -400,3 +400,18 @@ def test_motion_signals_follow_from_the_velocity() -> None:
 def _with(world, **attributes) -> Any:
     """A world with other props or goals."""
     return SimpleNamespace(**({"tracks": world.tracks, "roads": world.roads, "props": (), "goals": {}} | attributes))
+
+
+@pytest.mark.parametrize(
+    ("text", "scale"),
+    [
+        ("always speed < 12 m/s", 12.0),
+        ("always clearance > 0.5 m", 0.5),
+        ("never collision", 1.0),
+        ("always abs heading_error < 0.2", 0.2),
+        ("always heading_error > 0", 0.1),
+    ],
+)
+def test_a_finding_has_a_size_by_which_units_compare(text: str, scale: float) -> None:
+    seen = _seen(speed=[0.0, 5.0], clearance=[1.0, 0.8], heading_error=[0.1, 0.05])
+    assert parse_requirement(text).judge(seen).scale == pytest.approx(scale)

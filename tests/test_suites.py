@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import pytest
 
@@ -215,3 +216,18 @@ def test_a_script_needs_no_guard_and_its_workers_end_with_it(tmp_path: Path) -> 
     else:
         os.kill(int(lines[2]), signal.SIGKILL)
         pytest.fail("the worker outlived its parent")
+
+
+def test_margins_of_different_units_are_compared_by_their_shares() -> None:
+    """A car that has stopped has at most 0.05 m/s of margin; that is not worse than 0.2 m of the 0.5 m asked for."""
+
+    def finding(text: str, margin: float, unit: str, scale: float) -> dict[str, Any]:
+        return {"text": text, "passed": True, "margin": margin, "unit": unit, "share": margin / scale}
+
+    stopped, near = finding("at end stopped", 0.05, "m/s", 0.05), finding("always clearance > 0.5 m", 0.2, "m", 0.5)
+    slow, far = finding("eventually stopped", 0.04, "m/s", 0.05), finding("always clearance > 0.5 m", 3.0, "m", 0.5)
+    tight, wide = Result("tight", "pass", findings=[stopped, near]), Result("wide", "pass", findings=[slow, far])
+    assert tight.worst == near
+    assert wide.worst == slow
+    assert sorted((wide, tight), key=lambda result: result.place) == [tight, wide]
+    assert (tight.margin, tight.share) == (0.2, pytest.approx(0.4))

@@ -123,7 +123,7 @@ class Incidents:
             limit = math.sqrt(mu * float(-self.world.ground.gravity[2]) / curvature) if curvature > 0.0 else math.inf
             if abs(speed) > limit:
                 yield (
-                    f"starts at {speed:.4g} m/s in a bend of {1.0 / curvature:.0f} m radius, where a friction of {mu:g} "
+                    f"starts at {speed:.4g} m/s in a bend of {1.0 / curvature:.0f} m radius, where friction {mu:g} "
                     f"allows {limit:.1f} m/s"
                 )
 

@@ -32,6 +32,8 @@ class Finding(NamedTuple):
     """of what is asked for, sample by sample (n); of ``A until B`` that of the one that decides"""
     decided_by: str = ""
     """the comparison or event that decided"""
+    scale: float = 1.0
+    """size that is usual for the margin, in `unit`: margins of different units compare by their ratio to it"""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ class Requirement:
             times=times,
             margins=margin,
             decided_by=decided.text,
+            scale=decided.scale_in(seen),
         )
 
     def __str__(self) -> str:

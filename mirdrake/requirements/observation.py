@@ -87,6 +87,8 @@ class Event(NamedTuple):
     margin: Array
     """how far from changing: positive where it is so"""
     unit: str
+    scale: float = 1.0
+    """size that is usual for the margin, in its unit"""
 
 
 @dataclass(frozen=True)
@@ -159,9 +161,9 @@ def observe(
     units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
     events = {
         "collision": _collision(signals),
-        "stopped": _event(STANDING - signals["speed"], "m/s"),
+        "stopped": _event(STANDING - signals["speed"], "m/s")._replace(scale=STANDING),
         "on road": _on_road(world, signals, vehicle.geometry),
-        "rollover": _event(_tilt(signals) - TIPPED, "rad"),
+        "rollover": _event(_tilt(signals) - TIPPED, "rad")._replace(scale=TIPPED),
     }
     for name, aim in world.goals.items():
         found = _at_goal(world, aim, signals, run.spec, vehicle_name)

@@ -14,6 +14,10 @@ COUNTS = ("wheels_on_road", "other_contacts")
 """Signals that are whole numbers; only these are compared with == and !=."""
 
 
+USUAL = {"rad": 0.1, "rad/s": 0.1}
+"""Margins by unit that count as much as 1 m, 1 m/s or 1 s."""
+
+
 class Verdict(NamedTuple):
     """Truth, margin and deciding atom of an expression, sample by sample."""
 
@@ -55,6 +59,11 @@ class Comparison:
         """Unit of the margin."""
         return seen.units.get(self.signal, "")
 
+    def scale_in(self, seen: Observation) -> float:
+        """Size that is usual for the margin: the value compared with, or what counts as much in its unit."""
+        usual = USUAL.get(seen.units.get(self.signal, ""), 1.0)
+        return abs(self.value) if self.value and self.signal not in COUNTS else usual
+
     def check(self, seen: Observation, place: str) -> None:
         """Refuse what this run does not have.
 
@@ -93,6 +102,10 @@ class Happening:
     def unit_in(self, seen: Observation) -> str:
         """Unit of the margin."""
         return seen.events[self._name(seen)].unit
+
+    def scale_in(self, seen: Observation) -> float:
+        """Size that is usual for the margin."""
+        return seen.events[self._name(seen)].scale
 
     def check(self, seen: Observation, place: str) -> None:
         """Refuse a goal that is not there, and margins that are no numbers."""

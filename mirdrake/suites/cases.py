@@ -91,7 +91,8 @@ class Result:
         name: of the case.
         verdict: pass, fail, error or invalid.
         reason: one line; empty for a pass.
-        findings: per requirement: text, passed, margin, unit, worst_time, decided_by. A margin of None is infinite.
+        findings: per requirement: text, passed, margin, unit, share, worst_time, decided_by. A margin of None is
+            infinite; share is the margin over a size that is usual for it, by which margins of all units compare.
         simulated: simulated time [s].
         wall: computing time [s].
         folder: run folder of a failure, below that of the suite.
@@ -109,19 +110,25 @@ class Result:
 
     @property
     def worst(self) -> dict[str, Any] | None:
-        """The finding with the smallest margin; one that failed comes before one that holds."""
+        """The finding with the smallest share; one that failed comes before one that holds."""
         return min(self.findings, key=_rank, default=None)
 
     @property
     def margin(self) -> float:
-        """The smallest margin; infinite if there is none."""
+        """The margin of the worst finding, in its unit; infinite if there is none."""
         worst = self.worst
         return math.inf if worst is None or worst["margin"] is None else float(worst["margin"])
 
     @property
+    def share(self) -> float:
+        """The share of the worst finding [-]; infinite if there is none."""
+        worst = self.worst
+        return math.inf if worst is None else _share(worst)
+
+    @property
     def place(self) -> tuple[float, ...]:
-        """Sorts the worst case first: errors, invalid worlds, failures and passes, each by their smallest margin."""
-        return ({"error": 0, "invalid": 1, "fail": 2, "pass": 3}[self.verdict], self.margin)
+        """Sorts the worst case first: errors, invalid worlds, failures and passes, each by their smallest share."""
+        return ({"error": 0, "invalid": 1, "fail": 2, "pass": 3}[self.verdict], self.share)
 
     def data(self) -> dict[str, Any]:
         """As JSON knows it."""
@@ -129,7 +136,12 @@ class Result:
 
 
 def _rank(finding: Mapping[str, Any]) -> tuple[bool, float]:
-    return bool(finding["passed"]), math.inf if finding["margin"] is None else float(finding["margin"])
+    return bool(finding["passed"]), _share(finding)
+
+
+def _share(finding: Mapping[str, Any]) -> float:
+    """A margin over a size that is usual for it [-]; suites of before have margins alone."""
+    return math.inf if finding["margin"] is None else float(finding.get("share", finding["margin"]))
 
 
 def collect_cases(

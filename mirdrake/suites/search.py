@@ -2,8 +2,8 @@
 
 Half of the budget goes to a Halton sequence (J. H. Halton 1960) over the ranges, shifted by a random vector; the other
 half to the simplex search of J. A. Nelder and R. Mead (1965) from the worst point found, and when that gets no further,
-from the next one. What is minimised is the smallest margin of the requirements, whatever its unit. The same seed tries
-the same points, on any number of workers.
+from the next one. What is minimised is the smallest margin of the requirements, each over a size that is usual for it,
+so that metres and seconds compare. The same seed tries the same points, on any number of workers.
 """
 
 import math
@@ -39,8 +39,13 @@ class Trial:
 
     @property
     def margin(self) -> float:
-        """Smallest margin of its requirements; infinite where there is none, or it could not be judged."""
+        """Margin of its worst requirement, in its unit; infinite where there is none, or it could not be judged."""
         return self.result.margin
+
+    @property
+    def share(self) -> float:
+        """That margin over a size that is usual for it [-]."""
+        return self.result.share
 
 
 @dataclass(frozen=True)
@@ -59,9 +64,9 @@ class SearchResult:
 
     @property
     def worst(self) -> Trial | None:
-        """The judged trial with the smallest margin."""
+        """The judged trial with the smallest share."""
         judged = [trial for trial in self.tried if trial.result.findings]
-        return min(judged, key=lambda trial: trial.margin, default=None)
+        return min(judged, key=lambda trial: trial.share, default=None)
 
     @property
     def failures(self) -> list[Trial]:
@@ -69,9 +74,9 @@ class SearchResult:
         return [trial for trial in self.tried if trial.result.verdict == "fail"]
 
     def ranked(self) -> list[Trial]:
-        """The worst first: failures, what could not be judged, passes, invalid worlds; each by the smallest margin."""
+        """The worst first: failures, what could not be judged, passes, invalid worlds; each by the smallest share."""
         order = ("fail", "error", "pass", "invalid")
-        return sorted(self.tried, key=lambda trial: (order.index(trial.result.verdict), trial.margin))
+        return sorted(self.tried, key=lambda trial: (order.index(trial.result.verdict), trial.share))
 
     def replay(self, trial: Trial) -> Case:
         """The case that a trial was."""
@@ -164,9 +169,9 @@ class _Seeker:
         return found
 
     def objective(self, point: Array) -> float:
-        """The smallest margin at a point that was run; a large number where there is none."""
-        margin = self.tried[tuple(self.values(point).values())].margin
-        return margin if math.isfinite(margin) else 1e9
+        """The smallest share at a point that was run; a large number where there is none."""
+        share = self.tried[tuple(self.values(point).values())].share
+        return share if math.isfinite(share) else 1e9
 
     def evaluate(self, pool: Pool, points: Array) -> None:
         """Run the points that were not run yet.

@@ -162,6 +162,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "passed": finding.passed,
         "margin": finding.margin if math.isfinite(finding.margin) else None,
         "unit": finding.unit,
+        "share": finding.margin / finding.scale if math.isfinite(finding.margin) else None,
         "worst_time": round(finding.worst_time, 6),
         "decided_by": finding.decided_by,
     }
