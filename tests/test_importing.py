@@ -796,6 +796,8 @@ def test_figures_of_a_drive_plugin_replace_estimates_and_beat_wider_limits_of_jo
         ({"max_steer": "0.9"}, "steering_limit", 0.6),  # wider than the joints
         ({"wheelTorque": "350"}, "max_torque", 700.0),  # of diff_drive, of one wheel
         ({"max_steering_rate": "0.4"}, "steering_rate", 0.4),
+        ({"front_brake_torque": "900", "back_brake_torque": "0"}, "brake_front_share", 1.0),
+        ({"front_brake_torque": "1e300", "back_brake_torque": "1"}, "brake_torque", 1.5 * 1500 * 9.80665 * RADIUS),
         ({"max_brake_torque": "900"}, "brake_torque", 3600.0),  # of one wheel
         ({"max_brake_torque": "5000"}, "brake_torque", 5000.0),  # of all wheels
     ],

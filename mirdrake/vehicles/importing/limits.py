@@ -220,23 +220,27 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
 
 def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> tuple[Number, Number]:
     """Brake torque of all wheels together [N m], and the part of it in front [-]."""
-    found = [item for item in stated if item.figure == "brake_torque" and item.value > 0.0]
-    by_end = {item.end: item for item in found}
-    front, rear = by_end.get("front"), by_end.get("rear")
-    estimate = _estimate(estimates, "brake_torque")
-    share = _estimate(estimates, "brake_front_share")
-    if not found:
+    found = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
+    estimate, share = _estimate(estimates, "brake_torque"), _estimate(estimates, "brake_front_share")
+    if not any(item.value > 0.0 for item in found):
         return estimate, share
+    by_end = {item.end: item.value for item in found}
     where = found[0].where
-    if front is not None and rear is not None:
-        total = 2.0 * (front.value + rear.value)
-        share = Number(front.value / (front.value + rear.value), f"imported: plugin, {where}")
-    else:  # of one wheel, or of all together: whichever is nearer to the estimate
-        total = found[0].value if found[0].value >= 0.5 * estimate.value else 4.0 * found[0].value
+    # Figures are of one wheel; without an axle also of all together: whichever is nearer to the estimate.
+    if "front" in by_end and "rear" in by_end:
+        total = 2.0 * (by_end["front"] + by_end["rear"])
+    elif "front" in by_end:
+        total = 2.0 * by_end["front"] / share.value
+    elif "rear" in by_end:
+        total = 2.0 * by_end["rear"] / (1.0 - share.value)
+    else:
+        total = by_end[""] if by_end[""] >= 0.5 * estimate.value else 4.0 * by_end[""]
     allowed = (BRAKE[0] * estimate.value, BRAKE[1] * estimate.value)
     total_number = _believe(
         "brake torque", "N m", [(total, f"plugin, {where}")], allowed, MOST_TORQUE * estimate.value, estimate, changes
     )
+    if "front" in by_end and "rear" in by_end and total_number is not estimate:
+        share = Number(2.0 * by_end["front"] / total, f"imported: plugin, {where}")
     return total_number, share
 
 
