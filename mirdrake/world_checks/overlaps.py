@@ -199,10 +199,12 @@ def _messages(out: bytes) -> Iterator[dict[str, Any]]:
 
 
 def _ending(code: int, err: bytes) -> str:
-    """How a process ended: its signal or exit code, and its last words."""
+    """How a process ended: its signal, or its exit code and last message unless it is a library's."""
+    if code < 0:
+        return f"signal {-code}"
     words = [line.strip() for line in err.decode(errors="replace").splitlines() if line.strip()]
-    ended = f"signal {-code}" if code < 0 else f"exit code {code}"
-    return f"{ended}: {words[-1][:200]}" if words else ended
+    own = bool(words) and not words[-1].startswith("RuntimeError")  # that of Drake and FCL
+    return f"exit code {code}: {words[-1][:200]}" if own else f"exit code {code}"
 
 
 def _overlap(near: Neighbours, a: int, b: int, hit: _Hit) -> Fault:

@@ -13,8 +13,6 @@ from mirdrake.vehicles.importing.gazebo_tags import colour_of
 from mirdrake.vehicles.importing.model import Shape
 from mirdrake.vehicles.importing.packages import Packages
 from mirdrake.vehicles.importing.xml_lines import make_pose, parse_xml, read_number, read_numbers
-from mirdrake.world_importing.finding import model_name
-from mirdrake.yaml_io import shown
 
 Element = ElementTree.Element
 SMALLEST, LARGEST = 1e-3, 1e4
@@ -37,16 +35,8 @@ class Tree:
         """A file as a tree.
 
         Raises:
-            ModelError: it cannot be read, is no XML, or declares entities, which could grow without bounds.
+            ModelError: see :func:`mirdrake.vehicles.importing.xml_lines.parse_xml`.
         """
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise ModelError(f"{shown(path)}: {error.strerror or error}") from None
-        before, mark, _ = data.replace(b"\0", b"").partition(b"<!ENTITY")
-        if mark:
-            line = before.count(b"\n") + 1
-            raise ModelError(f"{shown(path)}:{line}: declares an XML entity; write out what it stands for")
         root, places = parse_xml(path)
         self._places |= places
         return root
@@ -166,8 +156,6 @@ def _mesh(element: Element, tree: Tree, models: Packages, folder: Path) -> tuple
     scale = read_numbers(element.findtext("scale"), count=3, default=[1.0] * 3, where=where, what="<scale>")
     if not np.all((np.abs(scale) > 1e-9) & (np.abs(scale) < 1e9)):
         raise ModelError(f"{where}: <scale> '{text_of(element, 'scale')}' leaves nothing of the mesh")
-    if address.startswith(("http://", "https://")):
-        address = f"model://{model_name(address)}/meshes/{address.rpartition('/')[2]}"
     path, remark = models.resolve(address, folder=folder) if address else (None, "it has no <uri>")
     a, b, c = scale.tolist()
     submesh, center = text_of(element, "submesh/name"), truth(text_of(element, "submesh/center"))

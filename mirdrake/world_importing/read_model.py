@@ -197,17 +197,23 @@ class ModelReader:
         if mark and scheme not in {"model", "package", "file", "http", "https"}:
             return None, f"{scheme}:// is not understood; model://, package:// and file:// are"
         if mark and scheme in {"http", "https"}:
-            found = self._models.find(model_name(address)) or self._models.find(model_name(address).replace(" ", "_"))
-            path = model_file(found) if found else None
-            return path, "" if path else "nothing is fetched from the network; give its folder with --package NAME=DIR"
+            name = model_name(address)
+            found = self._models.fuel(address) or self._models.find(name) or self._models.find(name.replace(" ", "_"))
+            path = model_file(found) if found and found.is_dir() else None
+            why = f"it is not in the local cache of Fuel, and nothing is downloaded; give it with --package {name}=DIR"
+            return path, "" if path else why
         name, _, below = rest.partition("/")
+        target = folder / (rest if mark else address)
         if mark and scheme in {"model", "package"}:
             top = self._models.find(name)
-            if top is None:
-                return None, f"there is no such model; {searched()}; give its folder with --package {name}=DIR"
-            target = top / below
-        else:
-            target = folder / (rest if mark else address)
+            target = top / below if top is not None else target
+            if top is None or not target.exists():
+                joined = self._models.below(rest)
+                if joined is None and top is None:
+                    return None, f"there is no such model; {searched()}; give its folder with --package {name}=DIR"
+                target = joined or target
+        elif not target.exists():
+            target = self._models.below(rest if mark else address) or target
         if target.is_dir():
             path = model_file(target)
             return path, "" if path else "there is no model.sdf in it"

@@ -333,9 +333,10 @@ def _solid(spec: SolidSpec, folder: Path, factors: Size, place: str) -> Solid:
     solid = Solid(Convex(str(path), np.asarray(factors, dtype=float)), X_PS)
     try:
         _corners(solid.shape)
-    except (RuntimeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise ConfigError(f"{_prefix(place)}{path.name} is no mesh with a volume: {reason}") from None
+    except (RuntimeError, ValueError):  # words of Qhull or of Drake's mesh readers, which name no cause in the file
+        raise ConfigError(
+            f"{_prefix(place)}{path.name} is not a mesh with a volume; it needs four corners that are not in one plane"
+        ) from None
     return solid
 
 

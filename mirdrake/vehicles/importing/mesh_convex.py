@@ -100,7 +100,16 @@ def make_hull(points: Array) -> Hull:
         cloud = points
         for axis in axes[flat] if flat.any() else np.eye(3):
             cloud = np.concatenate((cloud - 0.5 * _PLATE * axis, cloud + 0.5 * _PLATE * axis))
-        hull = ConvexHull(cloud, qhull_options="QJ")
+        try:
+            hull = ConvexHull(cloud, qhull_options="QJ")
+        except (QhullError, ValueError):  # thinner than rounding allows: the box around it, at least 1 mm thick
+            low, high = points.min(axis=0), points.max(axis=0)
+            thin = high - low < _PLATE
+            low, high = low - 0.5 * _PLATE * thin, high + 0.5 * _PLATE * thin
+            cloud = np.array(
+                [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+            )
+            hull = ConvexHull(cloud)
         points = cloud
     corners = points[hull.vertices]
     if len(corners) > CORNER_LIMIT:

@@ -33,6 +33,8 @@ WHOLE = "the whole mesh"
 
 __all__ = ["WHOLE", "MeshError", "convert_collision", "convert_visual", "mesh_bounds", "with_known_submesh"]
 
+_MOST_EXCESS = 100.0  # hull over mesh; beyond it the mesh is a sheet, and the ratio is rounding
+
 
 def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
     """The corners [m] of the smallest box along the axes of the link that holds a shape.
@@ -205,10 +207,13 @@ def _as_primitive(shape: Shape, hull: Hull, notes: list[Note]) -> Shape | None:
 def _parts_note(shape: Shape, parts: Parts) -> Note:
     total = sum(hull.volume for hull in parts.hulls)
     became = "its convex hull" if len(parts.hulls) == 1 else f"{len(parts.hulls)} convex parts"
-    if parts.volume:
-        excess = f"{round(100 * (total / parts.volume - 1.0)):+d} % volume"
+    share = total / (parts.volume or parts.whole.volume)
+    if parts.volume and share > _MOST_EXCESS:
+        excess = "the mesh itself has next to no volume"
+    elif parts.volume:
+        excess = f"{round(100 * (share - 1.0)):+d} % volume"
     else:
-        excess = f"{100 * total / parts.whole.volume:.0f} % of the volume of its hull; it is not closed"
+        excess = f"{100 * share:.0f} % of the volume of its hull; it is not closed"
     return Note(f"mesh {shape.address}", f"{became} ({excess})", parts.missing or "Drake collides meshes by their hull")
 
 

@@ -1,6 +1,7 @@
 """XML as a tree whose elements know their line, and numbers read from it with errors that name it."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,22 +16,84 @@ from mirdrake.vehicles.importing.model import Vector
 from mirdrake.yaml_io import shown
 
 LARGEST = 50_000_000
-"""Bytes of XML; more is no vehicle."""
+"""Largest size of an XML file [bytes]."""
+
+_TOKEN = re.compile(  # a comment, declaration or CDATA that does not end takes the rest, so that the time is linear
+    r"<!--.*?(?:-->|\Z)|<\?.*?(?:\?>|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<![A-Za-z][^<>]*>"
+    r"|<(?P<tag>/?[^\s<>/\"'=!?]+)(?P<inside>(?:[^<>\"']++|\"[^\"]*+\"|'[^']*+')*+)>"
+    r"|[^<]+|<",
+    re.DOTALL,
+)
+_VALUE = re.compile(r"\"[^\"]*+\"|'[^']*+'")
+_AMPERSAND = re.compile(r"&(?!(?:lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9A-Fa-f]{1,6});)")
+_CONTROL = re.compile(
+    r"[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]|&#(?:0*(?:[0-8]|1[0-9]|2[0-9]|3[01])|x0*1?[0-9A-Fa-f]);"
+)
 
 
 def parse_xml(path: Path) -> tuple[ElementTree.Element, dict[ElementTree.Element, str]]:
     """A file as a tree, and ``file:line`` of every element.
 
+    What Gazebo's parser (tinyxml2) accepts although the XML standard forbids it is accepted, too: see :func:`_strict`.
+
     Raises:
-        ModelError: it cannot be read, or is no XML.
+        ModelError: it cannot be read, is not XML, or declares entities, which could grow without bounds.
     """
     name = shown(path)
     try:
         if path.stat().st_size > LARGEST:
-            raise ModelError(f"{name}: more than {LARGEST // 1_000_000} MB of XML; no vehicle needs that")
+            raise ModelError(f"{name}: more than {LARGEST // 1_000_000} MB of XML; split the file")
         data = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{name}: {error.strerror or error}") from None
+    before, mark, _ = data.replace(b"\0", b"").partition(b"<!ENTITY")
+    if mark:
+        line = before.count(b"\n") + 1
+        raise ModelError(f"{name}:{line}: declares an XML entity; write out what it stands for")
+    try:
+        return _parse(data, name)
+    except ModelError:
+        return _parse(_strict(data), name)
+
+
+def _strict(data: bytes) -> bytes:
+    """The same document as XML that the standard allows, line by line.
+
+    tinyxml2 accepts, and files of Gazebo have: ``--`` within comments, anything before the declaration or a second
+    declaration, encodings that are wrong or unknown, ``&`` that begins no entity, ``<`` within attributes, control
+    characters, and attributes without space between them.
+    """
+    text = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", errors="replace")
+
+    def clean(words: str) -> str:
+        return _CONTROL.sub(" ", _AMPERSAND.sub("&amp;", words)).replace("]]>", "]]&gt;")
+
+    def value(match: re.Match[str]) -> str:
+        return f" {clean(match[0]).replace('<', '&lt;')} "
+
+    def token(match: re.Match[str]) -> str:
+        words = match[0]
+        if match["tag"] is not None:
+            empty = match["inside"].endswith("/")
+            inside = match["inside"].removesuffix("/")
+            inside = _VALUE.sub(value, re.sub(r"=\s*", "=", inside))
+            return f"<{match['tag']}{inside.replace('= ', '=')}{'/' if empty else ''}>"
+        if words.startswith("<![CDATA["):
+            return _CONTROL.sub(" ", words)
+        if words.startswith(("<!", "<?")):
+            ended = words.endswith("-->" if words.startswith("<!--") else ">")
+            return "\n" * words.count("\n") if ended else words
+        return clean(words)
+
+    return _TOKEN.sub(token, text.replace("\r\n", "\n")).strip(" \t\ufeff").encode()
+
+
+def _parse(data: bytes, name: str) -> tuple[ElementTree.Element, dict[ElementTree.Element, str]]:
+    """A document as a tree with places; what follows its root is not read.
+
+    Raises:
+        ModelError: it is not XML.
+    """
     places: dict[ElementTree.Element, str] = {}
     root: list[ElementTree.Element] = []
     stack: list[ElementTree.Element] = []
@@ -53,8 +116,10 @@ def parse_xml(path: Path) -> tuple[ElementTree.Element, dict[ElementTree.Element
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise ModelError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
-    except (ValueError, LookupError) as error:  # an encoding that nobody knows
+        after = root and not stack and error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]
+        if not after:
+            raise ModelError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+    except (ValueError, LookupError) as error:  # an unknown encoding
         raise ModelError(f"{name}: not valid XML: {error}") from None
     return root[0], places
 
