@@ -13,14 +13,14 @@ STAGES = {
     "compiled": 0, "errors": 0, "leaf_system": 0, "own_modules": 0, "paths": 0, "signals": 0, "worker_server": 0,
     "yaml_edit": 0, "yaml_io": 0, "yaml_tree": 0,
     "recording": 1, "vehicles": 1, "wheel_shape": 1, "worlds": 1,
-    "obstacles": 2, "own_systems": 2, "plant": 2, "rest_pose": 2, "world_importing": 2,
+    "obstacles": 2, "own_systems": 2, "plant": 2, "rest_pose": 2,
     "aerodynamics": 3, "controllers": 3, "powertrain": 3, "sensors": 3, "suspension": 3, "tyres": 3,
     "blocks": 4, "diagram": 4, "diagram_parts": 4, "diagram_spec": 4, "perception": 4, "scene": 4,
     "single_track": 4, "wiring": 4,
     "drawing": 5, "logs": 5, "recorder": 5, "requirements": 5, "simulation": 5, "summary": 5, "telemetry": 5,
     "gym": 6, "identification": 6, "manoeuvres": 6, "studies": 6, "suites": 6, "testing": 6, "tuning": 6,
     "world_checks": 6,
-    "export": 7, "report": 7, "schemas": 7, "viewer": 7,
+    "export": 7, "report": 7, "schemas": 7, "viewer": 7, "world_importing": 7,
     "__init__": 8, "__main__": 8, "cli": 8, "workflow": 8, "world_files": 8,
 }  # fmt: skip
 DATA_FOLDERS = {"models", "worlds", "diagrams", "studies", "notebooks", "benchmarks", "tests", "runs"}

@@ -17,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake import cli
 from mirdrake.errors import ConfigError, MirdrakeError, ModelError
 from mirdrake.vehicles.importing import packages
+from mirdrake.world_checks import check
 from mirdrake.world_importing import import_world
 from mirdrake.worlds.loading import load_world
 from tests import trap_worlds as traps
@@ -31,6 +32,18 @@ def _bare_environment(monkeypatch):
     for variable in ("GAZEBO_MODEL_PATH", "GAZEBO_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.delenv("SDF_PATH", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _no_first_steps(request, monkeypatch):
+    """The first steps take seconds; a test that needs them is marked by its argument `first_steps`."""
+    if "first_steps" not in request.fixturenames:
+        monkeypatch.setattr(check, "find_first_step_fault", lambda *_: [])
+
+
+@pytest.fixture
+def first_steps():
+    """The importer makes the first steps of a simulation."""
 
 
 def imported(path, folder, **options):
@@ -141,13 +154,14 @@ def test_included_models_with_meshes(tmp_path):
 def test_ground_floors_and_roads(tmp_path):
     result, world = imported(traps.ground(tmp_path), tmp_path / "worlds")
     assert set(placed(world)) == {"kerb"}
-    assert world.ground.extent == (-50.0, -40.0, 50.0, 40.0)
-    assert {patch.name for patch in world.patches} == {"asphalt_lot", "grass_plane", "turned_floor", "main_street"}
+    assert shapely.box(*world.ground.extent).contains(shapely.box(-50.0, -40.0, 50.0, 40.0))
+    assert {patch.name for patch in world.patches} == {"asphalt_lot", "grass_plane", "turned_floor"}
+    assert next(iter(world.tracks)) == "main_street"
     places = [(0.0, 0.0, 0.7), (-30.0, 0.0, 0.4), (45.0, 35.0, 0.9), (20.0, -30.0, 0.85)]
     for x, y, mu in places:
         assert float(world.mu(x, y)) == pytest.approx(mu), (x, y)
     assert float(world.mu(20.01, 0.0)) == pytest.approx(0.9)  # the lot ends at x = 20 m
-    street = next(patch.area for patch in world.patches if patch.name == "main_street")
+    street = world.tracks["main_street"].area
     np.testing.assert_allclose(street.bounds, [0.0, -33.0, 40.0, -27.0], atol=2.0 * MILLIMETRE)
     assert told(result, "ramp_plane")[0].became == "left out"
 
@@ -237,7 +251,8 @@ def test_everything_without_a_place_is_told(tmp_path):
 def test_each_element_of_a_rich_world_is_an_entry_or_told(tmp_path):
     path = traps.rich(tmp_path)
     result, world = imported(path, tmp_path / "out")
-    names = {prop.name.partition("[")[0] for prop in world.props} | {patch.name for patch in world.patches}
+    names = {prop.name.partition("[")[0] for prop in world.props}
+    names |= {patch.name for patch in world.patches} | set(world.tracks)
     expected = {"gate", "construction_cone", "crate", "leaning", "block", "block_post", "walker", "can"}
     assert names == expected | {"floor", "street"}
     for part in ("model 'gone'", "light 'lamp'", "<plugin>", "model 'construction_cone'", "road 'street'", "<state>"):

@@ -2,7 +2,7 @@
 
 ::
 
-    load_world ──► rules, homeless props ──► overlaps, standing ──► starts, ways, goals ──► tests
+    load_world ──► rules, homeless props ──► overlaps, standing ──► starts, ways, goals ──► tests ──► first steps
 
 Each step looks at what the steps before it left sound: a world that cannot be laid out has only those faults.
 """
@@ -15,6 +15,7 @@ from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.errors import ConfigError, MirdrakeError
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks.faults import Fault, Kind
+from mirdrake.world_checks.first_steps import find_first_step_fault
 from mirdrake.world_checks.obstacles import Body, Obstacle, obstacles_for
 from mirdrake.world_checks.overlaps import Neighbours, find_overlaps
 from mirdrake.world_checks.places import find_bad_start, find_walled_in
@@ -24,6 +25,8 @@ from mirdrake.world_checks.ways import Way, find_way, goal_area
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.clearance import Volume
 from mirdrake.yaml_io import parse_tree, where
+
+_CAR = "bolt"  # the standard car
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ def check_world(
     overrides: Iterable[str] = (),
     vehicle: str | None = None,
     patience: float = SEARCH_TIME,
+    first_steps: bool = False,
 ) -> list[Fault]:
     """All faults of a world; none if it is sound.
 
@@ -55,11 +59,14 @@ def check_world(
         overrides: of the file, see :func:`mirdrake.worlds.load_world`; they do not change a world laid out already.
         vehicle: name of a vehicle for which all starts must have room, beside those of the tests and rules.
         patience: computing time after which the search for one way is given up [s], which is a fault.
+        first_steps: build the plant and make a few steps with the vehicle, or the standard car, at the first start.
 
     Returns:
         one fault for each thing that is wrong.
     """
-    return examine(name_or_world, overrides=overrides, vehicle=vehicle, patience=patience).faults
+    return examine(
+        name_or_world, overrides=overrides, vehicle=vehicle, patience=patience, first_steps=first_steps
+    ).faults
 
 
 def examine(
@@ -68,6 +75,7 @@ def examine(
     overrides: Iterable[str] = (),
     vehicle: str | None = None,
     patience: float = SEARCH_TIME,
+    first_steps: bool = False,
 ) -> Examination:
     """The world, its faults, and the ways that vehicles have; see :func:`check_world`."""
     overrides = tuple(overrides)
@@ -90,6 +98,8 @@ def examine(
     drives.follow(vehicle)
     if world.path is not None and world.spec.tests:
         faults += _test_faults(world, overrides, {fault.text for fault in faults})
+    if first_steps and not any(fault.kind in {"file", "start"} for fault in faults):
+        faults += find_first_step_fault(world, overrides, vehicle or _CAR)
     return Examination(world, faults, drives.ways)
 
 

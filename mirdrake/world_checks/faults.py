@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "file", "homeless", "rule", "overlap", "unchecked", "gap", "buried", "floating", "start", "goal", "way", "test"
-]
+    "file", "homeless", "rule", "overlap", "unchecked", "gap", "buried", "floating", "start", "goal", "way", "test",
+    "steps",
+]  # fmt: skip
 """Kinds of faults:
 
 ==============  ==============================================================
@@ -20,6 +21,7 @@ floating        a prop hangs in the air
 start, goal     it is no place for a vehicle
 way             a vehicle has none
 test            a test has a fault
+steps           the first steps of a simulation fail
 ==============  ==============================================================
 """
 

@@ -13,6 +13,7 @@ Nothing is written until everything has worked; every difference from the source
 <name>.md beside the world.
 """
 
+import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -20,28 +21,32 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import shapely
+from pydrake.math import RollPitchYaw
 
 from mirdrake.errors import ConfigError, ModelError, WorldError
 from mirdrake.paths import staging
 from mirdrake.vehicles.importing.model import Change
 from mirdrake.vehicles.importing.places import Places
 from mirdrake.vehicles.scaffold import check_name
+from mirdrake.world_checks import check_world
+from mirdrake.world_checks.overlaps import Neighbours
+from mirdrake.world_checks.standing import find_unsettled
 from mirdrake.world_importing.convert import Converter
-from mirdrake.world_importing.entry import Entry, into_grids, is_word
+from mirdrake.world_importing.entry import Entry, degrees, into_grids, is_word, number
 from mirdrake.world_importing.finding import Models
 from mirdrake.world_importing.ground import GroundText, make_ground
 from mirdrake.world_importing.model import Array, SourceWorld
 from mirdrake.world_importing.placed import find_overlaps, place, reach
 from mirdrake.world_importing.read_world import read_world
+from mirdrake.world_importing.starts import CAR, FreePlaces
 from mirdrake.world_importing.text import report_text, world_text
+from mirdrake.worlds import World
 from mirdrake.worlds.loading import load_world
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.yaml_io import shown
 
 __all__ = ["Change", "WorldImport", "import_world"]
 
-_ORIGIN = shapely.Point(0.0, 0.0)
 _REACH = 200.0  # [m] of the ground of a world without tracks and size
 _MARGIN = 20.0  # [m] ground beyond the props
 _MOST_PAIRS = 60  # overlaps that are named one by one
@@ -118,6 +123,7 @@ def _build(
     ground = make_ground(world, add)
     converter = Converter(name, building, ground.height, add, say)
     entries = converter.entries(world)
+    scenery = converter.scenery(ground.drawn)
     if strict and converter.lost:
         faults = list(dict.fromkeys(places.text(fault) for fault in converter.lost))
         more = f"; {len(faults) - 1} more like it" if len(faults) > 1 else ""
@@ -133,29 +139,94 @@ def _build(
     say("placing")
     props = place(entries, building)
     overlaps = _overlap_rules(props, where, add)
-    grids = into_grids(entries) if not overlaps else entries
+    heights = _height_rules(props, where, add)
+    grids = into_grids(entries) if not overlaps and not heights else entries
     _widen(ground, props, where, add)
-    checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps)))
-    changes = tuple(dict.fromkeys(places.change(change) for change in world.changes))
-    text = world_text(
-        name,
-        source=places.file(world.files[0]),
-        ground=ground,
-        suns=suns,
-        starts=converter.starts,
-        entries=grids,
-        overlaps=overlaps,
-    )
-    report = report_text(name, files=world.files, entries=grids, changes=changes, places=places, checks=checks)
-    (building / f"{name}.yaml").write_text(text, encoding="utf-8")
-    (building / f"{name}.md").write_text(report, encoding="utf-8")
+    starts = {
+        start: f"at: [{number(X.translation()[0])}, {number(X.translation()[1])}], "
+        f"yaw: {degrees(RollPitchYaw(X.rotation()).yaw_angle())}"
+        for start, X in converter.starts.items()
+    }
+    file = building / f"{name}.yaml"
+
+    def write(starts: Mapping[str, str]) -> World:
+        text = world_text(
+            name, source=places.file(world.files[0]), ground=ground, suns=suns, starts=starts, entries=grids,
+            scenery=scenery, overlaps=overlaps, heights=heights,
+        )  # fmt: skip
+        file.write_text(text, encoding="utf-8")
+        try:
+            return load_world(str(file))
+        except (ConfigError, WorldError) as error:
+            fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
+            raise ModelError(f"{shown(world.files[0])}:1: the imported world cannot be loaded: {fault}") from error
+
     say("loading")
-    try:
-        load_world(str(building / f"{name}.yaml"))
-    except (ConfigError, WorldError) as error:
-        fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
-        raise ModelError(f"{shown(world.files[0])}:1: what was made of it is no world: {fault}") from error
-    return text, changes, checks, len(grids)
+    laid = write(starts)
+    say("looking for a free start")
+    first, remark = _free_start(laid, props)
+    if first:
+        laid = write({**first, **starts})
+        add(Change(where, "start", remark, ", ".join(f"start '{one}': {keys}" for one, keys in first.items()),
+                   f"a car of the size of {CAR} has room there"))  # fmt: skip
+    say("checking")
+    found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
+    checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps)))
+    checks += tuple(f"world check: {text}" for text in found)
+    changes = tuple(dict.fromkeys(places.change(change) for change in world.changes))
+    report = report_text(name, files=world.files, entries=grids, changes=changes, places=places, checks=checks)
+    (building / f"{name}.md").write_text(report, encoding="utf-8")
+    return file.read_text(encoding="utf-8"), changes, checks, len(grids)
+
+
+def _relative(text: str, building: Path) -> str:
+    """A message without the folder in which the world was built."""
+    return text.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
+
+
+def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
+    """A start with room for a car, to be the first one, and what is wrong with the first one of the source.
+
+    It is on the longest track that has room, else where the first start is, or as near to it as there is room. Nothing
+    if the first start of the source has room, or if there is no room at all.
+    """
+    free = FreePlaces(world)
+    name, start = next(iter(world.starts.items()))
+    if world.spec.start and free.is_start(start):
+        return {}, ""
+    remark = "none" if not world.spec.start else f"no room at '{name}'"
+    new = next(word for word in ("road", "free", "free_start") if word not in world.spec.start)
+    for track in world.tracks:
+        s = free.find_on_track(track)
+        if s is not None:
+            return {new: f"on_track: {{track: {track}, s: {number(s)}}}"}, remark
+    if free.is_start(start):
+        return {}, ""
+    pose = free.find_near(start.x, start.y)
+    if pose is None and props:
+        middle = np.mean([[*prop.footprint.centroid.coords[0]] for prop in props], axis=0)
+        pose = free.find_near(float(middle[0]), float(middle[1]))
+    if pose is None:
+        return {}, ""
+    new = next(word for word in ("free", "free_start") if word not in world.spec.start)
+    return {new: f"at: [{number(pose[0])}, {number(pose[1])}], yaw: {degrees(pose[2])}"}, (
+        remark if world.spec.start else "no room at the origin"
+    )
+
+
+def _height_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> dict[str, float]:
+    """Tolerances for what hangs in the air or is buried in the source and never moves: name -> tolerance [m]."""
+    near = Neighbours(props)
+    off = {
+        fault.names[0]: math.ceil(100.0 * (fault.depth or 0.0) + 1.0) / 100.0 for fault in find_unsettled(near, None)
+    }
+    fixed = {prop.name for prop in props if prop.static}
+    off = {name: gap for name, gap in off.items() if name in fixed}
+    if off:
+        named = ", ".join(list(off)[:5]) + (" …" if len(off) > 5 else "")
+        why = "fixed things may hang or be buried in the source"
+        add(Change(where, "height of things", f"{len(off)} off the ground: {named}", "allowed by rules", why))
+    return off if len(off) <= _MOST_PAIRS else {"*": max(off.values())}
 
 
 def _shines(direction: Array) -> bool:
@@ -175,9 +246,18 @@ def _overlap_rules(props: list[PlacedProp], where: str, add: Callable[[Change], 
 
 
 def _widen(ground: GroundText, props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> None:
-    """Ground below everything."""
+    """Ground below everything; with tracks its size counts from their middle."""
     far = reach(props)
     half = min(ground.size) / 2.0 if ground.size is not None else _REACH
+    if ground.routes:
+        bounds = np.array([route.track.bounds for route in ground.routes.values()])
+        low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        middle = 0.5 * (low + high)
+        wide = np.array(ground.size if ground.size is not None else (0.0, 0.0)) / 2.0
+        wide = np.maximum(wide, far + _MARGIN) if far > wide.min() else wide
+        sides = 2.0 * np.maximum(wide + np.abs(middle), 0.5 * (high - low) + _MARGIN)
+        ground.size = (float(np.ceil(sides[0])), float(np.ceil(sides[1])))
+        return
     if far <= half:
         return
     side = 2.0 * float(np.ceil((far + _MARGIN) / 10.0) * 10.0)
@@ -200,10 +280,6 @@ def _checks(
         checks.append(f"{count} fault{'s' if count > 1 else ''} left something out that could be touched: see below.")
     if any("not measured" in change.why for change in world.changes):
         checks.append("Size and heading of props that stand for models: not all were measured.")
-    if not converter.starts:
-        near = [prop.name for prop in props if prop.footprint.distance(_ORIGIN) < 3.0]
-        if near:
-            checks.append(f"The start at the origin is near {', '.join(near[:3])}: give the world a `start`.")
     buried = [prop.name for prop in props if prop.bottom < -0.05]
     if buried:
         checks.append(f"Below the ground: {', '.join(buried[:8])}{' …' if len(buried) > 8 else ''}.")

@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles.importing.mesh_read import MeshError
 from mirdrake.vehicles.importing.model import Change, Shape
-from mirdrake.world_importing.entry import Entry, is_word, number
+from mirdrake.world_importing.entry import Entry, degrees, is_word, number
 from mirdrake.world_importing.ground import lowered
 from mirdrake.world_importing.known import Known, colour_in, find_known, plain_name, stand_in
 from mirdrake.world_importing.model import Crowd, SourceWorld, Thing
-from mirdrake.world_importing.prop_folder import EmptyPropError, convex_outlines, key_of, write_prop
+from mirdrake.world_importing.prop_folder import EmptyPropError, convex_outlines, key_of, write_prop, write_visual
 from mirdrake.world_importing.surfaces import corners_of, cut_walls, kind_of
 
 _WHEELS = 3  # turning joints that make a vehicle
@@ -67,6 +67,32 @@ class Converter:
             was = f"{count} thing{'s' if count > 1 else ''} up to {1e3 * max(self._sunk):.2g} mm off the ground"
             why = "contacts of Gazebo are soft; what is loose would jump"
             self.say(Change(f"{world.files[0]}:1", "loose things", was, "on the ground", why))
+        return done
+
+    def scenery(self, things: Sequence[Thing]) -> list[str]:
+        """Keys of the meshes of things that are only drawn."""
+        done = []
+        for thing in things:
+            what = f"model '{thing.name}'"
+            key = ("drawn", key_of(thing))
+            if key not in self._folders:
+                short = self._new_folder(thing.kind)
+                (self.folder / short).mkdir(parents=True)
+                self.progress(f"converting {thing.kind}")
+                if not write_visual(thing, RigidTransform(), self.folder / short, self.say):
+                    shutil.rmtree(self.folder / short, ignore_errors=True)
+                    short = ""
+                self._folders[key] = (short, RigidTransform())
+            short, _ = self._folders[key]
+            if not short:
+                self.say(Change(thing.where, what, "visuals", "left out", "none of its meshes can be drawn"))
+                continue
+            X = lowered(thing.X_WM, self.height)
+            at = ", ".join(number(value) for value in X.translation())
+            roll, pitch, yaw = RollPitchYaw(X.rotation()).vector()
+            turned = (("yaw", yaw), ("pitch", pitch), ("roll", roll))
+            angles = "".join(f", {word}: {degrees(angle)}" for word, angle in turned if degrees(angle) != "0 deg")
+            done.append(f"file: {short}/visual.gltf, at: [{at}]{angles}")
         return done
 
     # --- one thing ---
@@ -149,11 +175,7 @@ class Converter:
             self.say(Change(thing.where, what, thing.kind, "left out", self._empty[key]))
             return None
         if key not in self._folders:
-            taken = {path for path, _ in self._folders.values()}
-            short, number_, plain = "", 1, plain_name(thing.kind) or "prop"
-            while not short or short in taken:
-                short = f"{self.name}/props/{plain}{f'_{number_}' if number_ > 1 else ''}"
-                number_ += 1
+            short = self._new_folder(thing.kind)
             target = self.folder / short
             self.progress(f"converting {thing.kind}")
             try:
@@ -275,6 +297,15 @@ class Converter:
             self._sunk.append(abs(z))
             x, y, _ = entry.X_WP.translation()
             entry.X_WP = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
+
+    def _new_folder(self, kind: str) -> str:
+        """The folder of a new prop, below that of the world."""
+        taken = {path for path, _ in self._folders.values()}
+        short, count, plain = "", 1, plain_name(kind) or "prop"
+        while not short or short in taken:
+            short = f"{self.name}/props/{plain}{f'_{count}' if count > 1 else ''}"
+            count += 1
+        return short
 
     def _new_name(self, source: str) -> str:
         plain = re.sub(r"[^A-Za-z0-9_]+", "_", source.replace("::", "_")).strip("_")

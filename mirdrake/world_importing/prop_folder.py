@@ -82,7 +82,7 @@ def write_prop(
     origin = np.array([*np.round(0.5 * (low + high)[:2], 3), low[2]])
     X_PM = RigidTransform(-origin)
     size = np.maximum(high - low, 1e-3)
-    visual = _write_visual(thing, X_PM, folder, say)
+    visual = write_visual(thing, X_PM, folder, say)
     lines = [
         f"description: {_quoted(f'{thing.kind}, imported from Gazebo')}",
         f"size: [{', '.join(number(side) for side in size)}]",
@@ -153,6 +153,8 @@ def as_mesh(shape: Shape) -> Trimesh:
     make = trimesh.creation
     if shape.kind == "polyline":
         return _pulled_up(shapely.from_wkt(shape.submesh), shape.size[0])
+    if shape.kind == "plane":
+        return _sheet(shape)
     if shape.kind == "box":
         return make.box(extents=shape.size)
     if shape.kind == "cylinder":
@@ -164,6 +166,22 @@ def as_mesh(shape: Shape) -> Trimesh:
     mesh = make.icosphere(subdivisions=3, radius=1.0)
     mesh.apply_scale([shape.size[0]] * 3 if shape.kind == "sphere" else list(shape.size))
     return mesh
+
+
+def _sheet(shape: Shape) -> Trimesh:
+    """A plane with a size as two triangles; its normal is in `scale`.
+
+    Raises:
+        MeshError: it has no size.
+    """
+    if len(shape.size) != 2 or min(shape.size) <= 0.0:
+        raise MeshError("plane", "has no size")
+    normal = np.array(shape.scale) / np.linalg.norm(shape.scale)
+    across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
+    v = across / np.linalg.norm(across)
+    u = np.cross(v, normal)
+    a, b = 0.5 * shape.size[0] * u, 0.5 * shape.size[1] * v
+    return Trimesh(np.array([a + b, b - a, -a - b, a - b]), np.array([[0, 1, 2], [0, 2, 3]]), process=False)
 
 
 def _pulled_up(area: shapely.Geometry, height: float) -> Trimesh:
@@ -209,13 +227,13 @@ def _bulges(area: shapely.Geometry) -> bool:
 # --- what is seen -------------------------------------------------------------------------------------------------
 
 
-def _write_visual(thing: Thing, X_PM: RigidTransform, folder: Path, say: Callable[[Change], None]) -> bool:
+def write_visual(thing: Thing, X_PM: RigidTransform, folder: Path, say: Callable[[Change], None]) -> bool:
     """One glTF file of all that is seen; whether there is anything."""
     pieces: list[Piece] = []
     notes: list[tuple[str, str, Note]] = []
     for shape in thing.visuals:
         what = f"model '{thing.name}': visual"
-        if shape.kind == "plane":
+        if shape.kind == "plane" and thing.collisions:
             continue
         try:
             found, remarks = pieces_of(shape)

@@ -275,12 +275,8 @@ class _Reader:
             return True
         found = [shape for shape in thing.collisions if shape.kind == "plane"]
         seen = [shape for shape in thing.visuals if shape.kind == "plane"]
-        if not found and not (seen and not thing.collisions):
-            return False
         if not found:
-            why = "a plane that is only seen"
-            self._say(thing.where, f"model '{thing.name}'", "a plane without collision", "left out", why)
-            return len(seen) == len(thing.visuals)
+            return False
         words = " ".join([thing.name, thing.kind, *(shape.address for shape in seen)])
         for shape in found:
             sizes = [other.size for other in (*seen, shape) if len(other.size) == 2 and min(other.size) > 0.0]

@@ -84,12 +84,12 @@ def _gaps(corners: Array) -> Array:
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)
     steps = (np.arange(30) + 0.5) / 30.0
     places = np.stack(np.meshgrid(*(low[k] + steps * (high[k] - low[k]) for k in (0, 1))), axis=-1).reshape(-1, 2)
-    roof = _tops(hull.points[hull.faces], places)
-    gaps: Array = np.clip((roof - _tops(corners, places)) / (high[2] - low[2]), 0.0, 1.0)[np.isfinite(roof)]
+    roof = tops_at(hull.points[hull.faces], places)
+    gaps: Array = np.clip((roof - tops_at(corners, places)) / (high[2] - low[2]), 0.0, 1.0)[np.isfinite(roof)]
     return gaps if len(gaps) else np.zeros(1)
 
 
-def _tops(corners: Array, places: Array) -> Array:
+def tops_at(corners: Array, places: Array) -> Array:
     """Height of the highest triangle at places (n, 2) [m]; -inf where there is none."""
     flat = corners[:, :, :2]
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]

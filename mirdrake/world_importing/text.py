@@ -2,12 +2,11 @@
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles.importing.model import Change
 from mirdrake.vehicles.importing.places import Places
@@ -24,9 +23,11 @@ def world_text(
     source: str,
     ground: GroundText,
     suns: Sequence[Sun],
-    starts: dict[str, RigidTransform],
+    starts: Mapping[str, str],
     entries: Sequence[Entry],
+    scenery: Sequence[str],
     overlaps: Sequence[tuple[str, str]],
+    heights: Mapping[str, float],
 ) -> str:
     """The YAML text of a world.
 
@@ -35,9 +36,11 @@ def world_text(
         source: what the first line says it comes from.
         ground: base plane and patches.
         suns: the first one shines.
-        starts: name -> pose in W.
+        starts: name -> its keys; the first one is that of a run which names none.
         entries: what stands in it.
+        scenery: keys of meshes that are only drawn.
         overlaps: pairs of props that overlap in the source.
+        heights: name of a prop -> how far it is off the ground in the source [m].
     """
     lines = [
         f"# Imported from {_plain(source)}; {name}.md says what was changed or left out.",
@@ -54,20 +57,24 @@ def world_text(
         lines += ["ground:", *(f"  {part}" for part in parts), "  patches:", *ground.patches]
     else:
         lines.append(f"ground: {{{', '.join(parts)}}}")
+    if ground.tracks:
+        lines += ["", "tracks:", *(f"  {track}: {{{keys}}}" for track, keys in ground.tracks.items())]
     if suns:
         d = suns[0].direction / np.linalg.norm(suns[0].direction)
         azimuth, elevation = math.atan2(-d[1], -d[0]), math.asin(float(np.clip(-d[2], -1.0, 1.0)))
         lines += ["", f"lights: {{sun: {{azimuth: {degrees(azimuth)}, elevation: {degrees(elevation)}}}}}"]
     if starts:
         lines += ["", "start:"]
-        for start, X in starts.items():
-            x, y, _ = X.translation()
-            yaw = RollPitchYaw(X.rotation()).yaw_angle()
-            lines.append(f"  {start}: {{at: [{number(x)}, {number(y)}], yaw: {degrees(yaw)}}}")
+        lines += [f"  {start}: {{{keys}}}" for start, keys in starts.items()]
     if entries:
         lines += ["", "props:", *(entry.text() for entry in entries)]
-    if overlaps:
-        lines += ["", "rules:  # what overlaps in the source may overlap here"]
+    if scenery:
+        lines += ["", "scenery:", *(f"  - {{{keys}}}" for keys in scenery)]
+    if overlaps or heights:
+        lines += ["", "rules:  # what overlaps, hangs or is buried in the source may do so here"]
+        lines += [
+            f"  - {{on_ground: {{props: {_pattern(a)}, tolerance: {number(gap)}}}}}" for a, gap in heights.items()
+        ]
         lines += [f"  - {{allow_overlap: [{_pattern(a)}, {_pattern(b)}]}}" for a, b in overlaps]
     return "\n".join(lines) + "\n"
 

@@ -136,6 +136,14 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
     if faults:
         raise WorldError("\n".join(faults))
 
+    faults += [
+        f"{where(mesh, 'file')}: no such glTF or OBJ file: {mesh.file[:200]!r}"
+        for mesh in spec.scenery
+        if not (folder / mesh.file).is_file() or Path(mesh.file).suffix.lower() not in {".gltf", ".obj", ".glb"}
+    ]
+    if faults:
+        raise ConfigError("\n".join(faults))
+
     # Props, where the rules let them stand.
     places = Places(tracks, patches)
     rules = Rules(spec.rules, places, starts, goals, draw)

@@ -127,6 +127,7 @@ def lock_content(world: World) -> Content:
         },
         "goals": goals,
         "files": _files(world),
+        **({"scenery": _rounded([mesh.model_dump() for mesh in spec.scenery])} if spec.scenery else {}),
         "props": [_prop(placed) for placed in world.props],
     }  # fmt: skip
 
@@ -237,6 +238,8 @@ def _files(world: World) -> dict[str, str]:
         for value in dict(spec).values():
             if isinstance(name := getattr(value, "file", None), str):
                 found[_named(folder / name, folder)] = folder / name
+    for mesh in world.spec.scenery:
+        found |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
     for prop in dict.fromkeys(placed.prop for placed in world.props):
         meshes = [Path(s.shape.source().path()) for s in prop.solids if isinstance(s.shape, Convex)]
         meshes += [prop.visual] if prop.visual is not None else []

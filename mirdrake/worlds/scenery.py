@@ -22,13 +22,13 @@ from pydrake.geometry import (
     Rgba,
     Shape,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.paths import data_root
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.pieces import Array
-from mirdrake.worlds.spec import MarkingSpec
+from mirdrake.worlds.spec import MarkingSpec, ScenerySpec
 from mirdrake.worlds.tracks import Offset, Track, offset_at
 from mirdrake.worlds.world import World, verge
 
@@ -130,7 +130,17 @@ def scenery(world: World) -> list[SceneryItem]:
         both += _sides(above, looks[name], depth)
         if both:
             items.append(_item(f"world/patch.{name}", both))
+
+    # Meshes that are only drawn.
+    for index, mesh in enumerate(world.spec.scenery):
+        X_WG = RigidTransform(RollPitchYaw(mesh.roll, mesh.pitch, mesh.yaw), mesh.at)
+        items.append(SceneryItem(f"world/scenery.{index}", Mesh(str(scenery_file(world, mesh))), X_WG))
     return items
+
+
+def scenery_file(world: World, mesh: ScenerySpec) -> Path:
+    """The file of a mesh that is only drawn."""
+    return (world.path.parent if world.path is not None else Path.cwd()).resolve() / mesh.file
 
 
 def sun_light(world: World) -> SunLight:

@@ -131,6 +131,10 @@ def _add_ground(tree: Element, world: World, mu: float, meshes: ObjFiles) -> Non
     _add_collision(link, "plane", box, X, mu, meshes)
     for number, item in enumerate(scenery(world)):
         name = model_names([item.name])[0]
+        if item.shape.source().is_path():
+            for part, (uri, own) in enumerate(meshes.add_mesh(name, item.shape.source().path(), None)):
+                _add_visual(link, f"scenery_{number}_{part}", ("mesh", uri, (1.0, 1.0, 1.0)), item.X_WG, own)
+            continue
         data = json.loads(item.shape.source().in_memory().mesh_file.contents())
         for part, (uri, color) in enumerate(meshes.add_gltf(f"scenery/{name}", plain_color(data))):
             _add_visual(link, f"scenery_{number}_{part}", ("mesh", uri, (1.0, 1.0, 1.0)), item.X_WG, color)

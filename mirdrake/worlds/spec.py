@@ -347,6 +347,16 @@ class StartSpec(Schema):
         return self
 
 
+class ScenerySpec(Schema):
+    """A mesh that is only drawn: cameras and viewers show it, and nothing touches it."""
+
+    file: Annotated[str, Field(min_length=1)] = Field(description="glTF or OBJ, looked for beside the world file [-]")
+    at: tuple[Coordinate, Coordinate, Coordinate] = Field(default=(0.0, 0.0, 0.0), description="its origin [m]")
+    yaw: Heading = Field(default=0.0, description="heading, from x towards y [rad]")
+    pitch: Heading = Field(default=0.0, description="nose down [rad]")
+    roll: Heading = Field(default=0.0, description="right side down [rad]")
+
+
 class GateSpec(Schema):
     """A line across a track."""
 
@@ -391,6 +401,9 @@ class WorldSpec(Schema):
     )
     goals: dict[str, GoalSpec] = Field(default_factory=dict, description="what to reach, by name [-]")
     props: list[PropEntry] = Field(default_factory=list, max_length=5000, description="what stands in the world [-]")
+    scenery: list[ScenerySpec] = Field(
+        default_factory=list, max_length=5000, description="meshes that are only drawn, in the world's frame [-]"
+    )
     groups: dict[Label, GroupSpec] = Field(default_factory=dict, description="props that belong together [-]")
     rules: list[RuleSpec] = Field(default_factory=list, description="what must hold in the world [-]")
     tests: list[CaseSpec] = Field(default_factory=list, description="what must hold for a vehicle in it [-]")

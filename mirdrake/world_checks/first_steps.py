@@ -1,0 +1,124 @@
+"""The first steps of a world with a car, in a process of their own, because some worlds end the process.
+
+As a program it takes a JSON text as its argument, ``{"world": path, "overrides": [text, ...], "vehicle": name, "start":
+name}``, and writes a line of JSON: ``{"fault": ""}``, or what went wrong.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from mirdrake.world_checks.faults import Fault
+from mirdrake.worlds import World
+
+STEPS = 20
+PATIENCE = 120.0
+"""Wall time that the first steps may take [s]."""
+
+_FASTEST = 30.0  # [m/s] of what stands or falls a tenth of a second long
+_ROOT = str(Path(__file__).resolve().parents[2])
+_LIGHT, _HEAVY, _SMALL, _LARGE = 1e-3, 1e5, 5e-3, 200.0  # [kg], [m] of loose props that Drake steps well
+
+
+def find_first_step_fault(world: World, overrides: tuple[str, ...], vehicle: str) -> list[Fault]:
+    """What happens in the first steps of a world with a car at its first start; nothing if it is sound.
+
+    Args:
+        world: laid out, from a file.
+        overrides: with which it was loaded.
+        vehicle: name of the car.
+    """
+    if world.path is None:
+        return []
+    job = {"world": str(world.path.resolve()), "overrides": overrides, "vehicle": vehicle,
+           "start": next(iter(world.starts))}  # fmt: skip
+    paths = os.pathsep.join(filter(None, [_ROOT, os.environ.get("PYTHONPATH", "")]))
+    command = [sys.executable, "-m", "mirdrake.world_checks.first_steps", json.dumps(job)]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, timeout=PATIENCE, check=False, env={**os.environ, "PYTHONPATH": paths}
+        )
+    except subprocess.TimeoutExpired:
+        reason = f"{STEPS} steps take longer than {PATIENCE:.0f} s"
+    except OSError as error:
+        reason = f"no process can be started: {error.strerror or error}"
+    else:
+        reason = _reason(done.stdout.decode(errors="replace"), done.returncode)
+    if not reason:
+        return []
+    text = f"{world.path.name}: the first steps with {vehicle} at '{job['start']}' fail: {reason}; {_advice(world)}"
+    return [Fault("steps", text)]
+
+
+def _reason(out: str, code: int) -> str:
+    for line in reversed(out.splitlines()):
+        try:
+            message = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(message, dict) and isinstance(message.get("fault"), str):
+            return message["fault"]
+    return f"the process ended with {f'signal {-code}' if code < 0 else f'exit code {code}'}"
+
+
+def _advice(world: World) -> str:
+    """What to look at: loose props of extreme size or mass, else those near each other."""
+    odd = []
+    for placed in world.props:
+        sides = [*np.ptp(np.concatenate([solid.corners for solid in placed.prop.solids]), axis=0)]
+        extreme = not _LIGHT <= placed.prop.mass <= _HEAVY or min(sides) < _SMALL or max(sides) > _LARGE
+        if not placed.static and extreme:
+            odd.append(f"'{placed.name}' ({placed.prop.mass:.3g} kg, {' x '.join(f'{side:.3g}' for side in sides)} m)")
+    if odd:
+        return f"make these static, or give them a usual size and mass: {', '.join(odd[:4])}{' …' * (len(odd) > 4)}"
+    loose = [placed.name for placed in world.props if not placed.static]
+    if loose:
+        return f"make props static that overlap or touch others: {', '.join(loose[:4])}{' …' * (len(loose) > 4)}"
+    return "look for props of extreme size, or without a volume"
+
+
+# --- the program --------------------------------------------------------------------------------------------------
+
+
+def main() -> None:
+    """Do the job of the argument."""
+    job = json.loads(sys.argv[1])
+    try:
+        fault = _step(job["world"], job["overrides"], job["vehicle"], job["start"])
+    except (RuntimeError, ValueError) as error:  # Drake's words name no prop
+        fault = "Drake's solver does not converge" if "converge" in str(error) else "Drake cannot step the plant"
+    sys.stdout.write(json.dumps({"fault": fault}) + "\n")
+
+
+def _step(path: str, overrides: list[str], vehicle: str, start_name: str) -> str:
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+
+    from mirdrake.plant import make_plant, set_start
+    from mirdrake.vehicles import load_vehicle
+    from mirdrake.worlds import load_world
+
+    world = load_world(path, overrides=overrides)
+    builder = DiagramBuilder()
+    parts = make_plant(builder, world, {"car": load_vehicle(vehicle)}, parked=("car",))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = parts.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    start = world.starts[start_name]
+    set_start(parts.plant, context, parts.vehicles["car"], x=start.x, y=start.y, yaw=start.yaw)
+    parts.props.reset(parts.plant, context)
+    simulator.AdvanceTo(STEPS * parts.plant.time_step())
+    for name, body in {"the car": parts.vehicles["car"].base, **parts.props.bodies}.items():
+        speed = float(np.linalg.norm(parts.plant.EvalBodySpatialVelocityInWorld(context, body).translational()))
+        if not speed <= _FASTEST:
+            shown = f"{speed:.3g} m/s" if np.isfinite(speed) else "no finite speed"
+            return f"{name if name == 'the car' else f'prop {name!r}'} has {shown} after {STEPS} steps"
+    return ""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""A place to start from that is free for a car, on the road where there is one."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from mirdrake.vehicles import load_vehicle
+from mirdrake.world_checks.obstacles import Body
+from mirdrake.worlds import World
+from mirdrake.worlds.world import Start
+
+CAR = "bolt"
+"""The standard car that must have room."""
+
+_ROOM = 0.3  # [m] on all sides
+_AHEAD = 6.0  # [m] that shall be free in front, where there is such a place
+_LOW = 0.05  # [m] of what is no obstacle
+_STEP = 2.0  # [m] between places that are tried
+_MOST_PLACES = 20_000
+_HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0, 45.0, 135.0, 225.0, 315.0])
+
+
+class FreePlaces:
+    """Where a standard car has room in a world.
+
+    Args:
+        world: laid out.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._car = Body.of(load_vehicle(CAR)).wider(_ROOM)
+        solids = [prop for prop in world.props if prop.bottom < self._car.height and prop.top > _LOW]
+        self._tree = shapely.STRtree([prop.footprint for prop in solids if not prop.prop.driven_over])
+
+    def is_free(self, x: float, y: float, yaw: float, *, ahead: float = 0.0) -> bool:
+        """Whether the car has room at a pose, and so far ahead of it [m]."""
+        car = self._car
+        c, s = math.cos(yaw), math.sin(yaw)
+        corners = [(car.rear, -car.half_width), (car.front + ahead, -car.half_width),
+                   (car.front + ahead, car.half_width), (car.rear, car.half_width)]  # fmt: skip
+        places = np.array([(x + c * u - s * v, y + s * u + c * v) for u, v in corners])
+        xmin, ymin, xmax, ymax = self._world.ground.extent
+        if (places < (xmin, ymin)).any() or (places > (xmax, ymax)).any():
+            return False
+        return not len(self._tree.query(shapely.Polygon(places), predicate="intersects"))
+
+    def is_start(self, start: Start) -> bool:
+        """Whether the car has room at a start."""
+        return self.is_free(start.x, start.y, start.yaw)
+
+    def find_on_track(self, name: str) -> float | None:
+        """The first place along a track with room, also ahead [m]; None if there is none."""
+        track = self._world.tracks[name]
+        behind = 0.0 if track.closed else min(max(0.0, -self._car.rear) + 0.5, 0.25 * track.length)
+        for ahead in (_AHEAD, 0.0):
+            s = behind
+            while s < (track.length if track.closed else 0.6 * track.length):
+                x, y, yaw = track.pose_at(s)
+                if self.is_free(x, y, yaw, ahead=ahead):
+                    return round(s, 2)
+                s += _STEP
+        return None
+
+    def find_near(self, x: float, y: float) -> tuple[float, float, float] | None:
+        """The pose with room, also ahead, that is nearest to a place [m], [rad]; None if there is none."""
+        for ahead in (_AHEAD, 0.0):
+            for dx, dy in _spiral():
+                for yaw in _HEADINGS:
+                    if self.is_free(x + dx, y + dy, float(yaw), ahead=ahead):
+                        return round(x + dx, 3), round(y + dy, 3), float(yaw)
+        return None
+
+
+def _spiral() -> Iterator[tuple[float, float]]:
+    """Places around the origin, the nearest first [m]."""
+    count, ring = 0, 0
+    while count < _MOST_PLACES / len(_HEADINGS):
+        number = max(1, 6 * ring)
+        for angle in 2.0 * math.pi * np.arange(number) / number:
+            count += 1
+            yield ring * _STEP * math.cos(angle), ring * _STEP * math.sin(angle)
+        ring += 1
