@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.errors import ConfigError, ModelError, WorldError
 from mirdrake.paths import staging
@@ -139,6 +139,8 @@ def _build(
     say("placing")
     props = place(entries, building)
     overlaps = _overlap_rules(props, where, add)
+    if _let_fall(entries, props, where, add):
+        props = place(entries, building)
     heights = _height_rules(props, where, add)
     grids = into_grids(entries) if not overlaps and not heights else entries
     _widen(ground, props, where, add)
@@ -165,13 +167,17 @@ def _build(
     laid = write(starts)
     say("looking for a free start")
     first, remark = _free_start(laid, props)
-    if first:
+    blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
+    for start in blocked:
+        add(Change(where, f"start '{start}'", starts.pop(start), "left out", f"no room for a car of the size of {CAR}"))
+    if first or blocked:
         laid = write({**first, **starts})
+    if first:
         add(Change(where, "start", remark, ", ".join(f"start '{one}': {keys}" for one, keys in first.items()),
                    f"a car of the size of {CAR} has room there"))  # fmt: skip
     say("checking")
     found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
-    checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps)))
+    checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
     checks += tuple(f"world check: {text}" for text in found)
     changes = tuple(dict.fromkeys(places.change(change) for change in world.changes))
     report = report_text(name, files=world.files, entries=grids, changes=changes, places=places, checks=checks)
@@ -212,6 +218,25 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     return {new: f"at: [{number(pose[0])}, {number(pose[1])}], yaw: {degrees(pose[2])}"}, (
         remark if world.spec.start else "no room at the origin"
     )
+
+
+def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> bool:
+    """Lower loose things that hang in the air to where they would fall, those above each other together."""
+    hanging = {fault.names[0] for fault in find_unsettled(Neighbours(props), None) if fault.kind == "floating"}
+    loose = [prop for prop in props if prop.name in hanging and not prop.static]
+    if not loose:
+        return False
+    by_name = {entry.name: entry for entry in entries}
+    highest = 0.0
+    for prop in loose:
+        near = [other.bottom for other in loose if other.footprint.intersects(prop.footprint)]
+        drop = min(near)
+        highest = max(highest, drop)
+        X = by_name[prop.name].X_WP
+        by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, drop]))
+    was = f"{len(loose)} up to {highest:.3g} m above the ground: {', '.join(prop.name for prop in loose[:5])}"
+    add(Change(where, "loose things in the air", was, "on the ground", "they would fall"))
+    return True
 
 
 def _height_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> dict[str, float]:
@@ -272,6 +297,7 @@ def _checks(
     props: list[PlacedProp],
     entries: Sequence[Entry],
     overlaps: Sequence[tuple[str, str]],
+    ground: GroundText,
 ) -> Sequence[str]:
     """What a person should look at."""
     checks = []
@@ -285,7 +311,7 @@ def _checks(
         checks.append(f"Below the ground: {', '.join(buried[:8])}{' …' if len(buried) > 8 else ''}.")
     if overlaps:
         checks.append("Things overlap, as they do in the source: the rules allow it.")
-    if not entries and not world.planes:
+    if not entries and not world.planes and not ground.patches and not ground.tracks:
         checks.append("The world is empty.")
     return checks
 

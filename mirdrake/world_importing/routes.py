@@ -25,6 +25,7 @@ WIDEST = 25.0
 """Mean width up to which an area is a road and not a yard [m]."""
 
 _RADIUS = 7.0  # [m] that a corner gets if there is room: most cars can turn on it
+_LEAST_LINE = 1e-3  # [m] of a line that is left between a corner and its neighbour
 _STRAIGHT = 1e-4  # [rad] turn of a corner that is none
 _BACK = math.radians(170.0)  # turn from which a line goes back
 _MOST_SEGMENTS = 1500
@@ -56,9 +57,9 @@ def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route
     (x, y, yaw), segments = laid
     start = f"start: {{at: [{number(x)}, {number(y)}], yaw: {math.degrees(yaw):.8f} deg}}"
     parts = [
-        f"{{line: {size:.7f}}}"
+        f"{{line: {size:.12g}}}"
         if angle == 0.0
-        else f"{{arc: {{radius: {size:.7f}, angle: {math.degrees(angle):.9f} deg}}}}"
+        else f"{{arc: {{radius: {size:.12g}, angle: {math.degrees(angle):.13g} deg}}}}"
         for size, angle in segments
     ]
     for road, wide in ((True, width), (False, width), (False, 0.5 * width), (False, min(1.0, 0.2 * width))):
@@ -66,8 +67,8 @@ def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route
             continue
         spec = {
             "start": {"at": (round(x, 4), round(y, 4)), "yaw": math.radians(round(math.degrees(yaw), 8))},
-            "segments": [{"line": round(size, 7)} if angle == 0.0 else
-                         {"arc": {"radius": round(size, 7), "angle": math.radians(round(math.degrees(angle), 9))}}
+            "segments": [{"line": size} if angle == 0.0 else
+                         {"arc": {"radius": size, "angle": angle}}
                          for size, angle in segments],
             "closed": closed, "width": round(wide, 3), "road": road,
         }  # fmt: skip
@@ -138,13 +139,15 @@ def _rounded(
         if abs(turn) < _STRAIGHT:
             continue
         half = math.tan(abs(turn) / 2.0)
-        room = min(share[at] * lengths[at], share[at + 1] * lengths[at + 1])
+        room = min(share[at] * lengths[at], share[at + 1] * lengths[at + 1]) - _LEAST_LINE
+        if room <= 0.0:
+            return None
         off = max(0.25 * width, 0.1) / (1.0 / math.cos(turn / 2.0) - 1.0)  # radius that cuts the corner so far
         cut[at] = min(room, max(off, _RADIUS, 0.6 * width) * half)
     segments: list[tuple[float, float]] = []
     for at, length in enumerate(lengths):
         left = length - (cut[at - 1] if at else 0.0) - (cut[at] if at < len(turns) else 0.0)
-        if left >= 1e-3:
+        if left > 1e-3:
             segments.append((float(left), 0.0))
         if at < len(turns) and abs(turns[at]) >= _STRAIGHT:
             radius = cut[at] / math.tan(abs(turns[at]) / 2.0)
