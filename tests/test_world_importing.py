@@ -2,6 +2,7 @@
 
 import random
 import re
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -17,9 +18,14 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake import cli
 from mirdrake.errors import ConfigError, MirdrakeError, ModelError
 from mirdrake.vehicles.importing import packages
+from mirdrake.vehicles.importing.mesh_convex import make_hull
+from mirdrake.vehicles.importing.xml_lines import parse_xml
 from mirdrake.world_checks import check
+from mirdrake.world_checks import first_steps as first_steps_of
 from mirdrake.world_importing import import_world
 from mirdrake.worlds.loading import load_world
+from mirdrake.worlds.lock import lock_text
+from mirdrake.worlds.scenery import scenery
 from tests import trap_worlds as traps
 
 MILLIMETRE = 1e-3
@@ -444,6 +450,276 @@ def test_a_damaged_world_is_a_world_or_one_line(tmp_path):
             assert (target / "w.md").read_text(encoding="utf-8").startswith("# Import of w")
             assert {entry.name for entry in target.iterdir()} <= {"w", "w.md", "w.yaml"}, seed
     assert min(outcome["refused"], outcome["world"]) > 10, outcome
+
+
+# --- roads --------------------------------------------------------------------------------------------------------
+
+
+def drive_along(world, seconds=20.0, speed=5.0):
+    """Whether the longest track leads on free ground for a time at a speed [m/s]; a closed one is driven in laps."""
+    track = next(iter(world.tracks.values()))
+    length = min(seconds * speed, track.length) if not track.closed else seconds * speed
+    s = np.mod(np.arange(0.0, length, 0.5), track.length)
+    x, y = track.point(s, np.zeros_like(s))
+    free = all(
+        prop.footprint.distance(shapely.Point(point)) > 1.0 for prop in world.props for point in zip(x, y, strict=True)
+    )
+    return free and length >= min(seconds * speed, 60.0)
+
+
+@pytest.mark.parametrize("height", [0.01, 0.025, 0.1, 0.25, 0.4])
+@pytest.mark.parametrize("with_plane", [True, False])
+@pytest.mark.parametrize("seen_only", [False, True])
+def test_a_circuit_of_slabs_is_a_road_at_any_height(tmp_path, height, with_plane, seen_only):
+    if seen_only and not with_plane:
+        pytest.skip("nothing would collide")
+    result, world = imported(
+        traps.circuit(tmp_path, height, with_plane=with_plane, seen_only=seen_only), tmp_path / "worlds"
+    )
+    assert {prop.name for prop in world.props} == {"cone"}
+    assert float(next(iter(placed(world).values())).bottom) == pytest.approx(0.0, abs=5e-3)
+    track = next(iter(world.tracks.values()))
+    assert track.closed
+    assert track.length == pytest.approx(2 * 100 + 2 * np.pi * 30, rel=0.03)
+    assert drive_along(world)
+    road = shapely.union_all([patch.area for patch in world.patches])
+    for x, y in ((0.0, 30.0), (0.0, -30.0), (80.0, 0.0), (-80.0, 0.0)):
+        assert road.distance(shapely.Point(x, y)) < 0.01, (x, y)
+        assert {patch.surface for patch in world.patches} == {"asphalt"}
+    start = next(iter(world.starts.values()))
+    assert start.track is not None
+    if height > 0.05 and not seen_only and with_plane:
+        assert any("lower" in change.became for change in told(result, "straight"))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_circuit_as_a_mesh_is_a_road(tmp_path, seed):
+    chance = random.Random(seed)
+    kind = {"walls": 0.8 * (seed == 1), "rise": 3.0 * (seed == 2), "height": 0.3 * (seed == 3)}
+    radius, width = chance.uniform(35.0, 60.0), chance.uniform(6.0, 9.0)
+    path = traps.mesh_circuit(tmp_path, radius, width, seen_only=seed == 0, **kind)
+    _, world = imported(path, tmp_path / "worlds")
+    track = next(iter(world.tracks.values()))
+    assert track.closed
+    assert track.length == pytest.approx(2.0 * np.pi * radius, rel=0.02)
+    assert track.width == pytest.approx(width, rel=0.1)
+    assert drive_along(world)
+    assert bool(world.props) == (seed == 1)
+    assert len(world.spec.scenery) == (0 if seed == 1 else 1)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_roads_of_points_are_tracks(tmp_path, seed):
+    chance = random.Random(seed)
+    points = [np.zeros(2)]
+    heading = 0.0
+    for _ in range(6):
+        heading += chance.uniform(-0.6, 0.6)
+        points.append(points[-1] + chance.uniform(25.0, 60.0) * np.array([np.cos(heading), np.sin(heading)]))
+    text = "".join(f"<point>{x:.3f} {y:.3f} 0.02</point>" for x, y in points)
+    inside = f"<road name='street'><width>6</width>{text}</road>"
+    _, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    track = world.tracks["street"]
+    line = shapely.LineString(points)
+    x, y = track.point(s := np.linspace(0.0, track.length, 200), np.zeros_like(s))
+    assert line.distance(shapely.MultiPoint(np.column_stack((x, y)))) < 1e-6
+    assert max(line.distance(shapely.Point(point)) for point in zip(x, y, strict=True)) < 2.0
+    assert next(iter(world.starts.values())).track == "street"
+    assert drive_along(world)
+
+
+def test_what_is_above_the_ground_stays_an_obstacle(tmp_path):
+    inside = (
+        traps.model("road", size="60 8 0.1", pose="0 0 0.05 0 0 0")
+        + traps.model("sidewalk", size="60 2 0.15", pose="0 5 0.075 0 0 0")
+        + traps.model("crate", size="1 1 0.4", pose="5 -7 0.2 0 0 0")
+        + traps.model("hall", size="10 10 3", pose="0 20 1.5 0 0 0")
+        + traps.model("deck", size="20 20 0.2", pose="0 -40 4 0 0 0")
+    )
+    _, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    assert {prop.name for prop in world.props} == {"sidewalk", "crate", "hall", "deck"}
+    assert {patch.name for patch in world.patches} == {"road"}
+
+
+def test_what_is_only_seen_is_drawn(tmp_path):
+    inside = (
+        '<model name="tree"><static>1</static><pose>8 3 0 0 0 0.5</pose><link name="l"><visual name="v">'
+        "<pose>0 0 2 0 0 0</pose><geometry><sphere><radius>1</radius></sphere></geometry></visual></link></model>"
+    )
+    result, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    assert not world.props
+    (mesh,) = world.spec.scenery
+    assert mesh.at == pytest.approx((8.0, 3.0, 0.003))
+    assert (result.path.parent / mesh.file).is_file()
+    assert [item.name for item in scenery(world)][-1] == "world/scenery.0"
+    assert told(result, "tree")[0].became == "only drawn"
+    lock_text(world)
+
+
+# --- XML and search paths -----------------------------------------------------------------------------------------
+
+_LENIENT = {
+    "dashes": "<?xml version='1.0'?>\n<!-- a -- b ---\n -->\n<sdf><world/></sdf>",
+    "byte order mark": "\ufeff<?xml version='1.0'?>\n\n\n<sdf><world/></sdf>",
+    "space first": " \n<?xml version='1.0'?>\n\n<sdf><world/></sdf>",
+    "comment first": "<!-- x -->\n<?xml version='1.0'?>\n\n<sdf><world/></sdf>",
+    "two declarations": "<?xml version='1.0'?>\n<?xml version='1.0'?>\n\n<sdf><world/></sdf>",
+    "encoding": "<?xml version='1.0' encoding='nonsense'?>\n\n\n<sdf><world/></sdf>",
+    "no prefix": "\n\n\n<sdf><world><a:b c:d='1'/></world></sdf>",
+    "ampersand": "\n\n\n<sdf a='x & y'><world>a & b &nbsp;</world></sdf>",
+    "less than": "\n\n\n<sdf a='x < y'><world/></sdf>",
+    "control": "\n\n\n<sdf><world>\x01 &#0;</world></sdf>",
+    "attributes": "\n\n\n<sdf a='1'b = '2'><world/></sdf>",
+    "after the root": "\n\n\n<sdf><world/></sdf>\n<other/> text",
+    "data": "\n\n\n<sdf><world><![CDATA[ <a> & -- ]]> ]]></world></sdf>",
+    "document type": "<!DOCTYPE sdf>\n\n\n<sdf><world/></sdf>",
+}
+
+
+@pytest.mark.parametrize("case", _LENIENT)
+def test_xml_that_gazebo_reads_is_read(tmp_path, case):
+    path = tmp_path / "a.sdf"
+    path.write_text(_LENIENT[case], encoding="utf-8")
+    root, places = parse_xml(path)
+    assert [element.tag for element in root.iter()][:2] == ["sdf", "world"]
+    assert places[root].endswith(":4")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "text", "<sdf>", "<sdf><a></sdf>", "<sdf a=1/>", "<sdf><!-- <a/></sdf>", "<sdf a='1' a='2'/>",
+     "<!DOCTYPE a [<!ENTITY b 'c'>]><sdf/>"],
+)  # fmt: skip
+def test_xml_that_gazebo_does_not_read_is_one_line(tmp_path, text):
+    path = tmp_path / "a.sdf"
+    path.write_text(text)
+    with pytest.raises(ModelError, match=r"a\.sdf") as caught:
+        parse_xml(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["<a b='c", "<!-- -- ", "<a b='c\" ", "<![CDATA[", "<? ", "&", "<a b='1' "])
+def test_damaged_xml_takes_linear_time(tmp_path, text):
+    path = tmp_path / "a.sdf"
+    path.write_text("<sdf><!-- -- -->" + text * 20_000)
+    with pytest.raises(ModelError):
+        parse_xml(path)
+
+
+@pytest.mark.parametrize(
+    "variable",
+    ["GAZEBO_MODEL_PATH", "GAZEBO_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH"],
+)
+@pytest.mark.parametrize("address", ["model://my_package/deep/models/crate", "model://crate_here"])
+def test_addresses_are_joined_to_the_search_paths(tmp_path, monkeypatch, variable, address):
+    top = tmp_path / "elsewhere" / "top"
+    traps.model_folder((top / address.partition("://")[2]).parent, address.rpartition("/")[2], traps.model("crate"),
+                       config=False)  # fmt: skip
+    monkeypatch.setenv(variable, f"{tmp_path / 'none'}:{top}")
+    (tmp_path / "here").mkdir()
+    _, world = imported(
+        traps.world(tmp_path / "here", traps.include(address, pose="9 0 0.5 0 0 0")), tmp_path / "worlds"
+    )
+    assert len(world.props) == 1
+
+
+def test_models_of_fuel_come_from_its_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("GZ_FUEL_CACHE_PATH", str(tmp_path / "cache"))
+    uri = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/My Crate"
+    path = traps.world(tmp_path, traps.include(uri, pose="9 0 0.5 0 0 0"))
+    result, world = imported(path, tmp_path / "one")
+    assert not world.props
+    assert any("local cache of Fuel" in change.why for change in result.changes)
+    home = tmp_path / "cache" / "fuel.gazebosim.org" / "openrobotics" / "models" / "my crate"
+    for version in ("2", "10"):
+        traps.model_folder(home, version, traps.model("crate", size=f"1 1 {version}"), config=False)
+    _, world = imported(path, tmp_path / "two")
+    assert world.props[0].prop.size[2] == pytest.approx(10.0)
+
+
+def test_flat_and_tiny_meshes_leave_no_words_of_libraries(tmp_path):
+    for seed, points in enumerate(
+        (
+            [[0, 0, 0]] * 4,
+            [[0, 0, 0], [1, 1, 1], [2, 2, 2]],
+            np.random.default_rng(1).normal(size=(9, 3)) * [1.0, 1.0, 1e-12],
+            [[1e9, 0, 0], [1e9, 1e-9, 0], [1e9, 0, 1e-9]],
+        )
+    ):
+        hull = make_hull(np.array(points, dtype=float))
+        assert hull.volume > 0.0, seed
+    (tmp_path / "sheet.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 1e-19\nv 0 1 0\nv 0 0 -1e-19\nf 1 2 3\nf 1 3 4\nf 1 3 2\nf 1 4 3\n"
+    )
+    geometry = f"<geometry><mesh><uri>file://{tmp_path}/sheet.obj</uri></mesh></geometry>"
+    inside = (
+        '<model name="sheet"><static>1</static><pose>5 5 1 1.5 0 0</pose><link name="l"><collision name="c">'
+        f"{geometry}</collision></link></model>"
+    )
+    result, _ = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    text = result.path.with_suffix(".md").read_text()
+    assert not re.search(r"\d{7,} %|[Qq]hull|QH\d|fcl", text)
+
+
+# --- starts and checks --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_start_is_free(tmp_path, seed):
+    chance = random.Random(seed)
+    boxes = [("0 0 0.5 0 0 0.3", "3 3 1")] + [
+        (f"{chance.uniform(-12, 12):.2f} {chance.uniform(-12, 12):.2f} 1 0 0 {chance.uniform(0, 3):.2f}", "2 1 2")
+        for _ in range(40)
+    ]
+    inside = "".join(traps.model(f"box_{i}", size=size, pose=pose) for i, (pose, size) in enumerate(boxes))
+    result, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    start = next(iter(world.starts.values()))
+    car = shapely.affinity.translate(
+        shapely.affinity.rotate(shapely.box(-0.9, -1.0, 3.4, 1.0), start.yaw, origin=(0, 0), use_radians=True),
+        start.x,
+        start.y,
+    )
+    assert not any(prop.footprint.intersects(car) for prop in world.props)
+    assert not check.check_world(world, vehicle="bolt")
+    assert not any("world check" in line for line in result.checks)
+
+
+def test_blocked_starts_of_the_source_are_left_out(tmp_path):
+    robot = (
+        '<model name="car"><pose>0 0 0.3 0 0 1</pose><link name="b"/>'
+        '<link name="w1"/><link name="w2"/><link name="w3"/>'
+        + "".join(
+            f'<joint name="j{k}" type="revolute"><parent>b</parent><child>w{k}</child></joint>' for k in (1, 2, 3)
+        )
+        + "</model>"
+    )
+    result, world = imported(traps.world(tmp_path, robot + traps.model("wall", size="4 4 2", pose="0 0 1 0 0 0")),
+                             tmp_path / "worlds")  # fmt: skip
+    assert list(world.starts) == ["free"]
+    assert told(result, "start 'car'")[0].became == "left out"
+
+
+def test_loose_things_in_the_air_are_put_down(tmp_path):
+    inside = traps.model("box", pose="5 5 3 0 0 0", static=False) + traps.model("lamp", pose="9 5 6 0 0 0")
+    result, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    assert placed(world)["box"].bottom == pytest.approx(0.0, abs=1e-6)
+    assert placed(world)["lamp"].bottom == pytest.approx(5.5)
+    assert not any("world check" in line for line in result.checks)
+
+
+def test_a_world_that_ends_the_solver_is_found(tmp_path, monkeypatch):
+    _, world = imported(traps.world(tmp_path, traps.model("crate", pose="9 0 0.5 0 0 0", static=False)), tmp_path / "w")
+    assert not first_steps_of.find_first_step_fault(world, (), "bolt")
+    for program, words in (
+        ("import os; os.abort()", "signal 6"),
+        ("raise SystemExit(3)", "exit code 3"),
+        ("""print('{"fault": "prop crate has 1e+09 m/s"}')""", r"1e\+09 m/s"),
+    ):
+        monkeypatch.setattr(first_steps_of, "COMMAND", (sys.executable, "-c", program))
+        (fault,) = first_steps_of.find_first_step_fault(world, (), "bolt")
+        assert fault.kind == "steps"
+        assert re.search(words, fault.text)
+        assert "crate" in fault.text
 
 
 # --- the command --------------------------------------------------------------------------------------------------

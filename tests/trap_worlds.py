@@ -3,6 +3,8 @@
 Each function writes one world below a folder and returns its file. Lengths are metres, angles radians.
 """
 
+import re
+
 import numpy as np
 
 from tests.mesh_rigs import box, write_dae, write_stl
@@ -327,3 +329,50 @@ def broken():
         ),
         "double link": (model("bad", extra='<link name="link"/>'), "names must differ"),
     }
+
+
+def circuit(folder, height, *, with_plane=True, seen_only=False):
+    """Two straights of 100 m and two bends of radius 30 m out of slabs 8 m wide whose top is at a height [m]."""
+    thick = min(0.05, 2.0 * height)
+    z = height - thick / 2.0
+    slab = {"visual": True, "more": ""}
+    parts = [("straight_1", 100.0, 0.0, -30.0, 0.0), ("straight_2", 100.0, 0.0, 30.0, 0.0)]
+    for side in (-1.0, 1.0):
+        for turn in np.linspace(-80.0, 80.0, 9):
+            a = np.radians(turn)
+            x, y = side * (50.0 + 30.0 * np.cos(a)), 30.0 * np.sin(a)
+            parts.append((f"bend_{int(side)}_{int(turn)}", 11.0, x, y, side * a + np.pi / 2.0))
+    text = "".join(
+        model(f"{name} asphalt", size=f"{long} 8 {thick}", pose=f"{x:.3f} {y:.3f} {z:.4f} 0 0 {yaw:.4f}", **slab)
+        for name, long, x, y, yaw in parts
+    )
+    if seen_only:
+        text = re.sub("<collision.*?</collision>", "", text, flags=re.DOTALL)
+    text += model("cone", size="0.3 0.3 0.6", pose=f"20 33 {0.3 + (0.0 if seen_only else height)} 0 0 0")
+    return world(folder, text, **({} if with_plane else {"plane": ""}))
+
+
+def mesh_circuit(folder, radius, width, *, seen_only=False, walls=0.0, rise=0.0, height=0.0):
+    """A ring of triangles as a track, with walls along its edges, or rising and falling by `rise` [m]."""
+    count = 120
+    turn = 2.0 * np.pi * np.arange(count) / count
+    z = height + 0.5 * rise * (1.0 - np.cos(turn))
+    rings = [np.column_stack((r * np.cos(turn), r * np.sin(turn), z + up))
+             for up in ((0.0, walls) if walls else (0.0,))
+             for r in (radius + width / 2.0, radius - width / 2.0)]  # fmt: skip
+    faces = []
+    for i in range(count):
+        j = (i + 1) % count
+        pairs = [(0, 1), (0, 2), (1, 3)] if walls else [(0, 1)]
+        for a, b in pairs:
+            faces += [(a * count + i, a * count + j, b * count + j), (a * count + i, b * count + j, b * count + i)]
+    lines = [f"v {x:.4f} {y:.4f} {h:.4f}" for ring in rings for x, y, h in ring]
+    lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
+    (folder / "ring.obj").write_text("\n".join(lines) + "\n")
+    geometry = "<geometry><mesh><uri>ring.obj</uri></mesh></geometry>"
+    collision = "" if seen_only else f"<collision name='c'>{geometry}</collision>"
+    inside = (
+        f"<model name='race_track'><static>1</static><link name='l'>{collision}<visual name='v'>{geometry}</visual>"
+        "</link></model>"
+    )
+    return world(folder, inside, **({"plane": ""} if rise else {}))

@@ -19,6 +19,9 @@ STEPS = 20
 PATIENCE = 120.0
 """Wall time that the first steps may take [s]."""
 
+COMMAND: tuple[str, ...] = (sys.executable, "-m", "mirdrake.world_checks.first_steps")
+"""The process that makes them."""
+
 _FASTEST = 30.0  # [m/s] of what stands or falls a tenth of a second long
 _ROOT = str(Path(__file__).resolve().parents[2])
 _LIGHT, _HEAVY, _SMALL, _LARGE = 1e-3, 1e5, 5e-3, 200.0  # [kg], [m] of loose props that Drake steps well
@@ -37,7 +40,7 @@ def find_first_step_fault(world: World, overrides: tuple[str, ...], vehicle: str
     job = {"world": str(world.path.resolve()), "overrides": overrides, "vehicle": vehicle,
            "start": next(iter(world.starts))}  # fmt: skip
     paths = os.pathsep.join(filter(None, [_ROOT, os.environ.get("PYTHONPATH", "")]))
-    command = [sys.executable, "-m", "mirdrake.world_checks.first_steps", json.dumps(job)]
+    command = [*COMMAND, json.dumps(job)]
     try:
         done = subprocess.run(
             command, capture_output=True, timeout=PATIENCE, check=False, env={**os.environ, "PYTHONPATH": paths}

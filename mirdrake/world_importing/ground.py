@@ -22,7 +22,8 @@ from mirdrake.world_importing.routes import Route, route_in_area, route_of_line
 from mirdrake.world_importing.surfaces import FLAT, outline
 
 _WORDS = (
-    ("asphalt", ("asphalt", "road", "street", "track", "circuit", "highway", "tarmac")), ("grass", ("grass", "lawn", "field")),
+    ("asphalt", ("asphalt", "road", "street", "track", "circuit", "highway", "tarmac")),
+    ("grass", ("grass", "lawn", "field")),
     ("gravel", ("gravel", "dirt", "sand", "mud", "soil")), ("ice", ("ice", "snow")),
     ("concrete", ("concrete", "floor", "pavement", "sidewalk", "cement", "tile", "ground", "grey", "gray", "plane")),
 )  # fmt: skip

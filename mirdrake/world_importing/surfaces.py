@@ -85,7 +85,8 @@ def _gaps(corners: Array) -> Array:
     steps = (np.arange(30) + 0.5) / 30.0
     places = np.stack(np.meshgrid(*(low[k] + steps * (high[k] - low[k]) for k in (0, 1))), axis=-1).reshape(-1, 2)
     roof = tops_at(hull.points[hull.faces], places)
-    gaps: Array = np.clip((roof - tops_at(corners, places)) / (high[2] - low[2]), 0.0, 1.0)[np.isfinite(roof)]
+    covered = np.isfinite(roof)
+    gaps: Array = np.clip((roof[covered] - tops_at(corners, places[covered])) / (high[2] - low[2]), 0.0, 1.0)
     return gaps if len(gaps) else np.zeros(1)
 
 
