@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 HELP = "make a world file from a .world or .sdf file of Gazebo"
 MORE = """\
-Models are looked for in the folders around the file and on GAZEBO_MODEL_PATH and GZ_SIM_RESOURCE_PATH. Well-known ones
-that are not there, such as cones, barriers and cars, become props of mirdrake. NAME.md beside the new world says what
-was changed or left out, and why.
+Models are looked for in the folders around the file, on Gazebo's search paths (such as GZ_SIM_RESOURCE_PATH) and in the
+local cache of Fuel. Well-known ones that are not there, such as cones, barriers and cars, become props of mirdrake.
+Roads become tracks and patches of the ground, with a start on them. NAME.md beside the new world lists what was changed
+or left out, why, and what `mirdrake world check` finds in it.
 
 examples:
   mirdrake world import old.world

@@ -64,7 +64,7 @@ def _reason(out: str, code: int) -> str:
         except ValueError:
             continue
         if isinstance(message, dict) and isinstance(message.get("fault"), str):
-            return message["fault"]
+            return str(message["fault"])
     return f"the process ended with {f'signal {-code}' if code < 0 else f'exit code {code}'}"
 
 

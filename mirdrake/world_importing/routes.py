@@ -10,9 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import QhullError, Voronoi
+from shapely.ops import substring
 
 from mirdrake.errors import ConfigError, WorldError
 from mirdrake.world_importing.entry import number
@@ -28,6 +31,7 @@ _RADIUS = 7.0  # [m] that a corner gets if there is room: most cars can turn on 
 _LEAST_LINE = 1e-3  # [m] of a line that is left between a corner and its neighbour
 _STRAIGHT = 1e-4  # [rad] turn of a corner that is none
 _BACK = math.radians(170.0)  # turn from which a line goes back
+_BESIDE = 1.2  # [m] between a line to follow and the edge of a wide road: half a car
 _MOST_SEGMENTS = 1500
 _MOST_POINTS = 5000  # on the boundary of an area
 _LONG = 3.0  # length over width of a road
@@ -91,16 +95,57 @@ def route_in_area(area: shapely.Polygon) -> Route | None:
     if len(line) < 2 or float(np.hypot(*np.diff(line, axis=0).T).sum()) < _LONG * width:
         return None
     wide = 2.0 * float(np.quantile(clear, 0.25))
-    simple = shapely.get_coordinates(shapely.simplify(shapely.LineString(line), 0.04 * wide))
-    road = route_of_line(simple, wide)
+    closed = bool(np.allclose(line[0], line[-1]))
+    if not closed:  # the ends fork into the corners of the area
+        line = _trimmed(line, 0.5 * wide)
+    best: tuple[float, Array] | None = None
+    for smoothness in (0.0, 0.5, 1.0, 1.5, 2.5):
+        simple = _smoothed(line, wide, smoothness, closed=closed)
+        route = route_of_line(simple, wide, is_road=False)
+        if route is None:
+            continue
+        x, y = route.track.point(s := np.linspace(0.0, route.track.length, 400), np.zeros_like(s))
+        if shapely.distance(shapely.points(x, y), area.boundary).min() < min(0.25 * wide, _BESIDE):
+            continue
+        radius = min(route.track.min_radius, _RADIUS)
+        if best is None or radius > best[0] + 0.1:
+            best = radius, simple
+        if radius >= _RADIUS:
+            break
+    if best is None:
+        return None
+    road = route_of_line(best[1], wide)
     if road is not None and road.is_road:
         covered = shapely.intersection(road.track.area, area).area
         if covered > 0.93 * area.area and covered > 0.97 * road.track.area.area:
             return road
-    return route_of_line(simple, wide, is_road=False)
+    return route_of_line(best[1], wide, is_road=False)
 
 
 # --- the inner parts ----------------------------------------------------------------------------------------------
+
+
+def _trimmed(line: Array, length: float) -> Array:
+    """A line without a length at both ends [m]."""
+    whole = shapely.LineString(line)
+    if whole.length < 4.0 * length:
+        return line
+    kept: Array = shapely.get_coordinates(substring(whole, length, whole.length - length))
+    return kept
+
+
+def _smoothed(line: Array, wide: float, smoothness: float, *, closed: bool) -> Array:
+    """A line with few points, smoothed over a multiple of the width of its road [m]."""
+    if smoothness:
+        whole = shapely.LineString(line)
+        count = max(8, math.ceil(whole.length / (0.25 * wide)))
+        even = shapely.get_coordinates(shapely.line_interpolate_point(whole, np.linspace(0.0, whole.length, count + 1)))
+        places = even[:-1] if closed else even
+        sigma = smoothness * wide / (whole.length / count)
+        places = gaussian_filter1d(places, sigma, axis=0, mode="wrap" if closed else "nearest")
+        line = np.vstack((places, places[:1])) if closed else places
+    simple: Array = shapely.get_coordinates(shapely.simplify(shapely.LineString(line), 0.04 * wide))
+    return simple
 
 
 def _rounded(
@@ -178,7 +223,9 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
     inside = shapely.contains_xy(simple, *vertices.T)
     clear = shapely.distance(shapely.points(vertices), simple.boundary)
     inside &= clear > 0.2 * width
-    edges = np.array([pair for pair in diagram.ridge_vertices if min(pair) >= 0], dtype=np.int64).reshape(-1, 2)
+    edges: NDArray[np.int64] = np.array(
+        [pair for pair in diagram.ridge_vertices if min(pair) >= 0], dtype=np.int64
+    ).reshape(-1, 2)
     edges = edges[inside[edges].all(axis=1) & (edges[:, 0] != edges[:, 1])]
     if not len(edges):
         return none
@@ -190,14 +237,14 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
     path = _longest_path(edges, vertices)
     closes = ring is not None and _length(ring) > max(0.5 * _length(path), 4.0 * width)
     line = ring if ring is not None and closes else path
-    return line, shapely.distance(shapely.points(line), simple.boundary)
+    return line, np.asarray(shapely.distance(shapely.points(line), simple.boundary))
 
 
 def _length(line: Array) -> float:
     return float(np.hypot(*np.diff(line, axis=0).T).sum()) if len(line) > 1 else 0.0
 
 
-def _pruned(edges: Array, vertices: Array, shortest: float) -> Array:
+def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArray[np.int64]:
     """Edges without the branches that end after less than a length [m]."""
     lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T)
     alive = np.ones(len(edges), dtype=bool)
@@ -206,7 +253,8 @@ def _pruned(edges: Array, vertices: Array, shortest: float) -> Array:
         beside.setdefault(a, []).append(index)
         beside.setdefault(b, []).append(index)
     for tip in [vertex for vertex, near in beside.items() if len(near) == 1]:
-        branch, total, vertex = [], 0.0, tip
+        branch: list[int] = []
+        total, vertex = 0.0, tip
         while total < shortest:
             ways = [index for index in beside[vertex] if alive[index] and index not in branch[-1:]]
             if len(ways) != 1 or (branch and ways[0] in branch):
@@ -218,11 +266,11 @@ def _pruned(edges: Array, vertices: Array, shortest: float) -> Array:
         at_fork = sum(bool(alive[index]) for index in beside[vertex]) > 2
         if branch and total < shortest and at_fork:
             alive[branch] = False
-    kept: Array = edges[alive]
+    kept: NDArray[np.int64] = edges[alive]
     return kept
 
 
-def _outer_ring(edges: Array, vertices: Array) -> Array | None:
+def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:
     """The outermost closed line of edges; None if no line closes."""
     faces = shapely.get_parts(shapely.polygonize([shapely.LineString(vertices[edge]) for edge in edges]))
     if not len(faces):
@@ -232,7 +280,7 @@ def _outer_ring(edges: Array, vertices: Array) -> Array | None:
     return ring
 
 
-def _longest_path(edges: Array, vertices: Array) -> Array:
+def _longest_path(edges: NDArray[np.int64], vertices: Array) -> Array:
     """The longest of the shortest ways from one point of the edges to another, in the part that hangs together most."""
     used, index = np.unique(edges, return_inverse=True)
     index = index.reshape(-1, 2)

@@ -348,7 +348,7 @@ class StartSpec(Schema):
 
 
 class ScenerySpec(Schema):
-    """A mesh that is only drawn: cameras and viewers show it, and nothing touches it."""
+    """A mesh that is only drawn: cameras and lidars see it, and nothing touches it."""
 
     file: Annotated[str, Field(min_length=1)] = Field(description="glTF or OBJ, looked for beside the world file [-]")
     at: tuple[Coordinate, Coordinate, Coordinate] = Field(default=(0.0, 0.0, 0.0), description="its origin [m]")
