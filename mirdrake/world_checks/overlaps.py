@@ -10,6 +10,7 @@ process, the pair that did it is told, and a new process goes on with the others
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -38,6 +39,9 @@ MOST_DEATHS = 8
 
 COMMAND: tuple[str, ...] = (sys.executable, "-P", str(Path(__file__).with_name("worker.py")))
 """The process that asks Drake."""
+
+_LIBRARY = re.compile(r"fcl|qhull|QH\d|\.(?:h|cc|cpp|c):|libccd|::", re.IGNORECASE)
+"""Words of FCL and Qhull, which name functions and no prop."""
 
 Pair = tuple[int, int]
 MayOverlap = Callable[[PlacedProp, PlacedProp], bool]
@@ -203,7 +207,7 @@ def _ending(code: int, err: bytes) -> str:
     if code < 0:
         return f"signal {-code}"
     words = [line.strip() for line in err.decode(errors="replace").splitlines() if line.strip()]
-    own = bool(words) and not words[-1].startswith("RuntimeError")  # that of Drake and FCL
+    own = bool(words) and not _LIBRARY.search(words[-1])
     return f"exit code {code}: {words[-1][:200]}" if own else f"exit code {code}"
 
 
