@@ -30,7 +30,7 @@ Signals (:data:`~mirdrake.requirements.observation.DERIVED`, :data:`~mirdrake.re
     lateral_accel       m/s^2   to the left, without gravity
     yaw_rate            rad/s   positive to the left
     slip                        largest of a wheel: its rim's speed less its speed over the ground, over the latter
-    clearance           m       from the outline to the nearest prop where it was placed; negative: their overlap
+    clearance           m       to the nearest prop or vehicle on what can be touched; negative: the way out
     laps                        along the track since the start
     lap_time            s       since the current lap began
     time                s       since the start
