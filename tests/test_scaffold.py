@@ -182,9 +182,11 @@ def test_the_law_of_the_turning_circle_holds_for_real_cars() -> None:
 @pytest.mark.parametrize("row", table("turning_circles.csv"), ids=lambda row: row["name"])
 def test_a_given_turning_circle_is_met_and_one_left_out_is_estimated(row: dict[str, str]) -> None:
     wheelbase, track, circle = (float(row[key]) for key in ("wheelbase_m", "front_track_m", "turning_circle_m"))
-    sizes = {"wheelbase": wheelbase, "track": track, "mass": 300.0 * wheelbase**2, "wheel_radius": 0.12 * wheelbase}
-    for circles, error in (({"turning_circle": circle}, 1e-4), ({}, 0.18)):
-        values = plan_vehicle(**sizes, **circles).values
+    for turning_circle, error in ((circle, 1e-4), (None, 0.18)):
+        values = plan_vehicle(
+            wheelbase=wheelbase, track=track, mass=300.0 * wheelbase**2, wheel_radius=0.12 * wheelbase,
+            turning_circle=turning_circle,
+        ).values  # fmt: skip
         law = Ackermann(
             AxleGeometry(
                 wheelbase=wheelbase, front_track=track, rear_track=track, steering_limit=values["steering_limit"],
@@ -192,9 +194,7 @@ def test_a_given_turning_circle_is_met_and_one_left_out_is_estimated(row: dict[s
             )
         )  # fmt: skip
         radius = 1 / law.curvature(law.limit)  # of the rear axle's centre
-        outer = (
-            law.wheel_speed_ratios(law.limit)[1] * radius
-        )  # the outer wheel's path is as much longer as it is faster
+        outer = law.wheel_speed_ratios(law.limit)[1] * radius  # paths are as long as the wheels are fast
         assert 2 * outer == pytest.approx(circle, rel=error)
 
 
@@ -203,10 +203,10 @@ def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
     for row in rows:
         mass, front, rear, inertia = (float(row[key]) for key in ("mass_kg", "front_m", "rear_m", "yaw_inertia_kgm2"))
         base = front + rear
-        length = {"length": float(row["length_m"])} if row["length_m"] else {}
+        length = float(row["length_m"]) if row["length_m"] else None
         found = estimate(
             mass=mass, wheelbase=base, track=0.6 * base, wheel_radius=0.13 * base, wheel_width=0.08 * base,
-            front_axle_share=rear / base, **length,
+            front_axle_share=rear / base, length=length,
         ).yaw_inertia  # fmt: skip
         errors.append(math.log(found / inertia))
     assert len(rows) >= 15
