@@ -38,6 +38,7 @@ from mirdrake.perception import add_cloud_overlays
 from mirdrake.plant import PlantParts, make_plant, set_start
 from mirdrake.scene import Scene, make_scene
 from mirdrake.sensors import Camera, Lidar
+from mirdrake.signals import Signal
 from mirdrake.tyres import WheelTyres
 from mirdrake.wiring import Wiring
 from mirdrake.worlds import Start
@@ -65,6 +66,8 @@ class Assembly:
         cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
         arrays: sensors whose samples are arrays and shall be recorded, by name.
         tyres: tyre models of the vehicles that have one, by name of the vehicle.
+        outputs: names and units of the elements of all ports that `connect` may name first; None: they have no names.
+        inputs: the same of those that it may name second.
     """
 
     spec: DiagramSpec
@@ -78,6 +81,8 @@ class Assembly:
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
     arrays: dict[str, System] = field(default_factory=dict)
     tyres: dict[str, WheelTyres] = field(default_factory=dict)
+    outputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
+    inputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
 
     @cached_property
     def scene(self) -> Scene:
@@ -192,7 +197,10 @@ def assemble(
         for name in sensors_of(spec)
         if spec.record.arrays and how_recorded(wiring, name) == "array"
     }
-    return Assembly(spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras, arrays, tyres)
+    outputs, inputs = ({name: entry[1] for name, entry in ports.items()} for ports in (wiring.sources, wiring.sinks))
+    return Assembly(
+        spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras, arrays, tyres, outputs, inputs
+    )
 
 
 def _build_fault(error: Exception) -> str:

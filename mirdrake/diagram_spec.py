@@ -42,7 +42,8 @@ class VehicleEntry(Schema):
     speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
     mounts: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="keys of its sensors.yaml to change, say {front_camera: {rate: 25}} [-]"
+        default_factory=dict,
+        description="keys of its sensors.yaml to change, say {front_camera: {rate: 25}, gps: {preset: rtk_gps}} [-]",
     )
     control: dict[str, Any] = Field(
         default_factory=dict, description="laid over its control.yaml, say {wheel_speed: {kp: 3}} [-]"

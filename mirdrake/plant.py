@@ -42,6 +42,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ModelError
 from mirdrake.obstacles import PropsInPlant, add_props
 from mirdrake.rest_pose import RestPose, find_rest_pose
@@ -50,7 +51,6 @@ from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
-from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Duration, Schema, Speed
 
 logging.getLogger("drake").addFilter(

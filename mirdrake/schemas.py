@@ -5,12 +5,15 @@ a world file, a preset in place of a kind) is added here. A schema knows nothing
 joint exists says ``mirdrake check``.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from importlib import import_module
+from inspect import signature
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.yaml_io import load_yaml, read_tree
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -24,11 +27,15 @@ class Kind(NamedTuple):
         model: where its pydantic model is, as ``module:Class``.
         files: what such files are called.
         text: what they are.
+        head: value of the key ``mirdrake`` in such a file; "" for a format that is known by the name of the file.
+        reader: what reads and checks such a file beyond its model, as ``module:function``.
     """
 
     model: str
     files: str
     text: str
+    head: str = ""
+    reader: str = ""
 
 
 KINDS: dict[str, Kind] = {
@@ -41,16 +48,79 @@ KINDS: dict[str, Kind] = {
     ),
     "presets": Kind("mirdrake.vehicles.presets:PresetsSpec", "models/sensors/*.yaml", "sensors as products"),
     "prop": Kind("mirdrake.worlds.props:PropFile", "prop.yaml", "a prop"),
-    "world": Kind("mirdrake.worlds.spec:WorldSpec", "worlds/*.yaml", "a world and its tests, world/1"),
+    "world": Kind("mirdrake.worlds.spec:WorldSpec", "worlds/*.yaml", "a world and its tests, world/1", "world/1"),
     "diagram": Kind("mirdrake.diagram_spec:DiagramSpec", "diagrams/*.yaml", "vehicles, world and control, wired"),
-    "study": Kind("mirdrake.studies.spec:StudySpec", "study.yaml", "many variations of a diagram, study/1"),
-    "tuning": Kind("mirdrake.tuning.spec:TuningSpec", "tuning.yaml", "a control loop to tune, tuning/1"),
-    "data": Kind("mirdrake.identification.spec:DataSpec", "data.yaml", "recorded drives as a data set, data/1"),
+    "study": Kind(
+        "mirdrake.studies.spec:StudySpec",
+        "study.yaml",
+        "many variations of a diagram, study/1",
+        "study/1",
+        "mirdrake.studies.spec:load_study",
+    ),
+    "tuning": Kind(
+        "mirdrake.tuning.spec:TuningSpec",
+        "tuning.yaml",
+        "a control loop to tune, tuning/1",
+        "tuning/1",
+        "mirdrake.tuning.spec:load_tuning",
+    ),
+    "data": Kind(
+        "mirdrake.identification.spec:DataSpec",
+        "data.yaml",
+        "recorded drives as a data set, data/1",
+        "data/1",
+        "mirdrake.identification.data:load_data",
+    ),
     "identification": Kind(
-        "mirdrake.identification.study:StudySpec", "identification.yaml", "a model to fit to drives, identification/1"
+        "mirdrake.identification.study:StudySpec",
+        "identification.yaml",
+        "a model to fit to drives, identification/1",
+        "identification/1",
+        "mirdrake.identification.study:load_identification",
     ),
 }
 """The file formats by name."""
+
+
+def format_of(path: Path) -> str:
+    """Return the format of a YAML file, a name in :data:`KINDS`: by its key ``mirdrake``, else by its name.
+
+    A file without either is a diagram.
+
+    Raises:
+        ConfigError: it cannot be read, or its key ``mirdrake`` names no format.
+    """
+    data, source = read_tree(path)
+    head = data.get("mirdrake") if isinstance(data, dict) else None
+    if head is not None:
+        heads = {entry.head: name for name, entry in KINDS.items() if entry.head}
+        if not isinstance(head, str) or head not in heads:
+            raise ConfigError(f"{source.where('mirdrake')}: unknown format {head!r}; {did_you_mean(str(head), heads)}")
+        return heads[head]
+    if path.parent.name == "variants":
+        return "variant"
+    if isinstance(data, dict) and set(data) == {"presets"}:
+        return "presets"
+    return next((name for name, entry in KINDS.items() if entry.files == path.name and not entry.head), "diagram")
+
+
+def check_file(path: Path, *, overrides: Iterable[str] = ()) -> None:
+    """Read a file with the reader of its format, or check it against its model.
+
+    Raises:
+        ConfigError: its faults.
+    """
+    entry = KINDS[format_of(path)]
+    if not entry.reader:
+        load_yaml(path, _load(entry.model), overrides=overrides)
+        return
+    reader = _load(entry.reader)
+    if "overrides" in signature(reader).parameters:
+        reader(path, overrides=overrides)
+    elif overrides:
+        raise ConfigError(f"--set: not for {entry.files} ({entry.head})")
+    else:
+        reader(path)
 
 
 def make_schema(kind: str) -> Json:
@@ -74,9 +144,14 @@ def make_schema(kind: str) -> Json:
 
 
 def _schema_of(model: str) -> Json:
-    module, _, name = model.partition(":")
-    schema: Json = getattr(import_module(module), name).model_json_schema(mode="validation")
+    schema: Json = _load(model).model_json_schema(mode="validation")
     return schema
+
+
+def _load(place: str) -> Any:
+    """What is at ``module:name``."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 def _nodes(schema: Any) -> Iterator[Json]:

@@ -17,6 +17,11 @@ from mirdrake.paths import installed_version
 from mirdrake.requirements.incidents import Incident
 from mirdrake.telemetry import Array
 
+VEHICLE_FIGURES = (
+    "laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s", "distance_m", "max_speed_mps",
+)  # fmt: skip
+"""Figures of each vehicle in summary.json."""
+
 STRAIGHT = 1e-4
 """Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
 STEADY = 2.0
@@ -110,14 +115,7 @@ def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
         key = f"{name}.{suffix}"
         return signals[key].to_numpy() if key in signals and len(signals) else None
 
-    figures: dict[str, Any] = {
-        "laps": None,
-        "max_abs_lateral_error_m": None,
-        "mean_speed_error_percent": None,
-        "off_road_s": None,
-        "distance_m": None,
-        "max_speed_mps": None,
-    }
+    figures: dict[str, Any] = dict.fromkeys(VEHICLE_FIGURES)
     vx, command, wheels = column("vx"), column("speed_command"), column("wheels_on_road")
     lap, lateral, curvature = column("lap"), column("lateral_error"), column("curvature")
     if vx is None or len(signals) < 2:

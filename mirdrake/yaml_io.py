@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.yaml_tree import Key as Key  # with `as`: also public here
 from mirdrake.yaml_tree import Source as Source
@@ -60,7 +61,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "Hz": {"Hz": 1.0, "kHz": 1e3},
     "kg m²": {"kg m²": 1.0, "kg m^2": 1.0},
     "-": {},
-    "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665},
+    "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "g": GRAVITY},
 }
 _NUMBER = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
 

@@ -44,7 +44,8 @@ class Source(NamedTuple):
 def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:
     """A tree with a partial tree laid over it.
 
-    Mappings merge key by key unless their kinds differ; anything else is replaced.
+    Mappings merge key by key unless their kinds differ; anything else is replaced. Of a mapping over which another
+    preset is laid, only what :func:`below_preset` keeps remains.
 
     Args:
         data: the tree below, not changed.
@@ -65,6 +66,11 @@ def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple
             and isinstance(above, dict)
             and below.get("kind") == above.get("kind", below.get("kind"))
         ):
+            kept = below_preset(below, above)
+            for key in [key for key in lines if key[: len(path)] == path and key[len(path) : len(path) + 1]]:
+                if key[len(path)] in below and key[len(path)] not in kept:
+                    del lines[key]
+            below = kept
             return {**below, **{key: merge(below.get(key), value, (*path, key)) for key, value in above.items()}}
         for key in [key for key in lines if key[: len(path)] == path and len(key) > len(path)]:
             del lines[key]
@@ -73,6 +79,18 @@ def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple
         return above
 
     return merge(data, over, ()), source._replace(lines=lines, overrides=places)
+
+
+def below_preset(below: dict[Any, Any], above: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return what remains of a mapping when another is merged over it.
+
+    All of it, unless the one above names a preset: its numbers are those of the product, so those of the former product
+    and those written over these must not remain. What belongs to the place (:data:`_PLACE`) does.
+    """
+    return {key: value for key, value in below.items() if key in _PLACE} if "preset" in above else below
+
+
+_PLACE = {"frame", "datum"}  # where a sensor is mounted, and where on the Earth the world is
 
 
 def parse_tree(text: str, name: str) -> tuple[Any, Source]:

@@ -9,6 +9,7 @@ import pytest
 
 from mirdrake import cli
 from mirdrake.paths import data_root
+from mirdrake.schemas import format_of
 
 Call = Callable[..., tuple[int, str, list[str]]]
 
@@ -195,3 +196,49 @@ def test_the_help_of_view_names_the_layers(here: Call) -> None:
     _, out, _ = here("view", "--help")
     for option in ("--frames", "--collision", "--no-meshes"):
         assert re.search(rf"^  {option} +\w", out, flags=re.MULTILINE)
+
+
+# --- all file formats -------------------------------------------------------------------------------------------------
+
+SHIPPED = {
+    "prop": "models/props/cone/prop.yaml",
+    "presets": "models/sensors/*.yaml",
+    "figures": "models/*/published_figures.yaml",
+    "variant": "models/bolt/variants/handling.yaml",
+    "world": "worlds/skidpad.yaml",
+    "diagram": "diagrams/two_cars.yaml",
+    "identification": "studies/identify*.yaml",
+}
+
+
+@pytest.mark.parametrize("kind", SHIPPED)
+def test_the_format_of_every_file_is_known(kind: str) -> None:
+    paths = sorted(data_root().glob(SHIPPED[kind]))
+    assert paths
+    assert {format_of(path) for path in paths} == {kind}
+
+
+def test_a_data_set_is_checked_as_one(here: Call, tmp_path: Path) -> None:
+    rows = "".join(f"{0.1 * index:.1f},{1 + 0.1 * (index % 5)}\n" for index in range(60))
+    good = "mirdrake: data/1\ntime: {column: t}\nchannels: {vx: {column: v, unit: m/s}}\nlogs: [{file: drive.csv}]\n"
+    (tmp_path / "drive.csv").write_text(f"t,v\n{rows}", encoding="utf-8")
+    (tmp_path / "data.yaml").write_text(good, encoding="utf-8")
+    assert here("check", "data.yaml") == (0, "data.yaml: sound\n", [])
+    for old, new, text in (
+        ("data/1", "dota/1", "data.yaml:1: mirdrake: unknown format 'dota/1'; did you mean 'data/1'"),
+        ("channels", "chanels", "data.yaml:3: chanels: unknown field; did you mean 'channels'"),
+        ("drive.csv", "drove.csv", "drove.csv"),
+    ):
+        (tmp_path / "data.yaml").write_text(good.replace(old, new), encoding="utf-8")
+        code, _, (line, *_) = here("check", "data.yaml")
+        assert code == 2
+        assert text in line
+
+
+@pytest.mark.parametrize("name", ["prop.yaml", "published_figures.yaml"])
+def test_a_file_that_is_known_by_its_name_is_checked(here: Call, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("descriptoin: 3\n", encoding="utf-8")
+    code, _, lines = here("check", name)
+    assert code == 2
+    assert any("descriptoin: unknown field" in line for line in lines)
+    assert not any("world" in line for line in lines)

@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 import mirdrake as mir
+from mirdrake.cli import main as mir_main
 from mirdrake.diagram import assemble, make_spec
 from mirdrake.drawing import draw_svg, write_dot
 from mirdrake.errors import ConfigError, MissingDependencyError
@@ -318,3 +319,77 @@ def test_without_graphviz_the_drawing_says_what_to_install(monkeypatch: pytest.M
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(MissingDependencyError, match="apt install graphviz"):
         draw_svg(assemble(drive()))
+
+
+# --- elements of vectors ----------------------------------------------------------------------------------------------
+
+
+def with_blocks(connect: list[list[str]], **systems: Any) -> dict[str, Any]:
+    return {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "bolt", "speed": 3.0}},
+        "control": {"ego": {"kind": "constant", "speed": 3.0, "steering": 0.05}},
+        "systems": systems,
+        "connect": connect,
+        "plant": {"contact": "point"},
+        "duration": 0.3,
+    }
+
+
+def test_an_element_of_each_named_vector_can_be_connected() -> None:
+    outputs = assemble(with_blocks([])).outputs
+    named = [(port, signal.name) for port, contents in outputs.items() for signal in contents or ()]
+    assert {port for port, _ in named} >= {"ego.state", "ego.status", "ego.command", "ego.speed_command"}
+    gains = {f"gain{index}": {"kind": "gain", "gain": 1.0} for index in range(len(named))}
+    connect = [[f"{port}.{name}", f"gain{index}.u"] for index, (port, name) in enumerate(named)]
+    run = simulate(with_blocks(connect, **gains))
+    for name in ("x", "vx", "wz"):
+        index = named.index(("ego.state", name))
+        gain = next(column for column in run.signals if column.startswith(f"gain{index}."))
+        assert run.signals[gain].to_numpy() == pytest.approx(run.signals[f"ego.{name}"].to_numpy(), abs=1e-9), name
+
+
+def test_an_element_of_an_input_is_fed_and_the_others_keep_their_default() -> None:
+    spec = with_blocks([["foot.y", "ego.pedals_reference.throttle"]], foot={"kind": "constant", "value": [0.5]})
+    spec["vehicles"]["ego"]["model"] = "bolt@handling"
+    run = simulate(spec)
+    plain = simulate(spec | {"connect": [], "systems": {}})
+    assert run.signals["ego.vx"].iloc[-1] > plain.signals["ego.vx"].iloc[-1]
+
+
+@pytest.mark.parametrize(
+    ("pair", "text"),
+    [
+        (["ego.state.vxx", "notch.u"], r"'ego.state' has no element 'vxx'; its elements: x \[m\], y \[m\], .*wz"),
+        (["ego.joint_torques.left", "notch.u"], "the elements of 'ego.joint_torques' have no names"),
+        (["ego.state", "notch.u"], "'ego.state' has .* elements, 'notch.u' takes 1; connect one of them, as"),
+        (["ego.stat", "notch.u"], "unknown output 'ego.stat'; did you mean 'ego.stat.*outputs of 'ego': .*ego.status"),
+        (["ego.state.vx", "ego.steering_reference"], "gives vx in m/s, .* takes .* in rad"),
+        (["notch.y", "ego.state.vx"], "'ego.state.vx' is an output; write it first"),
+    ],
+)
+def test_what_is_wrong_with_an_element_is_one_line(pair: list[str], text: str) -> None:
+    with pytest.raises(ConfigError, match=text) as error:
+        assemble(with_blocks([pair], notch={"kind": "gain", "gain": 1.0}))
+    assert "\n" not in str(error.value)
+
+
+def test_a_port_and_an_element_of_it_are_not_both_fed() -> None:
+    foot = {"kind": "constant", "value": [0.5]}
+    feet = {"kind": "constant", "value": [0.5, 0.0, 1.0]}
+    pairs = [["feet.y", "ego.pedals_reference"], ["foot.y", "ego.pedals_reference.throttle"]]
+    for connect in (pairs, pairs[::-1], [pairs[1], pairs[1]]):
+        spec = with_blocks(connect, foot=foot, feet=feet)
+        spec["vehicles"]["ego"]["model"] = "bolt@handling"
+        with pytest.raises(ConfigError, match="is already fed by"):
+            assemble(spec)
+
+
+def test_draw_lists_all_ports_with_their_elements(capsys: pytest.CaptureFixture[str]) -> None:
+    assert mir_main(["draw", "bolt_test_track", "--ports"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    known = assemble("bolt_test_track")
+    for ports in (known.outputs, known.inputs):
+        for port in ports:
+            assert any(line.split()[0] == port for line in lines if line.strip()), port
+    assert any("ego.state " in line and "vx [m/s]" in line for line in lines)

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators.drives import make_drives
@@ -20,7 +21,6 @@ from mirdrake.identification.models.steer import play
 from mirdrake.identification.parameters import Choice, choose
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 from mirdrake.single_track.dynamics import Variant, brush_force
-from mirdrake.worlds.world import GRAVITY
 from tests.identification_rigs import FRONT, MASS, REAR, TRUTH, exact, lateral_data
 
 KNOWN = {"mass": MASS, "front_length": FRONT, "rear_length": REAR}

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from pydrake.math import RigidTransform
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.channels import CHANNELS as CHANNEL_UNITS
@@ -16,7 +17,6 @@ from mirdrake.identification.models.plant import PlantModel
 from mirdrake.identification.models.plant_context import body_inertia, measure
 from mirdrake.identification.parameters import Choice
 from mirdrake.identification.study import load_identification
-from mirdrake.worlds.world import GRAVITY
 from tests.plant_drives import CARGO, data_set, drive_with_cargo, noisy
 
 CHANNELS = (

@@ -10,7 +10,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mirdrake"
 
 STAGES = {
-    "compiled": 0, "errors": 0, "leaf_system": 0, "own_modules": 0, "paths": 0, "signals": 0, "worker_server": 0,
+    "compiled": 0, "constants": 0, "errors": 0, "leaf_system": 0, "own_modules": 0, "paths": 0, "signals": 0,
+    "worker_server": 0,
     "yaml_edit": 0, "yaml_io": 0, "yaml_tree": 0,
     "recording": 1, "vehicles": 1, "wheel_shape": 1, "worlds": 1,
     "obstacles": 2, "own_systems": 2, "plant": 2, "rest_pose": 2,

@@ -3,6 +3,7 @@
 import json
 from math import radians
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,9 +12,10 @@ from mirdrake.diagram import assemble, load_diagram
 from mirdrake.errors import ConfigError
 from mirdrake.paths import data_root
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.mounts import CameraMount, SensorsSpec
+from mirdrake.vehicles.mounts import CameraMount, SensorsSpec, change_mounts
 from mirdrake.vehicles.presets import presets
-from mirdrake.yaml_io import load_yaml, parse_yaml
+from mirdrake.yaml_io import Source, load_yaml, parse_tree, parse_yaml, validate
+from mirdrake.yaml_tree import lay_over
 from tests.sensor_rigs import vehicle_with
 
 PRESETS = sorted(presets())
@@ -221,3 +223,43 @@ def test_a_change_of_a_mount_is_checked_where_it_stands(tmp_path, mounts, told):
         assemble(load_diagram(str(path)))
     assert "drive.yaml:5: vehicles.ego." in str(caught.value)
     assert told in str(caught.value)
+
+
+# --- a preset over a mount --------------------------------------------------------------------------------------------
+
+RECEIVERS = ["rtk_gps", "consumer_gps"]
+
+
+def product_of(mount: Any) -> dict[str, Any]:
+    """All keys of a mount but those of its place."""
+    return {key: value for key, value in mount.model_dump().items() if key not in {"frame", "datum"}}
+
+
+@pytest.mark.parametrize("old", [*RECEIVERS, None])
+@pytest.mark.parametrize("new", RECEIVERS)
+def test_a_preset_in_a_diagram_replaces_all_of_a_mount_but_its_place(old: str | None, new: str) -> None:
+    own = f"preset: {old}" if old else "kind: gps, rate: 3, noise: 7"
+    below = mounts(f"  gps: {{{own}, frame: mast, dropout: 0.25, datum: {{latitude: 0.5}}}}")
+    source = Source("d.yaml", {}, ("vehicles", "ego", "mounts"))
+    changed = change_mounts(below, {"gps": {"preset": new, "latency": 0.3}}, source=source).mounts["gps"]
+    bare = mounts(f"  gps: {{preset: {new}, frame: mast, latency: 0.3}}").mounts["gps"]
+    assert product_of(changed) == product_of(bare)
+    assert changed.frame == "mast"
+    assert changed.datum == below.mounts["gps"].datum  # type: ignore[union-attr]
+
+
+def test_a_preset_in_a_variant_replaces_a_mount_likewise() -> None:
+    text = "mounts:\n  gps: {kind: gps, rate: 3, noise: 7, frame: mast}\n"
+    over = parse_tree("mounts: {gps: {preset: rtk_gps}}", "variant.yaml")
+    data, source = lay_over(*parse_tree(text, "sensors.yaml"), *over)
+    (mount,) = validate(data, SensorsSpec, source).mounts.values()
+    assert product_of(mount) == product_of(mounts("  gps: {preset: rtk_gps, frame: mast}").mounts["gps"])
+
+
+def test_a_preset_of_another_kind_and_an_unknown_one() -> None:
+    below = mounts("  it: {preset: sick_lms291, frame: there}")
+    source = Source("d.yaml", {}, ("vehicles", "ego", "mounts"))
+    changed = change_mounts(below, {"it": {"preset": "velodyne_vlp16"}}, source=source).mounts["it"]
+    assert changed.kind == "lidar"
+    with pytest.raises(ConfigError, match=r"vehicles\.ego\.mounts\.it\.preset: unknown preset 'velodyne_vlp17'"):
+        change_mounts(below, {"it": {"preset": "velodyne_vlp17"}}, source=source)

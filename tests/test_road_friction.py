@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mirdrake.constants import GRAVITY
 from mirdrake.diagram import Assembly, assemble
 from mirdrake.plant import matched_friction, set_start
 from mirdrake.simulation import Simulation
 from mirdrake.worlds import make_world
-from mirdrake.worlds.world import GRAVITY
 
 CONTACTS = ("point", "hydroelastic")
 

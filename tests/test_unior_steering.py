@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from mirdrake.constants import GRAVITY
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import make_spec
 from mirdrake.tuning.identify import Identified, identify_loop
@@ -13,7 +14,6 @@ from mirdrake.tuning.loops.base import Conditions, Evaluation
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.make import make_loop_spec
 from mirdrake.tuning.spec import load_tuning
-from mirdrake.worlds.world import GRAVITY
 
 STUDY = Path(__file__).parents[1] / "studies" / "unior_steering.yaml"
 TUNED = {"kp": 15.48, "ki": 0.09547, "kd": 0.07693}  # what the study finds, docs/tuning.md

@@ -9,6 +9,7 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
+from mirdrake.constants import GRAVITY
 from mirdrake.diagram import assemble
 from mirdrake.errors import ConfigError
 from mirdrake.simulation import Simulation
@@ -21,7 +22,6 @@ from mirdrake.tyres.wheel_laws import MAGIC_FORMULA as MAGIC_FORMULA_LAW
 from mirdrake.tyres.wheel_motion import wheel_places
 from mirdrake.tyres.wheel_step import tyre_step
 from mirdrake.vehicles import load_vehicle
-from mirdrake.worlds.world import GRAVITY
 from tests.test_tyre_laws import FULL
 from tests.tyre_rigs import Watch, make_bolts, make_slope, motions, on_tyres, steady_forces
 

@@ -4,15 +4,13 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
-from importlib import import_module
 from pathlib import Path
 
-from mirdrake.cli.verb import STUDIES, add_set, add_trust, kind_of, not_executed
-from mirdrake.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.cli.verb import add_set, add_trust, kind_of, not_executed
+from mirdrake.errors import MirdrakeError
 from mirdrake.paths import find
-from mirdrake.yaml_io import parse_tree, shown
 
-HELP = "check diagrams, vehicles, worlds and studies without running them"
+HELP = "check diagrams, vehicles, worlds, studies and all other files of ours without running them"
 MORE = """\
 Every fault is one line with file and line number. Of a vehicle, all files are checked: YAML, xacro, URDF, meshes,
 variants; if they are sound, whether it stands still for a second. bolt@published checks that variant alone.
@@ -53,6 +51,7 @@ def _check_one(
     from mirdrake.diagram import assemble, load_diagram
     from mirdrake.diagram_spec import without_own_systems
     from mirdrake.own_modules import without_own_code
+    from mirdrake.schemas import check_file
     from mirdrake.world_checks import check_world
 
     skipped: list[str] = []
@@ -65,9 +64,9 @@ def _check_one(
             return found.faults, found.failures, found.remarks
         if kind == "worlds":
             return [fault.text for fault in check_world(name, overrides=overrides)], (), ()
-        if kind == "studies":
+        if kind in {"studies", "files"}:
             with nullcontext(skipped) if trust else without_own_code() as skipped:
-                _check_study(name, overrides)
+                check_file(find("studies", name) if kind == "studies" else Path(name), overrides=overrides)
             return (), (), not_executed(skipped)
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         if not trust:
@@ -78,23 +77,6 @@ def _check_one(
         return (), (), [*unread, *not_executed(skipped)]
     except MirdrakeError as error:
         return str(error).splitlines(), (), ()
-
-
-def _check_study(name: str, overrides: Sequence[str]) -> None:
-    """Read a file of studies/ with the reader of its format.
-
-    Raises:
-        ConfigError: its faults.
-    """
-    path = find("studies", name)
-    data, _ = parse_tree(path.read_text(encoding="utf-8", errors="replace"), shown(path))
-    head = data.get("mirdrake") if isinstance(data, dict) else None
-    if head not in STUDIES:
-        raise ConfigError(
-            f"{shown(path)}:1: mirdrake: {head!r} is no format of a study; {did_you_mean(str(head), STUDIES)}"
-        )
-    module, _, function = STUDIES[head].partition(":")
-    getattr(import_module(module), function)(path, overrides=overrides)
 
 
 def _holds_vehicle(path: Path) -> bool:

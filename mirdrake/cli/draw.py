@@ -12,14 +12,18 @@ HELP = "draw a diagram's blocks and connections as SVG (needs Graphviz)"
 MORE = """\
 A module of your own (kind: "module:Class") is executed with --trust only; without, it is not drawn.
 
-example:
-  mirdrake draw bolt_test_track --out blocks.svg"""
+An element of a vector is connected by its name: connect: [[ego.state.vx, notch.u]].
+
+examples:
+  mirdrake draw bolt_test_track --out blocks.svg
+  mirdrake draw bolt_test_track --ports"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("diagram", help="name or path of a diagram file")
     add_set(parser)
+    parser.add_argument("--ports", action="store_true", help="list all ports with their elements and units, and stop")
     add_trust(parser)
     parser.add_argument("--out", type=Path, metavar="FILE", help=".svg or .dot (default: <name>.svg)")
 
@@ -38,6 +42,14 @@ def run(options: argparse.Namespace) -> int:
         spec, skipped = without_own_systems(spec)
     with nullcontext() if options.trust else without_own_code():
         assembly = assemble(spec)
+    if options.ports:
+        for title, ports in (("outputs", assembly.outputs), ("inputs", assembly.inputs)):
+            print(f"{title}:")
+            width = max(map(len, ports), default=0)
+            for name, contents in sorted(ports.items()):
+                elements = ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents or ())
+                print(f"  {name:{width}}  {elements}".rstrip())
+        return 0
     out = options.out or Path(f"{assembly.spec.name}.svg")
     if out.suffix not in {".svg", ".dot"}:
         raise ConfigError(f"--out {out}: the name must end in .svg or .dot")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.paths import names
-from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
     from mirdrake.scene import Scene
@@ -35,14 +34,6 @@ def not_executed(names: Iterable[str]) -> list[str]:
     return [f"not checked: {name}: a module of your own is executed with --trust only" for name in names]
 
 
-STUDIES = {
-    "study/1": "mirdrake.studies.spec:load_study",
-    "tuning/1": "mirdrake.tuning.spec:load_tuning",
-    "identification/1": "mirdrake.identification.study:load_identification",
-}
-"""What reads the files of studies/, by the format in their first line."""
-
-
 def print_changes(scene: "Scene") -> None:
     """Print a note for each mesh that has changed since a run."""
     for line in scene.changes:
@@ -50,7 +41,9 @@ def print_changes(scene: "Scene") -> None:
 
 
 def kind_of(name: str) -> str:
-    """What a name or path stands for: "models", "worlds", "diagrams", "studies" or "runs".
+    """Return what a name or path stands for: "models", "worlds", "diagrams", "studies", "runs" or "files".
+
+    "files" are files of other formats of :data:`mirdrake.schemas.KINDS`, as a data set or a prop.
 
     Raises:
         ConfigError: nothing has that name.
@@ -62,11 +55,10 @@ def kind_of(name: str) -> str:
     if any((Path(one) / "vehicle.yaml").is_file() or one in names("models") for one in (name, model)):
         return "models"
     if path.suffix in {".yaml", ".yml"} and path.is_file():
-        from mirdrake.yaml_io import parse_tree
+        from mirdrake.schemas import format_of
 
-        data, _ = parse_tree(path.read_text(encoding="utf-8", errors="replace"), shown(path))
-        head = data.get("mirdrake") if isinstance(data, dict) else None
-        return "studies" if head in STUDIES else "diagrams" if head is None else "worlds"
+        known = {"world": "worlds", "diagram": "diagrams", "study": "studies", "tuning": "studies"}
+        return (known | {"identification": "studies"}).get(format_of(path), "files")
     for kind in ("worlds", "diagrams", "studies"):
         if name in names(kind):
             return kind

@@ -46,8 +46,8 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.worlds import load_world
 
     kind = kind_of(options.name)
-    if kind == "studies":
-        raise ConfigError(f"'{options.name}' is a study: there is nothing to look at before it is run")
+    if kind in {"studies", "files"}:
+        raise ConfigError(f"'{options.name}' is a study or a data file: there is nothing to look at")
     layers = [f"--{name.replace('_', '-')}" for name in ("frames", "collision", "no_meshes") if getattr(options, name)]
     if layers and kind != "models":
         raise ConfigError(f"{', '.join(layers)}: for a vehicle only; '{options.name}' is none")

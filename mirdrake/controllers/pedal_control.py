@@ -16,12 +16,12 @@ When the set-point is zero and the car is slower than `hold_speed`, the brake is
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from mirdrake.constants import GRAVITY
 from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.powertrain.law import PowertrainLaw
 from mirdrake.powertrain.maps import invert_map
 from mirdrake.vehicles.spec import PedalControl, VehicleSpec
 
-GRAVITY = 9.80665  # [m/s²]
 AIR_DENSITY = 1.2  # [kg/m³]
 TRACKING_TIME = 0.5
 """Time constant of the anti-windup [s]."""

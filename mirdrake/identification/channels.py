@@ -8,6 +8,7 @@ behind its name: ``yaw_rate`` and ``yaw_rate@imu``.
 
 from typing import NamedTuple
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import did_you_mean
 from mirdrake.yaml_io import to_si
 
@@ -66,7 +67,7 @@ _MORE_UNITS: dict[str, dict[str, float]] = {
     "rad": {"mrad": 1e-3},
     "rad/s": {"1/min": 0.10471975511965977, "mrad/s": 1e-3},
     "m/s": {"ft/s": 0.3048, "kn": 1852.0 / 3600.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "m/s^2": {"mg": 9.80665e-3, "ft/s^2": 0.3048},
+    "m/s^2": {"mg": 1e-3 * GRAVITY, "ft/s^2": 0.3048},
 }
 
 _ANY_CASE = {"deg", "rad", "km/h", "m/s", "mph", "deg/s", "rad/s", "rpm", "1/min", "m/s^2", "m/s²", "ms", "g", "mg"}

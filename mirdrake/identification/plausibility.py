@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from mirdrake.constants import GRAVITY
 from mirdrake.identification.alignment import delay_of, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log
 from mirdrake.identification.findings import Finding
 from mirdrake.identification.relations import Gain, Grid, explain, gain_of, make_grid, relations_of, step_factor
 from mirdrake.identification.timing import LONGEST_STEP, SHORTEST_STEP, usual_step
-
-GRAVITY = 9.80665
 
 IMPOSSIBLE = 30.0
 """No tyre on a road holds such a lateral acceleration [m/s²]."""

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mirdrake.constants import GRAVITY
 from mirdrake.identification.channels import WHEELS, quantity
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.timing import resolution, usual_step
@@ -217,8 +218,8 @@ FACTORS = {
     "rad as deg": (("rad", "rad/s"), 0.017453292519943295),
     "km/h as m/s": (("m/s",), 3.6),
     "m/s as km/h": (("m/s",), 1 / 3.6),
-    "g as m/s^2": (("m/s^2",), 1 / 9.80665),
-    "m/s^2 as g": (("m/s^2",), 9.80665),
+    "g as m/s^2": (("m/s^2",), 1 / GRAVITY),
+    "m/s^2 as g": (("m/s^2",), GRAVITY),
     "wrong sign": ((), -1.0),
 }
 """Mistakes: the units they can happen to, and by how much the values come out too large."""

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Context, DiscreteValues
 
+from mirdrake.constants import GRAVITY
 from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.spec import DrivenVehicle
 from mirdrake.controllers.vectors import COMMAND, STATE
@@ -37,7 +38,6 @@ from mirdrake.leaf_system import LeafSystem
 from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.profiles import make_profile
 from mirdrake.signals import declare_state_output, declare_vector_input, signals
-from mirdrake.worlds.world import GRAVITY
 
 PEDALS = signals(
     ("throttle", "", "0 to 1"),

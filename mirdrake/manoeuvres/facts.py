@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
+from mirdrake.constants import GRAVITY
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.outline import measure_outline
-from mirdrake.worlds.world import GRAVITY
 
 CAR_WHEELBASE = 2.6
 """Wheelbase of the car for which the manoeuvres are defined [m]: the Chevrolet Bolt's."""

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, note_held_speed
@@ -16,7 +17,6 @@ from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.search import find_highest
-from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Duration, Length, Speed
 
 _CHRONO = "Project Chrono double-lane-change demo"

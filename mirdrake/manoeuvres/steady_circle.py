@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from mirdrake.constants import GRAVITY
 from mirdrake.manoeuvres.base import Array, Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.metrics.steady import (
@@ -20,7 +21,6 @@ from mirdrake.manoeuvres.metrics.steady import (
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig, Stop
-from mirdrake.worlds.world import GRAVITY
 from mirdrake.yaml_io import Acceleration, AngularRate, Duration, Length, Speed
 
 SIDES: dict[str, float] = {"left": 1.0, "right": -1.0}

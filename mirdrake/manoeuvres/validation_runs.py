@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mirdrake.constants import GRAVITY
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, Outcome
 from mirdrake.manoeuvres.metrics.straight import (
     FOOT,
@@ -134,7 +135,7 @@ def _read(figure: Figure, drive: Drive) -> Reading:
             outcome.value(f"distance_{figure.speed / _KMH:.0f}"), f"mean {mean:.2f} m/s²" if mean is not None else ""
         )
     if isinstance(figure, LateralLimit):
-        return _metric(outcome, "largest", 9.80665)
+        return _metric(outcome, "largest", GRAVITY)
     record = drive.records[0]
     if isinstance(figure, RoadLoad):
         a, b, c = (outcome.value(key) or 0.0 for key in "abc")

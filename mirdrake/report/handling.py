@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 
+from mirdrake.constants import GRAVITY
 from mirdrake.logs import write_file
 from mirdrake.manoeuvres.base import Chart, Outcome
 from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
@@ -84,7 +85,7 @@ def render_handling(results: HandlingResults) -> str:
 def _tiles(results: HandlingResults) -> list[tuple[str, str, str]]:
     facts, p = results.facts, results.facts.parameters
     front = 100.0 * p.rear_length / p.wheelbase
-    per_g = math.degrees(facts.understeer) * 9.80665
+    per_g = math.degrees(facts.understeer) * GRAVITY
     return [
         ("Mass", f"{number_told(facts.mass)} kg", f"{front:.0f} % on the front axle"),
         ("Wheelbase", f"{facts.wheelbase:.3f} m", f"{facts.width:.2f} m wide"),

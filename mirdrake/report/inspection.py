@@ -5,11 +5,11 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from mirdrake.constants import GRAVITY
 from mirdrake.drawing import run_dot
 from mirdrake.logs import write_file
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
-from mirdrake.worlds.world import GRAVITY
 
 _COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "sensor": "#f3e5f5", "frame": "#eceff1"}
 

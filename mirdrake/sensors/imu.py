@@ -8,12 +8,12 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
+from mirdrake.constants import GRAVITY
 from mirdrake.leaf_system import FreeableType
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, aligned_period, mount_pose
 from mirdrake.signals import copy_signals, signals
 from mirdrake.vehicles.mounts import ImuMount
-from mirdrake.worlds.world import GRAVITY
 
 if TYPE_CHECKING:
     from mirdrake.plant import PlantParts, VehicleInPlant

@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 from scipy.optimize import brentq
 
+from mirdrake.constants import GRAVITY
 from mirdrake.tyres.wheel_laws import TyreLaw, make_tyre_laws
 from mirdrake.tyres.wheel_tyres import REFERENCE_FRICTION
 from mirdrake.vehicles import Vehicle
-from mirdrake.worlds.world import GRAVITY
 
 LATERAL = 0.1 * GRAVITY
 """Lateral acceleration of the turn [m/s²]: well inside of where tyres are linear."""

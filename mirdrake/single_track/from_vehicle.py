@@ -14,6 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.rest_pose import check_balance
 from mirdrake.single_track.axles import Axle, Body, find_axles, find_leaning
@@ -23,7 +24,6 @@ from mirdrake.single_track.system import SingleTrack
 from mirdrake.vehicles import WHEELS, Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.powertrain_spec import rotor_inertia
-from mirdrake.worlds.world import GRAVITY
 
 FRONT_STIFFNESS = 12.0
 REAR_STIFFNESS = 16.0

@@ -17,13 +17,11 @@ from mirdrake.studies.job import Job, function_of
 from mirdrake.studies.knobs import Knob, find_knobs
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
+from mirdrake.summary import VEHICLE_FIGURES
 from mirdrake.yaml_io import Source, validate, where
 
 _RESERVED = {"run", "status", "reason", "simulated"}
 _FIGURES = ("simulated_s",)
-_VEHICLE_FIGURES = (
-    "laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s", "distance_m", "max_speed_mps",
-)  # fmt: skip
 _CHECKED = 200  # values of one parameter that are tried before the start
 
 
@@ -202,7 +200,7 @@ def _check_knob(place: str, knob: Knob, values: list[Any]) -> None:
 def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
     figures = [*_FIGURES]
     for vehicle in vehicles:
-        figures += [f"{vehicle}.{name}" for name in _VEHICLE_FIGURES]
+        figures += [f"{vehicle}.{name}" for name in VEHICLE_FIGURES]
     seen: set[str] = _RESERVED | set(spec.parameters)
     for at, name in enumerate(spec.metrics):
         place = where(spec, "metrics", at)

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirdrake.constants import GRAVITY
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
-from mirdrake.tuning.loops.bench import GRAVITY, PlantBench
+from mirdrake.tuning.loops.bench import PlantBench
 
 
 @dataclass(frozen=True)

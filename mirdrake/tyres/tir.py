@@ -18,6 +18,7 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import NamedTuple
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
 from mirdrake.yaml_io import shown
@@ -45,7 +46,7 @@ _UNITS: dict[str, dict[str, float]] = {
         "n": 1.0,
         "kilo_newton": 1e3,
         "kn": 1e3,
-        "kg_force": 9.80665,
+        "kg_force": GRAVITY,
         "pound_force": 4.4482216152605,
     },
     "MASS": {"kg": 1.0, "gram": 1e-3, "pound_mass": 0.45359237, "slug": 14.59390294},

@@ -17,6 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.compiled import Records, compiled, plain, record_type, records
+from mirdrake.constants import GRAVITY
 from mirdrake.leaf_system import LeafSystem, declare_cached_value
 from mirdrake.plant import VehicleInPlant
 from mirdrake.rest_pose import check_balance
@@ -26,7 +27,7 @@ from mirdrake.tyres.wheel_laws import SteadyLaw, TyreLaw, make_tyre_laws, steady
 from mirdrake.tyres.wheel_motion import wheel_places
 from mirdrake.tyres.wheel_step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
 from mirdrake.vehicles import WHEELS
-from mirdrake.worlds.world import GRAVITY, SURFACE_MU
+from mirdrake.worlds.world import SURFACE_MU
 
 REFERENCE_FRICTION = SURFACE_MU["asphalt"]
 """Coefficient of the ground on which the friction of tyre data holds [1]."""

@@ -13,7 +13,7 @@ from math import atan, atan2, cos, hypot, log, pi, radians, sin, sqrt, tan
 
 from mirdrake.errors import ConfigError
 
-GRAVITY = 9.80665
+from mirdrake.constants import GRAVITY
 
 BOLT_RADIUS = 0.3234
 """Wheel radius for which times are as measured on the Bolt [m]."""

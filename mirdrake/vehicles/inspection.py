@@ -24,6 +24,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
+from mirdrake.constants import GRAVITY
 from mirdrake.vehicles.figures import (
     ActuatorFigures,
     Inspection,
@@ -46,7 +47,6 @@ from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.plausibility import find_oddities
 from mirdrake.vehicles.spec import WHEELS
 from mirdrake.vehicles.vehicle import Vehicle
-from mirdrake.worlds.world import GRAVITY
 
 __all__ = ["Inspection", "JointFigures", "LinkFigures", "Overlap", "SensorFigures", "inspect_vehicle"]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from math import copysign, degrees, pi
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -11,6 +11,7 @@ from mirdrake.vehicles.lens import LensSpec, check_lens
 from mirdrake.vehicles.noise_spec import AccelerationNoise, AngleNoise, LengthNoise, RateNoise, SpeedNoise
 from mirdrake.vehicles.presets import with_preset
 from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, validate
+from mirdrake.yaml_tree import below_preset
 
 MAX_LATITUDE = 89.9 * pi / 180.0  # east and north mean nothing at the poles
 
@@ -311,6 +312,11 @@ def _check_rays(columns: int, rows: int) -> None:
         )
 
 
+_KINDS: dict[str, type[Any]] = {
+    get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(SensorMount)[0])
+}
+
+
 class SensorsSpec(Schema):
     """sensors.yaml: mounted sensors by name."""
 
@@ -318,7 +324,7 @@ class SensorsSpec(Schema):
 
 
 def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]], *, source: Source) -> SensorsSpec:
-    """Mounted sensors with some keys changed.
+    """Return mounted sensors with some keys changed; a preset replaces all keys but frame and datum.
 
     Args:
         sensors: of a vehicle.
@@ -332,7 +338,12 @@ def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]]
     for name, keys in changes.items():
         if name not in mounts:
             raise ConfigError(f"{source.where(name)}: no sensor '{name}' is mounted; {did_you_mean(name, mounts)}")
-        mount = mounts[name]
-        data = mount.model_dump(exclude_unset=True) | dict(keys)
-        mounts[name] = validate(data, type(mount), source._replace(prefix=(*source.prefix, name)))
+        data = below_preset(mounts[name].model_dump(exclude_unset=True), keys) | dict(keys)
+        place = source._replace(prefix=(*source.prefix, name))
+        try:
+            data = with_preset(data)
+        except ValueError as error:
+            raise ConfigError(f"{place.where('preset')}: {error}") from None
+        # A preset may be of another kind than the sensor that it replaces.
+        mounts[name] = validate(data, _KINDS.get(str(data.get("kind")), type(mounts[name])), place)
     return SensorsSpec(mounts=mounts)

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
 SURFACE_MU = {"asphalt": 0.85, "concrete": 0.85, "gravel": 0.6, "grass": 0.5, "ice": 0.1}
 """Friction coefficients of dry surfaces [-]: asphalt and concrete (0.8 .. 0.9), gravel and ice are peak values of
 J. Y. Wong, "Theory of Ground Vehicles", table of average road adhesion (after Taborek); grass is an estimate."""
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]."""
 
 _VERGE = 2.0  # [m]
 

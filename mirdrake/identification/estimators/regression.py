@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.estimators.covariance import Stretch, score_covariance
@@ -203,6 +204,6 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
     )  # fmt: skip
 
 
-def physical_road_load(fit: Fit, mass: float, *, gravity: float = 9.80665, density: float = 1.2) -> Mapping[str, float]:
+def physical_road_load(fit: Fit, mass: float, *, gravity: float = GRAVITY, density: float = 1.2) -> Mapping[str, float]:
     """Rolling resistance [1] and drag area [m²] of a coast-down with the mass given."""
     return {"rolling_resistance": fit["A"].value / (mass * gravity), "drag_area": 2.0 * fit["C"].value / density}

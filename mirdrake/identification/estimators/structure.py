@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import RunError
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.estimators.doubts import Questions, doubts_of
@@ -28,7 +29,6 @@ from mirdrake.identification.models.base import Model, ModelSpec
 from mirdrake.identification.models.registry import TURNING, make_model
 from mirdrake.identification.models.steer import AHEAD
 from mirdrake.identification.parameters import Choice, choose
-from mirdrake.worlds.world import GRAVITY
 
 LIMIT, GRIP = 3.0, 0.9
 """Lateral acceleration from which on tyres may be seen to saturate [m/s²]; friction of a dry road [1]."""

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import (
     PART,
@@ -29,7 +30,6 @@ from mirdrake.identification.models.base import (
 )
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.parameters import Parameter
-from mirdrake.worlds.world import GRAVITY
 
 _DRIVE = {"throttle": "throttle", "torque": "drive_torque"}
 _BRAKE = {"pedal": "brake", "torque": "brake_torque"}

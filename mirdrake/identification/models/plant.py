@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from mirdrake.constants import GRAVITY
 from mirdrake.diagram import Assembly, assemble
 from mirdrake.diagram_spec import make_spec
 from mirdrake.errors import ConfigError, MirdrakeError, did_you_mean
@@ -40,7 +41,6 @@ from mirdrake.identification.models.steer import STEERING, steering_angle
 from mirdrake.studies.knobs import find_knobs
 from mirdrake.telemetry import vehicle_states
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
-from mirdrake.worlds.world import GRAVITY
 
 EGO = "ego"
 DRIVES: dict[str, tuple[str, ...]] = {

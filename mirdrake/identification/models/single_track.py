@@ -67,6 +67,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import (
     PART,
@@ -81,7 +82,6 @@ from mirdrake.identification.models.base import (
 )
 from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
 from mirdrake.identification.models.steer import AHEAD, NAMES, STEERING, steering_angle
-from mirdrake.worlds.world import GRAVITY
 
 AXLES = ("front", "rear")
 TYRES = ("linear", "fiala", "magic_formula")

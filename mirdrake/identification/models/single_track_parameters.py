@@ -2,9 +2,9 @@
 
 from collections.abc import Collection, Mapping, Sequence
 
+from mirdrake.constants import GRAVITY
 from mirdrake.identification.models.steer import steering_parameters
 from mirdrake.identification.parameters import Parameter
-from mirdrake.worlds.world import GRAVITY
 
 _CORNERING = 12.0
 """Cornering stiffness over load, a common tyre [1/rad]."""

@@ -20,13 +20,13 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.optimize import brentq, least_squares
 
+from mirdrake.constants import GRAVITY
 from mirdrake.identification.models.base import Array
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters
 from mirdrake.tyres.wheel_laws import TyreAtLoad, TyreLaw, make_tyre_laws
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.powertrain_spec import rotor_inertia
-from mirdrake.worlds.world import GRAVITY
 
 _LATERAL = 0.02 * GRAVITY  # of the turn [m/s²]: the limit of small ones
 _SPEED = 20.0  # at which the laws are asked [m/s]

@@ -5,6 +5,7 @@ Imported when the first ray world is made, as what reads meshes takes a while to
 """
 
 import io
+import logging
 from functools import lru_cache
 from math import acos, ceil, cos, pi
 from pathlib import Path
@@ -135,10 +136,17 @@ def _mesh(shape: Mesh) -> Faces | None:
         file, beside = memory.mesh_file, memory.supporting_files
         corners = _read(io.BytesIO(_contents(file)), file.extension().lower(), _Beside(beside))
     if corners is None:
+        _report_hull(str(source.path()) if source.is_path() else source.in_memory().mesh_file.filename_hint())
         return None
     corners = corners * np.asarray(shape.scale3())
     count = len(corners)
     return Faces(corners, np.full(count, -1), np.zeros(count, dtype=bool))
+
+
+@lru_cache(maxsize=1024)  # once for each mesh
+def _report_hull(name: str) -> None:
+    """Report that range sensors see another shape than the mesh."""
+    logging.getLogger("mirdrake").warning("%s: cannot be read as triangles; range sensors see its convex hull", name)
 
 
 @lru_cache(maxsize=256)

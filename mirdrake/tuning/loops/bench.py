@@ -11,6 +11,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from mirdrake.constants import GRAVITY
 from mirdrake.controllers.pid import PidLimits
 from mirdrake.diagram import assemble
 from mirdrake.diagram_spec import make_spec
@@ -24,9 +25,6 @@ from mirdrake.tuning.loops.judge import AWAY, judge
 from mirdrake.tuning.models import Floats
 from mirdrake.tyres import RoadFriction
 from mirdrake.vehicles import WHEELS
-
-GRAVITY = 9.80665
-"""[m/s²]"""
 
 LOOK = 1.0
 """Simulated time between two looks whether a trial has run away [s]."""

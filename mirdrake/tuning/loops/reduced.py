@@ -15,9 +15,6 @@ from mirdrake.tuning.models import Floats, TransferFunction
 from mirdrake.tuning.processes import LinearProcess
 from mirdrake.tuning.stability import is_stable
 
-GRAVITY = 9.80665
-"""[m/s²]"""
-
 
 def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
     """Gains of a loop as those of its controller, with the loop's filter."""

@@ -26,6 +26,7 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
+from mirdrake.constants import GRAVITY
 from mirdrake.diagram import Assembly
 from mirdrake.perception import show_points
 from mirdrake.sensors import LaserScanner, Lidar
@@ -79,7 +80,7 @@ class Overlays:
         self._tyres = systems.get(f"{name}.tyres")
         self._size = self._part.vehicle.geometry.wheelbase / 2.6
         plant = assembly.parts.plant
-        weight = 9.81 * plant.CalcTotalMass(plant.CreateDefaultContext(), [self._part.instance])
+        weight = GRAVITY * plant.CalcTotalMass(plant.CreateDefaultContext(), [self._part.instance])
         self._scale = 4.0 * _REFERENCE * self._size / weight
         self._wheels = {int(joint.child_body().index()) for joint in self._part.wheels}
         world = assembly.parts.world

@@ -1,0 +1,4 @@
+"""Constants of nature."""
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²] (CGPM, 1901)."""
