@@ -345,7 +345,7 @@ def test_an_element_of_each_named_vector_can_be_connected() -> None:
     run = simulate(with_blocks(connect, **gains))
     for name in ("x", "vx", "wz"):
         index = named.index(("ego.state", name))
-        gain = next(column for column in run.signals if column.startswith(f"gain{index}."))
+        gain = next(column for column in map(str, run.signals) if column.startswith(f"gain{index}."))
         assert run.signals[gain].to_numpy() == pytest.approx(run.signals[f"ego.{name}"].to_numpy(), abs=1e-9), name
 
 

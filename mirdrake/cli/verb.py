@@ -57,8 +57,8 @@ def kind_of(name: str) -> str:
     if path.suffix in {".yaml", ".yml"} and path.is_file():
         from mirdrake.schemas import format_of
 
-        known = {"world": "worlds", "diagram": "diagrams", "study": "studies", "tuning": "studies"}
-        return (known | {"identification": "studies"}).get(format_of(path), "files")
+        kinds = {"world": "worlds", "diagram": "diagrams", "study": "studies", "tuning": "studies"}
+        return (kinds | {"identification": "studies"}).get(format_of(path), "files")
     for kind in ("worlds", "diagrams", "studies"):
         if name in names(kind):
             return kind

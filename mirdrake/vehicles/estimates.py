@@ -11,9 +11,8 @@ of the controllers; the steering servo keeps theirs.
 from dataclasses import dataclass
 from math import atan, atan2, cos, hypot, log, pi, radians, sin, sqrt, tan
 
-from mirdrake.errors import ConfigError
-
 from mirdrake.constants import GRAVITY
+from mirdrake.errors import ConfigError
 
 BOLT_RADIUS = 0.3234
 """Wheel radius for which times are as measured on the Bolt [m]."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
+from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.vehicles.estimates import (
     GRAVITY,

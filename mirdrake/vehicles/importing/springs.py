@@ -7,7 +7,8 @@ from math import isfinite, pi, sqrt
 
 import numpy as np
 
-from mirdrake.vehicles.estimates import GRAVITY, HOW, Estimates
+from mirdrake.constants import GRAVITY
+from mirdrake.vehicles.estimates import HOW, Estimates
 from mirdrake.vehicles.importing.car import Layout, Number, Part, SpringSet
 from mirdrake.vehicles.importing.masses import centre_of_mass, total_mass
 from mirdrake.vehicles.importing.model import Change, Joint, SourceModel
