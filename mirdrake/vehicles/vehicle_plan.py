@@ -7,7 +7,6 @@ from typing import Any, get_args
 from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError
 from mirdrake.vehicles.estimates import (
-    GRAVITY,
     HOW,
     ROBOT_MASS,
     ROBOT_STEERING,
