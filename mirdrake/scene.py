@@ -39,6 +39,7 @@ from mirdrake.vehicles.stored import read_vehicle, vehicle_data
 from mirdrake.vehicles.vehicle import check_pedals
 from mirdrake.worlds import World
 from mirdrake.worlds.lock import lock_text, mesh_files
+from mirdrake.worlds.scenery import scenery_file
 from mirdrake.worlds.stored import read_world, world_data
 from mirdrake.yaml_io import Source, shown, validate, where
 from mirdrake.yaml_tree import lay_over
@@ -177,6 +178,7 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
         elif now != digest:
             changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
     world = read_world(data["world"], _find, place=shown(place / FILE))
+    world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
     vehicles = {}
     for name, entry in data["vehicles"].items():
         packages = {key: str(_resolve(reference)) for key, reference in entry["packages"].items()}
@@ -216,6 +218,7 @@ def _meshes(scene: Scene) -> list[Path]:
         document = minidom.parseString(vehicle.urdf)
         addresses = [mesh.getAttribute("filename") for mesh in document.getElementsByTagName("mesh")]
         roots += [_mesh_path(address, vehicle.packages) for address in addresses]
+    roots += [scenery_file(scene.world, mesh) for mesh in scene.world.spec.scenery]
     for prop in dict.fromkeys(placed.prop for placed in scene.world.props):
         roots += [prop.visual] if prop.visual is not None else []
         roots += [Path(solid.shape.source().path()) for solid in prop.solids if isinstance(solid.shape, Convex)]
