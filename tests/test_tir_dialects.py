@@ -225,14 +225,14 @@ def test_nothing_of_a_file_is_lost(tmp_path: Path) -> None:
         ("adams.tir", "'mm'", "'mile'", "[UNITS] LENGTH: unknown unit 'mile'"),
         ("adams.tir", "'radians'", "'degrees'", "[UNITS] ANGLE: unknown unit 'degrees'; the coefficients are"),
         ("adams.tir", "'PAC2002'", "'PAC89'", "[MODEL] PROPERTY_FILE_FORMAT: unknown 'PAC89' without FITTYP"),
-        ("adams.tir", "-3.7D-02", "-3.7X-02", "[LONGITUDINAL_COEFFICIENTS] PDX2: expected a number or"),
+        ("adams.tir", "-3.7D-02", "-3.7X-02", "[LONGITUDINAL_COEFFICIENTS] PDX2: expected a finite number"),
         ("adams.tir", "= -14.95", "=  14.95", "[LATERAL_COEFFICIENTS] PKY1: must be negative, got 14.95"),
         ("adams.tir", "FNOMIN                   = 4 ", "FNOMIN  4 ", "expected NAME = value, got 'FNOMIN"),
-        ("pounds.tir", "=\t61", "=\t6.1", "[MODEL] FITTYP: unknown '6.1'; known: 6, 21, 52 (MF 5.2), 61"),
+        ("pounds.tir", "=\t61", "=\t6.1", "[MODEL] FITTYP: unknown '6.1'; known: 5, 6, 21, 52 (MF 5.2), 61"),
         ("swift.tir", "='bar'", "='torr'", "[UNITS] PRESSURE: unknown unit 'torr'"),
         ("swift.tir", "= 62 ", "= 60 ", "[MODEL] FITTYP: unknown '60'"),
-        ("swift.tir", "= 1.18", "= 'flat'", "[ALIGNING_COEFFICIENTS] QCZ1: expected a number, got 'flat'"),
-        ("swift.tir", "LGYR", "LMUY", "[SCALING_COEFFICIENTS] LMUY: stands in line"),
+        ("swift.tir", "= 1.18", "= 'flat'", "[ALIGNING_COEFFICIENTS] QCZ1: expected a finite number, got 'flat'"),
+        ("swift.tir", "LGYR", "LMUY", "[SCALING_COEFFICIENTS] LMUY: has another value in line"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:

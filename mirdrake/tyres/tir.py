@@ -1,14 +1,21 @@
 """Tyre property files (.tir) of the Magic Formula 5.2, 6.1 and 6.2: read, checked, written.
 
 A file has sections in brackets and lines ``NAME = value``, with comments after ``$`` or ``!``. Below a name in braces
-or round brackets, as ``{radial width}`` or ``(COMMENTS)``, stand rows of a table or text, which are passed over unless
-they are such lines. The units of its section [UNITS] hold for sizes, loads, stiffnesses and speeds, which become SI;
-the coefficients have none. Files count in ISO-W axes (:mod:`mirdrake.tyres.magic_formula`); a positive PKY1 means other
-ones, and is refused rather than guessed at.
-Which formulas: FITTYP 6, 21 or 52 for 5.2, 61, 62; without FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means 5.2.
+or round brackets, as ``{radial width}`` or ``(COMMENTS)``, there are rows of a table or text, which are passed over
+unless they are such lines; so are rows of numbers anywhere. Sections of one name are joined. A name that the formulas
+use may be repeated with an equal value only. The units of the section [UNITS] hold for sizes, loads, stiffnesses and
+speeds, which become SI; the coefficients have none.
+Which formulas: FITTYP 5 (MF 5.0, without a difference in what is used here), 6, 21 or 52 for 5.2, 61, 62; without
+FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means 5.2.
 
-Names that the laws here do not use (inertia, contact patch, vertical behaviour, turn slip) are kept in the sections,
-and their names in ``unused``, so that nothing is lost in silence.
+Axes: PKY1 decides. It is negative in ISO-W axes (:mod:`mirdrake.tyres.magic_formula`), where a positive slip angle has
+a negative side force; a positive one means other axes and is rejected. The sign of PDY1 has no meaning of its own: with
+By = Kya / (Cy Dy), Fy = Dy sin(Cy atan(By x - ...)) is odd in Dy twice. PAC2002 files give PDY1 > 0 beside PKY1 < 0;
+they are read as the equal tyre with PDY1 < 0. This negates muy and By, so what is multiplied by them is negated, too:
+PDY2, RVY1 to RVY3 and QBZ10.
+
+Names that the laws here do not use (inertia, contact patch, vertical behaviour, turn slip) are kept in the sections
+whatever their values are, and their names in ``unused``.
 """
 
 import math
@@ -27,7 +34,7 @@ Text = str | float
 
 _FIELDS = {field.name.upper(): field for field in fields(MagicFormulaParameters) if field.name != "version"}
 _OLD_NAMES = {"LGAY": "LKYC", "LGAZ": "LKZC"}  # of 5.2
-_VERSIONS: dict[float, Version] = {6: "5.2", 21: "5.2", 52: "5.2", 61: "6.1", 62: "6.2"}
+_VERSIONS: dict[float, Version] = {5: "5.2", 6: "5.2", 21: "5.2", 52: "5.2", 61: "6.1", 62: "6.2"}
 _FORMATS = {"PAC2002", "MF_05", "MF-TYRE", "MF52"}
 
 _UNITS: dict[str, dict[str, float]] = {
@@ -84,10 +91,12 @@ _POSITIVE = (
     "LMUY",
     "LFZO",
 )
-_NEGATIVE = ("PKY1", "PDY1")
+_NEGATIVE = ("PKY1",)
+_TURNED_WITH_PDY1 = ("pdy1", "pdy2", "rvy1", "rvy2", "rvy3", "qbz10")
 _NOT_NEGATIVE = ("FZMIN", "NOMPRES", "INFLPRES", "LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS")
 
 _HEADER = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
+_NUMBERS = re.compile(r"[-+\d.][-+\d.eEdD\s,]*$")
 _ENTRY = re.compile(r"([A-Za-z_][\w.\-]*)\s*=\s*(.*)$")
 
 
@@ -95,7 +104,7 @@ class Entry(NamedTuple):
     """One line of a file.
 
     Attributes:
-        value: number, or text of a quoted value, as it stands in the file.
+        value: number, or text of any other value, as it is in the file.
         line: its line, from 1.
     """
 
@@ -159,10 +168,12 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
             unused.append(key)
             continue
         place = f"{name}:{entry.line}: [{section}] {key}"
-        if known in seen:
-            faults.append(f"{place}: stands in line {seen[known]} already; keep one of them")
-        elif isinstance(entry.value, str):
-            faults.append(f"{place}: expected a number, got '{entry.value}'")
+        if isinstance(entry.value, str):
+            faults.append(f"{place}: expected a finite number, got '{_short(entry.value)}'")
+        elif known in seen:
+            if values.get(known.lower(), 0.0) != entry.value * _scale(known, scales):
+                faults.append(f"{place}: has another value in line {seen[known]}; keep one of them")
+            continue
         else:
             values[known.lower()] = entry.value * _scale(known, scales)
             faults += _range_fault(place, known, entry.value)
@@ -171,6 +182,8 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
         needed = (name for name, field in _FIELDS.items() if field.default is MISSING and name not in seen)
         faults += [f"{name}:1: {key}: missing; the Magic Formula needs it{_near(key, unused)}" for key in needed]
     _fail(faults)
+    if values["pdy1"] > 0.0:
+        values |= {key: -values[key] for key in _TURNED_WITH_PDY1 if key in values}
     parameters = MagicFormulaParameters(version=version, **values)
     if not parameters.fzmin < parameters.fzmax:
         _fail([f"{name}:{seen['FZMAX']}: FZMAX: must be larger than FZMIN, {parameters.fzmin:g} N"])
@@ -216,8 +229,6 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         place = f"{name}:{number}"
         if header := _HEADER.match(line):
             section, table = header[1].upper(), False
-            if section in sections:
-                faults.append(f"{place}: [{section}]: stands in line {lines[section]} already; join them")
             sections.setdefault(section, {})
             lines.setdefault(section, number)
         elif line[0] in "{(":
@@ -225,13 +236,12 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         elif not section:
             faults.append(f"{place}: '{_short(line)}' stands before the first [SECTION]")
         elif entry := _ENTRY.match(line):
-            key = entry[1].upper()
-            if key in sections[section]:
-                faults.append(f"{place}: [{section}] {key}: stands in line {sections[section][key].line} already")
-            else:
-                value = _value(entry[2].strip(), f"{place}: [{section}] {key}", faults)
-                sections[section][key] = Entry(value, number)
-        elif not table:
+            key, found = entry[1].upper(), Entry(_value(entry[2].strip()), number)
+            first = sections[section].setdefault(key, found)
+            used = key in _FIELDS or section in {"UNITS", "MODEL"}
+            if used and str(first.value) != str(found.value):
+                faults.append(f"{place}: [{section}] {key}: has another value in line {first.line}; keep one of them")
+        elif not table and not _NUMBERS.match(line):
             faults.append(f"{place}: expected NAME = value, got '{_short(line)}'")
     return sections, lines
 
@@ -247,18 +257,20 @@ def _without_comment(line: str) -> str:
     return line
 
 
-def _value(text: str, place: str, faults: list[str]) -> Text:
+def _value(text: str) -> Text:
+    """Return the number of a line, or its text without quotes if it is not a finite number."""
     if len(text) > 1 and text[0] in "'\"" and text[-1] == text[0]:
         return text[1:-1].strip()
+    number = _number(text)
+    return number if math.isfinite(number) and "_" not in text else text
+
+
+def _number(text: str) -> float:
+    """Return the number of a text, also with the exponent of Fortran (1.0D-3); infinity if it is not a number."""
     try:
-        number = float(re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text))  # Fortran's 1.0D-3, too
+        return float(re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text))
     except ValueError:
-        faults.append(f"{place}: expected a number or quoted text, got '{_short(text)}'")
-        return 0.0
-    if not math.isfinite(number) or "_" in text:
-        faults.append(f"{place}: expected a finite number, got '{_short(text)}'")
-        return 0.0
-    return number
+        return math.inf
 
 
 def _short(text: str) -> str:
@@ -309,7 +321,7 @@ def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: lis
         if isinstance(entry.value, float) and entry.value in _VERSIONS:
             return _VERSIONS[entry.value]
         told = entry.value if isinstance(entry.value, str) else f"{entry.value:g}"
-        faults.append(f"{name}:{entry.line}: [MODEL] FITTYP: unknown '{told}'; known: 6, 21, 52 (MF 5.2), 61, 62")
+        faults.append(f"{name}:{entry.line}: [MODEL] FITTYP: unknown '{told}'; known: 5, 6, 21, 52 (MF 5.2), 61, 62")
     elif entry := model.get("PROPERTY_FILE_FORMAT"):
         if str(entry.value).upper() in _FORMATS:
             return "5.2"
