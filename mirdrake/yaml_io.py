@@ -161,7 +161,11 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     try:
         spec = schema.model_validate(data)
     except ValidationError as error:
-        faults = dict.fromkeys(_fault(entry, schema, source) for entry in error.errors())
+        # Each line costs a search for similar names: a file of another kind may have thousands of unknown keys.
+        entries = error.errors()
+        faults = dict.fromkeys(_fault(entry, schema, source) for entry in entries[:MOST_FAULTS])
+        if len(entries) > MOST_FAULTS:
+            faults[f"{source.where()}: {len(entries) - MOST_FAULTS} more faults; correct these first"] = None
         raise ConfigError("\n".join(faults)) from None
     truths = list(_truth_for_number(spec, data, ()))
     if truths:
