@@ -140,6 +140,13 @@ class DiagramSpec(Schema):
     provenance: dict[str, Any] | None = Field(None, description="written into spec.yaml by a run; not read [-]")
     name: str = Field("diagram", description="name in run folders; the file's own if left out [-]")
 
+    @field_validator("name")
+    @classmethod
+    def _inside_the_folder(cls, value: str) -> str:
+        if "/" in value or "\\" in value or not value.isprintable():
+            raise ValueError("a name is part of the name of a run folder; it must have no '/', '\\' or line break")
+        return value
+
     @field_validator("connect", mode="before")
     @classmethod
     def _pairs(cls, value: Any) -> Any:

@@ -19,7 +19,8 @@ end, also after Ctrl-C, it becomes one file. Whatever kills the process, all par
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
@@ -33,7 +34,7 @@ import pyarrow.parquet as pq
 import yaml
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.errors import ConfigError, MirdrakeError, RunError, did_you_mean
 from mirdrake.recording.arrays import RunArrays
 from mirdrake.recording.files import told
 from mirdrake.recording.files import write_file as write_file  # with `as`: also public here
@@ -125,16 +126,40 @@ def load_run(folder: Path | str) -> Run:
     folder = Path(folder)
     if not (folder / SPEC).is_file():
         raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
-    spec = yaml.safe_load((folder / SPEC).read_text(encoding="utf-8"))
+    with _reading(folder / SPEC):
+        spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
     summary: dict[str, Any] = {"stop_reason": "killed"}
-    if (folder / SUMMARY).is_file():
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    schema = _stored_schema(folder)
-    units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
-    run = Run(folder, spec, summary, units, _read_events(folder))
-    if "simulated_s" not in summary and len(run.signals):
-        summary["simulated_s"] = float(run.signals.index[-1])
+    with _reading(folder / SUMMARY):
+        if (folder / SUMMARY).exists():
+            summary = _mapping(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
+    with _reading(folder / SIGNALS):
+        schema = _stored_schema(folder)
+        units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
+    with _reading(folder / EVENTS):
+        events = [_mapping(event) for event in _read_events(folder)]
+    run = Run(folder, spec, summary, units, events)
+    with _reading(folder / SIGNALS):
+        if "simulated_s" not in summary and len(run.signals):
+            summary["simulated_s"] = float(run.signals.index[-1])
     return run
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Raise whatever a damaged file of a run folder causes as a ConfigError with one line."""
+    try:
+        yield
+    except MirdrakeError:
+        raise
+    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError, pa.ArrowException) as error:
+        reason = getattr(error, "strerror", None) or next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise ConfigError(f"{path}: damaged, cannot be read: {reason[:160]}") from None
+
+
+def _mapping(data: Any) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise ValueError("it has no mapping (key: value) at its top")
+    return data
 
 
 def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> pd.DataFrame:
@@ -144,13 +169,14 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         folder: the run folder; None gives an empty table.
         columns: only these, as far as they exist.
     """
-    parts = stored(folder / SIGNALS) if folder is not None else []
-    if not parts:
-        return pd.DataFrame(index=pd.Index([], name="time"))
-    known = pq.read_schema(parts[0]).names
-    wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
-    table: pd.DataFrame = pa.concat_tables([read_part(part, wanted) for part in parts]).to_pandas()
-    return table.set_index("time")
+    with _reading((folder or Path()) / SIGNALS):
+        parts = stored(folder / SIGNALS) if folder is not None else []
+        if not parts:
+            return pd.DataFrame(index=pd.Index([], name="time"))
+        known = pq.read_schema(parts[0]).names
+        wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
+        table: pd.DataFrame = pa.concat_tables([read_part(part, wanted) for part in parts]).to_pandas()
+        return table.set_index("time")
 
 
 def _stored_schema(folder: Path) -> pa.Schema:

@@ -48,7 +48,7 @@ def make_own_system(
         return maker(**arguments)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         text = str(error).splitlines()[0] if str(error) else ""
         raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None
 

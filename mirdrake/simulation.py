@@ -164,7 +164,7 @@ class Simulation:
             if not isinstance(error, DivergedError):  # the folder cannot be written any more
                 raise
             reason = f"diverged: {error}"
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a block of the user's may call sys.exit
             if _is_divergence(error):
                 reason = f"diverged: the solver failed: {str(error).strip().split('. ')[0].splitlines()[0]}"
             else:

@@ -25,6 +25,9 @@ from mirdrake.yaml_tree import parse_tree as parse_tree
 
 SchemaT = TypeVar("SchemaT", bound="Schema")
 
+MOST_FAULTS = 50
+"""Faults of one file that are reported."""
+
 
 class Schema(BaseModel):
     """Base of every file format: unknown keys, NaN and infinity are refused; so is, in a file, `true` for a number.
