@@ -34,8 +34,9 @@ class FreeableType(type(DrakeLeafSystem)):  # type: ignore[misc]
         return super().__new__(mcs, name, bases, namespace, **options)
 
 
-def weak_callback(method: MethodType) -> Callback:
+def weak_callback(method: Callback) -> Callback:
     """Return a callback that calls a bound method and refers to its object weakly."""
+    assert isinstance(method, MethodType)
     owner, function = weakref.ref(method.__self__), method.__func__
 
     def call(*arguments: Any) -> Any:

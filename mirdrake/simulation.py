@@ -294,7 +294,7 @@ class _Logs(NamedTuple):
                 self.reporter(incident)
 
 
-def _is_divergence(error: Exception) -> bool:
+def _is_divergence(error: BaseException) -> bool:
     """Whether Drake itself, not a block written in Python, gave up because of numbers that it cannot go on with."""
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
@@ -338,7 +338,7 @@ def _interrupt() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _failure(error: Exception) -> str:
+def _failure(error: BaseException) -> str:
     """An exception of a block as one line, with the file and line that raised it if these are the user's."""
     lines = str(error).strip().splitlines()
     text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
