@@ -31,7 +31,6 @@ INVISIBLE = 0.01
 """Opacity below which a material is taken for one whose transparency is written the wrong way round."""
 
 _FAR = 1e9  # in the file's unit, beyond which a coordinate is taken for a broken number
-_GRAZING = 0.05  # cosine between a face and its stated normals below which these do not decide its winding
 EXTRA = "pip install 'mirdrake[import]'"
 
 
@@ -227,8 +226,8 @@ def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]
     for piece in pieces:
         count += len(piece.corners)
         if piece.normals is not None:
-            face, mean = _unit(_areas(piece.corners)), _unit(np.nan_to_num(_unit(piece.normals)).sum(axis=1))
-            against = np.einsum("ij,ij->i", face, mean) < -_GRAZING
+            stated = np.nan_to_num(_unit(piece.normals)).sum(axis=1)
+            against = np.einsum("ij,ij->i", _areas(piece.corners), stated) < 0.0
             if against.any():
                 turned += int(against.sum())
                 piece = piece.reversed(against)
