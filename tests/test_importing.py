@@ -575,6 +575,29 @@ def test_an_inertia_that_no_such_body_has_becomes_that_of_its_box(why, inertia):
     assert result.body.mass.inertia == pytest.approx(BOX)
 
 
+@pytest.mark.parametrize("order", [(1, 0, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1)])
+def test_moments_of_exchanged_axes_go_to_the_axes_that_the_shapes_have(order):
+    # 4.0 x 1.5 x 1.2 m: mass spread as in the box has 1.15 m along x, more than the shapes' reach of 0.75 and 0.6 m
+    model = car()
+    own = box_tensor(BODY, 4.0, 1.5, 1.2)
+    model.links["chassis"].inertial.inertia = own[np.ix_(order, order)]
+    result = mend(model)
+    assert said(result, "link 'chassis': inertia along x, y, z", "outside of the link's shapes")
+    moments = np.diag(result.body.mass.inertia)
+    assert moments[0] < min(moments[1:])  # least about the long axis
+    assert sorted(moments) == pytest.approx(sorted(np.diag(own)))
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0, 2.0])
+def test_moments_that_fit_the_shapes_or_no_order_of_axes_are_kept(scale):
+    model = car()
+    own = scale * box_tensor(BODY, 4.0, 1.5, 1.2)
+    model.links["chassis"].inertial.inertia = own
+    result = mend(model)
+    assert not said(result, "link 'chassis': inertia along x, y, z", "")
+    assert result.body.mass.inertia == pytest.approx(own)
+
+
 def test_the_parts_of_a_body_add_up_about_their_common_centre():
     model = car()
     add(

@@ -51,6 +51,9 @@ def _balance(figures: Inspection) -> list[str]:
     if not 0.5 < figures.dynamic_index < 1.5:
         index = figures.dynamic_index
         found.append(f"yaw inertia {figures.inertia[2]:.4g} kg m²: {index:.2f} m a b; cars have 0.8 to 1.1")
+    roll, pitch, _ = figures.inertia
+    if roll > pitch and figures.wheelbase > max(figures.tracks):
+        found.append(f"roll inertia {roll:.4g} kg m² exceeds pitch inertia {pitch:.4g} kg m²; are x and y exchanged?")
     return found
 
 

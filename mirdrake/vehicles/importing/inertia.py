@@ -1,6 +1,7 @@
 """Mass and inertia of single links: what no body can have is replaced by what its shapes suggest."""
 
 from collections.abc import Sequence
+from itertools import permutations
 from math import isfinite, sqrt
 
 import numpy as np
@@ -16,6 +17,9 @@ DENSITY = 140.0
 
 FARTHEST, NEAREST = 3.0, 0.01
 """Radius of gyration over half the diagonal of the link's shapes: beyond these no such body is meant."""
+
+OUTSIDE = 1.2
+"""Root mean square distance of the mass along an axis over the reach of the shapes: above this, axes are exchanged."""
 
 FLAT = 2e-5
 """How far a flat plate is kept from breaking the triangle inequality, so that six digits of it do not break it."""
@@ -117,6 +121,12 @@ def _in_part(
         changes.append(Change(where, f"{what}: inertia", was, became, fault))
     else:
         inertia_L = R_LI @ widen(np.asarray(inertial.inertia, dtype=float)) @ R_LI.T
+        order = _exchanged_axes(inertia_L, mass, bounds, com_L) if wheel is None else (0, 1, 2)
+        if order != (0, 1, 2):
+            was = moments_along_axes(inertia_L)
+            inertia_L = inertia_L[np.ix_(order, order)]
+            why = f"the mass would lie outside of the link's shapes along {_outside(order)}"
+            changes.append(Change(where, f"{what}: inertia along x, y, z", was, moments_along_axes(inertia_L), why))
     middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
     distance = float(np.linalg.norm(com_L - middle))
     if not distance <= FARTHEST * _half_size(bounds, size):
@@ -155,6 +165,38 @@ def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> 
         if (expected > 1.5 * high).any() or (expected < high / 1.5).any():
             return "identity, a placeholder"
     return ""
+
+
+def _exchanged_axes(inertia: Vector, mass: float, bounds: Bounds | None, com: Vector) -> tuple[int, ...]:
+    """Order of the axes in which an inertia fits the shapes; (0, 1, 2) if it fits as it is, or in no order.
+
+    The mass of a link lies within its shapes. Its root mean square distance from the centre of mass along an axis is
+    therefore at most the distance of the farthest shape along this axis. Files whose x and y are exchanged break this.
+
+    Args:
+        inertia: about the centre of mass, along the link's axes [kg m²].
+        mass: [kg].
+        bounds: of the link's shapes along its axes [m]; None if it has none.
+        com: centre of mass in the link's frame [m].
+    """
+    as_stated = (0, 1, 2)
+    if bounds is None:
+        return as_stated
+    reach = np.maximum(np.abs(bounds[0] - com), np.abs(bounds[1] - com))
+    spread = np.sqrt(np.maximum(0.5 * np.trace(inertia) - inertia.diagonal(), 0.0) / mass)
+    if (spread <= OUTSIDE * reach).all():
+        return as_stated
+    fitting = [order for order in permutations(range(3)) if (spread[list(order)] <= reach).all()]
+    return min(fitting, key=lambda order: sum(a != b for a, b in zip(order, as_stated, strict=True)), default=as_stated)
+
+
+def _outside(order: tuple[int, ...]) -> str:
+    return " and ".join(name for name, old, new in zip("xyz", order, range(3), strict=True) if old != new)
+
+
+def moments_along_axes(inertia: Vector) -> str:
+    """Moments of inertia along x, y and z for a report."""
+    return " / ".join(f"{value:.4g}" for value in inertia.diagonal()) + " kg m²"
 
 
 def widen(inertia: Vector) -> Vector:
