@@ -200,7 +200,8 @@ class _Expansion:
             XacroException: it is outside of them, too large or not valid.
         """
         path = Path(xacro.abs_filename_spec(str(filename)))
-        roots = {_package_of(file) for file in self.files} | set(self.packages)
+        # a file that is a link belongs to the package of the link and to that of its target
+        roots = {_package_of(place) for file in self.files for place in (file, file.resolve())} | set(self.packages)
         resolved = path.resolve()
         if not any(resolved.is_relative_to(root) for root in roots):
             raise xacro.XacroException(
