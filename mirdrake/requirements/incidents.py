@@ -1,4 +1,4 @@
-"""What a user is told of a run at once: starts that are impossible, collisions, vehicles that leave the ground."""
+"""Incidents of a run that are reported at once: impossible starts, collisions, vehicles that leave the ground."""
 
 import math
 from collections.abc import Iterator, Mapping
