@@ -168,6 +168,19 @@ def read_scene(folder: Path) -> Scene:
         raise RunError(f"{shown(path)}: damaged: {type(error).__name__}: {reason}") from None
 
 
+def changed_files(scene: Scene, folder: Path) -> list[str]:
+    """Return what differs from the scene that a run folder carries, if any: ``the world`` and meshes."""
+    place = folder / FOLDER
+    try:
+        lock = (place / LOCK).read_text(encoding="utf-8")
+        meshes = dict(json.loads((place / FILE).read_text(encoding="utf-8"))["meshes"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    paths = {_resolve(reference): digest for reference, digest in meshes.items()}
+    changed = [path for path, digest in paths.items() if not path.is_file() or _digest_of(path) != digest]
+    return ["the world"] * (lock != lock_text(scene.world)) + [shown(path) for path in changed]
+
+
 def _read(data: Mapping[str, Any], place: Path) -> Scene:
     changes = []
     for reference, digest in data["meshes"].items():

@@ -15,6 +15,7 @@ from mirdrake.diagram import Assembly
 from mirdrake.logs import spec_hash
 from mirdrake.paths import installed_version
 from mirdrake.requirements.incidents import Incident
+from mirdrake.scene import Scene
 from mirdrake.telemetry import Array
 
 VEHICLE_FIGURES = (
@@ -33,19 +34,8 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
     data["duration"] = duration
     data.pop("provenance", None)
     folder = data.pop("folder", None)  # the hash is that of the contents, wherever they lie
-    world = assembly.parts.world
-    content = {
-        name: spec_hash(
-            {
-                "urdf": part.vehicle.urdf,
-                "spec": part.vehicle.spec.model_dump(mode="json"),
-                "control": part.vehicle.control.model_dump(mode="json"),
-                "sensors": part.vehicle.sensors.model_dump(mode="json"),
-            }
-        )
-        for name, part in assembly.parts.vehicles.items()
-    }
-    content["world"] = spec_hash(world.spec.model_dump(mode="json"))
+    vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
+    content = scene_hashes(Scene(assembly.parts.world, vehicles))
     for name, driver in assembly.spec.control.items():
         if isinstance(driver, ScheduleSpec) and driver.file is not None:
             content[f"{name}.commands"] = spec_hash({"rows": driver.schedule().rows})
@@ -58,6 +48,34 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
         data["folder"] = folder
     data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
     return data
+
+
+def scene_hashes(scene: Scene) -> dict[str, str]:
+    """Return the hashes of what the files of vehicles and world state, by the vehicles' names and ``world``."""
+    hashes = {
+        name: spec_hash(
+            {
+                "urdf": vehicle.urdf,
+                "spec": vehicle.spec.model_dump(mode="json"),
+                "control": vehicle.control.model_dump(mode="json"),
+                "sensors": vehicle.sensors.model_dump(mode="json"),
+            }
+        )
+        for name, vehicle in scene.vehicles.items()
+    }
+    return hashes | {"world": spec_hash(scene.world.spec.model_dump(mode="json"))}
+
+
+def changed_since(scene: Scene, provenance: Mapping[str, Any] | None) -> list[str]:
+    """Return the vehicles whose files have changed, and ``world``, since the run whose provenance is given.
+
+    Args:
+        scene: as it is now.
+        provenance: of the spec.yaml of that run; None if the spec is not of a run.
+    """
+    before = (provenance or {}).get("content_sha256") or {}
+    now = scene_hashes(scene)
+    return [name for name in now if name in before and before[name] != now[name]]
 
 
 def _source_text(system: System) -> str:

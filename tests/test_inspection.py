@@ -8,9 +8,11 @@ import shutil
 from xml.etree import ElementTree
 
 import pytest
+import trimesh
 
 from mirdrake.cli import main
 from mirdrake.paths import data_root
+from mirdrake.report import surfaces
 from mirdrake.report.inspection import describe, draw_links, write_inspection
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.vehicles import load_vehicle
@@ -208,6 +210,20 @@ def test_surfaces_are_as_large_as_the_vehicle(bolt):
         assert high[0] - low[0] == pytest.approx(size[0], abs=1e-3)
         assert high[1] - low[1] == pytest.approx(size[1], abs=1e-3)
         assert high[2] == pytest.approx(size[2], abs=1e-3)
+
+
+def test_a_mesh_that_is_drawn_as_its_hull_is_reported_once(caplog, monkeypatch):
+    """What Drake can read and our reader cannot is drawn with another shape."""
+    vehicle = load_vehicle("bolt")
+    monkeypatch.setattr("mirdrake.report.surfaces.trimesh.load", lambda *_, **__: trimesh.Scene())
+    surfaces._report_hull.cache_clear()
+    collect_surfaces(vehicle)
+    lines = [line for line in caplog.messages if "drawings show its convex hull" in line]
+    assert lines
+    assert len(set(lines)) == len(lines)
+    collect_surfaces(vehicle, steering=(0.1, 0.1))
+    assert len([line for line in caplog.messages if "convex hull" in line]) == len(lines)
+    surfaces._report_hull.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirdrake.errors import ConfigError
-from mirdrake.manoeuvres.base import scaled
+from mirdrake.manoeuvres.base import Array, scaled
 from mirdrake.manoeuvres.courses import Body, Section, circle, clearance, eight, make_line, within
 from mirdrake.manoeuvres.drivers import make_rows
 from mirdrake.manoeuvres.metrics.steady import (
@@ -22,6 +22,7 @@ from mirdrake.manoeuvres.metrics.straight import (
     creep,
     moves_off,
     road_load,
+    standstill,
     stop_from,
     time_to_distance,
     time_to_speed,
@@ -222,6 +223,38 @@ def test_braking_at_eight_metres_a_second_squared():
     assert found.mean == pytest.approx(8.0, rel=1e-3)
     assert found.developed == pytest.approx(8.0, rel=1e-3)
     assert math.isnan(stop_from(TIME, speed + 5.0, distance, first).distance)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_follows_the_first_standstill_does_not_count_as_braking(seed):
+    """A car is pushed back by its tyres and springs: its speed swings about zero after the stop."""
+    random, time = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.001)
+    slope, first = random.uniform(3.0, 11.0), random.uniform(5.0, 20.0)
+    end = (first + 1.0) / slope
+    swing = -random.uniform(0.1, 0.8) * np.sin(random.uniform(8.0, 30.0) * (time - end))
+    speed = np.where(end > time, first + 1.0 - slope * time, swing)
+    distance = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))))
+    assert standstill(time, speed, after=0.5 / slope) == pytest.approx(end, abs=2e-3)
+    found = stop_from(time, speed, distance, first)
+    assert found.time == pytest.approx(first / slope, rel=2e-3)
+    assert found.distance == pytest.approx(first**2 / (2.0 * slope), rel=2e-3)
+    slow = np.maximum(first * np.exp(-time), 1e-6)  # only approaches zero
+    assert standstill(time, slow, after=0.0) == pytest.approx(np.log(first / 0.02), rel=1e-3)
+
+
+def test_a_record_that_is_cut_ends_at_that_time():
+    n = 200
+    time: Array = 0.005 * np.arange(n, dtype=np.float64)
+    zero = np.zeros(n)
+    speed: Array = 4.0 - 8.0 * time
+    others = {"wheel": 3.0 * speed}
+    record = Record("cut", time, zero, zero, zero, speed, zero, zero, zero, zero, 1.0, 15.0, others)
+    cut = record.until(0.4983)
+    assert cut.time[-1] == 0.4983
+    assert cut.vx[-1] == pytest.approx(4.0 - 8.0 * 0.4983)
+    assert cut.others["wheel"] == pytest.approx(3.0 * cut.vx)
+    assert len(cut.time) == len(cut.roll) == 101
+    assert cut.longitudinal_acceleration == pytest.approx(np.full(101, -8.0))
 
 
 def test_road_load_of_a_coast_down():

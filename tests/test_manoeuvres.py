@@ -4,13 +4,15 @@ import csv
 import json
 import math
 
+import numpy as np
 import pytest
 
 from mirdrake.cli import main
 from mirdrake.logs import load_run
 from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, run_manoeuvre
+from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.skidpad import SkidpadSpec
-from mirdrake.manoeuvres.straight import BrakingSpec
+from mirdrake.manoeuvres.straight import AccelerationSpec, BrakingSpec, brake_run
 from mirdrake.single_track import understeer_gradient
 from mirdrake.vehicles import load_vehicle
 
@@ -86,6 +88,26 @@ def test_braking_by_command_keeps_to_the_slope_of_the_speed_control(tmp_path):
     run = load_run(tmp_path / "out" / "braking" / "brake")
     assert run.summary["stop_reason"] == "standstill"
     assert run.signals["ego.vx"].iloc[-1] < 0.05
+
+
+def test_full_braking_ends_at_the_first_standstill():
+    """Before, the record went on for 0.1 s, in which tyres and springs pushed the car back at up to 0.46 m/s."""
+    vehicle = load_vehicle("bolt@handling")
+    rig = Rig("bolt@handling", vehicle, find_facts(vehicle), plant={"contact": "point"})
+    record = brake_run(rig, Outcome("braking", "", ""), "brake", 8.0, 1.0, lowest=1.0)
+    assert record.stop == "standstill"
+    assert record.vx[-1] == pytest.approx(0.0, abs=1e-12)
+    assert np.all(record.vx[:-1] > 0.0)
+
+
+def test_times_from_pedal_application_are_longer_by_the_time_until_it_moves():
+    vehicle = load_vehicle("bolt@handling")
+    rig = Rig("bolt@handling", vehicle, find_facts(vehicle), plant={"contact": "point"})
+    outcome = run_manoeuvre("acceleration", rig, AccelerationSpec(longest=5.0))
+    first = outcome.value("begin") or 0.0
+    assert first > 0.05  # the throttle's lag
+    assert (outcome.value("pedal_30mph") or 0.0) == pytest.approx((outcome.value("time_30mph") or 9.0) + first)
+    assert outcome.value("pedal_100kmh") is None  # not reached
 
 
 def test_a_held_car_does_not_creep(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,9 +18,11 @@ import pytest
 import yaml
 
 import mirdrake as mir
+from mirdrake.cli import main
 from mirdrake.diagram import assemble
 from mirdrake.errors import ConfigError, RunError
 from mirdrake.logs import RunWriter, load_run
+from mirdrake.paths import names
 from mirdrake.simulation import Simulation, default_folder, simulate
 from mirdrake.workflow import run_diagram
 
@@ -194,6 +197,41 @@ def test_a_run_repeated_from_its_own_spec_has_the_same_bytes(tmp_path: Path) -> 
     assert (tmp_path / "second" / "signals.parquet").read_bytes() == data
     summaries = [load_run(tmp_path / name).summary["spec_sha256"] for name in ("first", "second")]
     assert summaries[0] == summaries[1]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "reported"),
+    [
+        (None, "", "", ""),
+        ("yard.yaml", "mu: 0.8", "mu: 0.5", "the world"),
+        ("car/vehicle.yaml", "drag_area: 0.798", "drag_area: 0.9", "vehicle 'ego'"),
+        ("car/properties.xacro", 'name="kerb_mass" value="1616"', 'name="kerb_mass" value="1626"', "vehicle 'ego'"),
+        ("car/control.yaml", "dead_man: 200", "dead_man: 300", "vehicle 'ego'"),
+        ("box.obj", "v 0 0 1", "v 0 0 2", "box.obj"),
+    ],
+)
+def test_a_run_from_a_spec_reports_files_that_have_changed_since(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], file: str | None, old: str, new: str, reported: str
+) -> None:
+    shutil.copytree(names("models")["bolt"], tmp_path / "car")
+    (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    ground, scenery = "{mu: 0.8, size: [100, 100]}", "[{file: box.obj, at: [9, 9, 0]}]"
+    world = f"{{mirdrake: world/1, name: yard, ground: {ground}, scenery: {scenery}}}"
+    (tmp_path / "yard.yaml").write_text(world)
+    spec = drive(world=str(tmp_path / "yard.yaml"), vehicles={"ego": {"model": str(tmp_path / "car")}}, duration=0.02)
+    simulate(spec | {"control": {"ego": {"kind": "constant", "speed": 1.0}}}, folder=tmp_path / "first")
+    if file is not None:
+        text = (tmp_path / file).read_text(encoding="utf-8")
+        assert old in text
+        (tmp_path / file).write_text(text.replace(old, new, 1), encoding="utf-8")
+    again = str(tmp_path / "first" / "spec.yaml")
+    main(["run", again, "--out", str(tmp_path / "second"), "--quiet"])
+    lines = [line for line in capsys.readouterr().err.splitlines() if "changed since that run" in line]
+    assert len(lines) == (file is not None)
+    assert all(reported in line and again in line for line in lines)
+    if file == "yard.yaml":  # on purpose
+        main(["run", again, "--set", "world.seed=3", "--out", str(tmp_path / "third"), "--quiet"])
+        assert "changed since" not in capsys.readouterr().err
 
 
 def test_another_process_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import pytest
 
@@ -27,12 +28,13 @@ from mirdrake.yaml_io import parse_yaml
 
 SIXTY = """\
 figures:
-  - {quantity: time_to_speed, speed: 60 mph, value: 6.9 s, source: a track test, status: excerpt}
+  - {quantity: time_to_speed, speed: 60 mph, value: 6.9 s, role: calibrated, source: a track test, status: excerpt}
 """
 
 
 def _sixty(**changes):
     data = {"quantity": "time_to_speed", "speed": 26.8224, "value": "6.9 s", "source": "a test", "status": "excerpt"}
+    data["role"] = "predicted"
     return TimeToSpeed(**(data | changes))
 
 
@@ -49,7 +51,8 @@ def test_every_reference_vehicle_says_what_is_published(name):
 
 
 def test_values_keep_the_unit_in_which_they_were_published():
-    stop = BrakingDistance(quantity="braking_distance", speed=26.8224, value="116 ft", source="x", status="excerpt")
+    given = {"value": "116 ft", "role": "predicted", "source": "x", "status": "excerpt"}
+    stop = BrakingDistance(quantity="braking_distance", speed=26.8224, **given)
     assert stop.si == pytest.approx(35.3568)
     assert stop.number == pytest.approx(116.0)
     assert (stop.shown_unit, stop.text) == ("ft", "60 mph to standstill")
@@ -64,11 +67,13 @@ def test_values_keep_the_unit_in_which_they_were_published():
         (SIXTY.replace("6.9 s", "6.9 m"), "f.yaml:2: figures.0.value: unit 'm' does not fit; allowed: s, ms, min, h"),
         (SIXTY.replace("6.9 s", "fast"), "f.yaml:2: figures.0.value: a number in s is expected, not 'fast'"),
         (SIXTY.replace("6.9 s", "-1 s"), "f.yaml:2: figures.0.value: must be above zero"),
+        (SIXTY.replace("role: calibrated, ", ""), "f.yaml:2: figures.0.role"),
+        (SIXTY.replace("calibrated", "fitted"), "f.yaml:2: figures.0.role"),
         (SIXTY.replace("excerpt", "sure"), "f.yaml:2: figures.0.status"),
         (SIXTY.replace("speed: 60 mph", "sped: 60 mph"), "f.yaml:2: figures.0.sped: unknown field"),
         (SIXTY.replace("time_to_speed", "lap_time"), "f.yaml:2: figures.0"),
         (
-            "figures: [{quantity: coast_time, first: 10, last: 20, value: 3, source: x, status: excerpt}]",
+            "figures: [{quantity: coast_time, first: 10, last: 20, value: 3, role: input, source: x, status: excerpt}]",
             "f.yaml:1: figures.0: last should be below first",
         ),
     ],
@@ -128,7 +133,7 @@ def test_what_could_not_be_simulated_fails_and_what_is_not_compared_does_not():
     left_out = Comparison(_sixty(not_compared="summer tyres"), None, "", 80.0, 0.03)
     missing = Comparison(_sixty(), None, "it has no pedals", 80.0, 0.03)
     assert _results(good, left_out).exit_code == 0
-    assert _results(good, left_out).headline == "1 of 1 figures within 3 %"
+    assert _results(good, left_out).headline == "1 of 1 predicted figures within 3 %"
     assert _results(good, missing).exit_code == 1
     assert "  not simulated: it has no pedals" in describe_validation(_results(good, missing))
 
@@ -138,13 +143,55 @@ def test_the_page_shows_both_values_the_error_the_source_and_what_is_not_compare
     bad = Comparison(_sixty(value="5.0 s"), 7.0, "", 80.0, 0.03)
     left_out = Comparison(_sixty(not_compared="summer tyres"), None, "", 80.0, 0.03)
     page = render_validation(_results(good, bad, left_out))
-    for text in ("6.9 s", "7 s", "+1.4 %", "+40.0 %", "a test", "summer tyres", "outside", "1 of 2 figures within 3 %"):
+    assert "1 of 2 predicted figures within 3 %" in page
+    for text in ("6.9 s", "7 s", "+1.4 %", "+40.0 %", "a test", "summer tyres", "outside"):
         assert text in page
     assert "<b>driver" not in page
     assert "http" not in page
     bare = render_validation(_results(published=PublishedFigures(none_because="nobody measured it")))
     assert "nobody measured it" in bare
     assert "<svg" not in bare
+
+
+@pytest.mark.parametrize(
+    ("roles", "headline"),
+    [
+        ("pc", "1 of 1 predicted figures within 3 % (calibrated 1 of 1)"),
+        ("ppPci", "2 of 3 predicted figures within 3 % (calibrated 1 of 1, input 1 of 1)"),
+        ("cCi", "no predicted figure to compare; calibrated 1 of 2, input 1 of 1 within 3 %"),
+        ("", "nothing is published to compare with"),
+    ],
+)
+def test_predicted_figures_are_counted_apart_from_those_that_set_the_model(roles, headline):
+    names = {"p": "predicted", "c": "calibrated", "i": "input"}
+    made = [Comparison(_sixty(role=names[k.lower()]), 6.9 + 3.0 * k.isupper(), "", 80.0, 0.03) for k in roles]
+    results = _results(*made)
+    assert results.headline == headline
+    lines, page = describe_validation(results), render_validation(results)
+    for key, role in names.items():
+        count = sum(k.lower() == key for k in roles)
+        start = next((number for number, line in enumerate(lines) if line.startswith(f"{role}: ")), None)
+        assert (start is not None) == (count > 0) == (f"<h2>{role.capitalize()} figures</h2>" in page)
+        if start is not None:
+            rows = lines[start + 2 : start + 2 + count]
+            assert all(row.startswith("  0 to 60 mph") for row in rows)
+            assert len(rows) == count
+    assert [one["role"] for one in results.data()["figures"]] == [names[k.lower()] for k in roles]
+
+
+@pytest.mark.parametrize("name", ["bolt", "mkz", "catvehicle"])
+def test_figures_that_follow_from_a_limit_or_were_fitted_are_not_predictions(name):
+    vehicle = load_vehicle(name)
+    published = load_published(vehicle)
+    driven = load_vehicle(driven_name(name, published))
+    governed = getattr(driven.spec.powertrain, "governed_speed", None)
+    for one in published.figures:
+        if one.quantity == "top_speed" and governed is not None and abs(one.si - governed) < 0.03 * governed:
+            assert one.role == "input"
+    if name == "bolt":
+        fitted = {one.text for one in published.figures if one.role == "calibrated"}
+        times = {f"0 to {speed} mph" for speed in (30, 60, 75)}  # README, section 14
+        assert fitted == times | {"60 mph to standstill", "Lateral acceleration on a circle of 200 ft"}
 
 
 # --- the command line --------------------------------------------------------------------------------------------
@@ -159,7 +206,7 @@ def test_a_vehicle_without_figures_says_why(tmp_path, capsys):
 def test_list_shows_the_figures_without_driving(capsys):
     assert main(["validate", "bolt", "--list", "--only", "top_speed,braking_distance"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "Top speed: 91 mph (excerpt; Clean Fleet Report)"
+    assert lines[0] == "Top speed: 91 mph (input; excerpt; Clean Fleet Report)"
     assert len(lines) == 3
 
 
@@ -182,10 +229,7 @@ def test_bad_input_is_one_line(arguments, fault, capsys):
 def test_a_vehicle_without_a_file_is_told_what_to_write(tmp_path, monkeypatch, capsys):
     source = names("models")["unior"]
     folder = tmp_path / "models" / "mine"
-    folder.mkdir(parents=True)
-    for path in source.iterdir():
-        if path.name != FILE:
-            (folder / path.name).symlink_to(path)
+    shutil.copytree(source, folder, ignore=shutil.ignore_patterns(FILE))
     assert main(["validate", str(folder)]) == 2
     assert f"has no {FILE}" in capsys.readouterr().err
 
@@ -197,7 +241,7 @@ def test_bolt_brakes_and_accelerates_like_the_real_car(tmp_path, capsys):
     only = "time_to_speed,time_to_distance,speed_at_distance,braking_distance"
     out = tmp_path / "out"
     assert main(["validate", "bolt", "--only", only, "--out", str(out)]) == 0
-    assert "7 of 7 figures within 3 %" in capsys.readouterr().out
+    assert "2 of 2 predicted figures within 3 % (calibrated 4 of 4, input 1 of 1)" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert results["vehicle"] == "bolt@handling"
     stop = next(one for one in results["figures"] if one["text"] == "60 mph to standstill")

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mirdrake.diagram_spec import DiagramSpec
     from mirdrake.logs import Run
     from mirdrake.requirements.incidents import Incident
+    from mirdrake.scene import Scene
 
 HELP = "simulate a diagram and write a run folder"
 MORE = """\
@@ -69,6 +70,7 @@ def run(options: argparse.Namespace) -> int:
         duration = duration or lasts
     terminal = sys.stdout.isatty() and not options.quiet
     scene, meshcat = make_scene(spec), None
+    _report_changes(spec, scene, options.diagram, overrides)
     if options.view or (options.view is None and terminal):
         from mirdrake.viewer import make_meshcat
 
@@ -118,6 +120,25 @@ def run(options: argparse.Namespace) -> int:
         )
         return 1
     return 0
+
+
+def _report_changes(spec: "DiagramSpec", scene: "Scene", diagram: str, overrides: Sequence[str]) -> None:
+    """Print one line if vehicle or world files have changed since the run that wrote the given spec.yaml."""
+    from mirdrake.scene import changed_files
+    from mirdrake.summary import changed_since
+
+    # What --set changes in vehicles or the world differs on purpose.
+    if spec.provenance is None or any(text.startswith(("vehicles", "world")) for text in overrides):
+        return
+    names = changed_since(scene, spec.provenance)
+    parts = ["the world" if name == "world" else f"vehicle '{name}'" for name in names]
+    changed = list(dict.fromkeys([*parts, *changed_files(scene, Path(diagram).parent)]))
+    if changed:
+        more = f" and {len(changed) - 5} more" if len(changed) > 5 else ""
+        print(
+            f"warning: {diagram}: changed since that run: {', '.join(changed[:5])}{more}; the results may differ",
+            file=sys.stderr,
+        )
 
 
 def _drive_from(spec: "DiagramSpec", texts: Sequence[str]) -> float:

@@ -10,7 +10,9 @@ from mirdrake.yaml_io import parse_yaml, shown
 HELP = "compare a vehicle with published figures of the real one, and write a validation report"
 MORE = """\
 The figures, their conditions, sources and how sure they are stand in published_figures.yaml of the vehicle. What they
-need is driven under their conditions. The folder holds validation.html, results.json, figures.csv and the runs.
+need is driven under their conditions.
+Figures are shown by role: predicted, calibrated (fitted to) or input.
+The folder holds validation.html, results.json, figures.csv and the runs.
 Exit codes: 0 every figure is within the tolerance, 1 one is not or could not be simulated, 2 bad input.
 
 examples:
@@ -52,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     if options.list:
         for one in published.figures:
             if not only or one.quantity in only:
-                print(f"{one.text}: {published_told(one)} ({one.status}; {one.source})")
+                print(f"{one.text}: {published_told(one)} ({one.role}; {one.status}; {one.source})")
         if published.none_because:
             print(published.none_because)
         return 0

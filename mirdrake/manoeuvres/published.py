@@ -1,10 +1,12 @@
 """published_figures.yaml beside a vehicle: what is known of the real one, under which conditions, and from where.
 
-An entry of ``figures`` has a ``quantity``, its conditions, a ``value`` with its unit, a ``source`` and a ``status``::
+An entry of ``figures`` has a ``quantity``, its conditions, a ``value`` with its unit, a ``role``, a ``source`` and a
+``status``::
 
     - quantity: time_to_speed
       speed: 60 mph
       value: 6.9 s
+      role: calibrated
       source: Edmunds' track test of 24 January 2017
       status: excerpt
 
@@ -29,6 +31,15 @@ KNOWN: dict[str, str] = {
 }
 """How sure a figure is."""
 
+Role = Literal["predicted", "calibrated", "input"]
+
+ROLES: dict[Role, str] = {
+    "predicted": "set no parameter of the model",
+    "calibrated": "parameters of the model were fitted to it",
+    "input": "follows from a value or a limit in the vehicle's files, such as the governor's",
+}
+"""What a figure is to the model, in the order in which figures are shown; only predicted ones test it."""
+
 _KMH, _MPH = 1.0 / 3.6, 0.44704
 
 
@@ -41,6 +52,10 @@ class _Figure(Schema):
     value: str = Field(description="number with its unit, as published [-]")
     bound: Literal["about", "at_most", "at_least"] = Field(
         default="about", description="what the source says: this value, or no more, or no less than it [-]"
+    )
+    role: Role = Field(
+        description="input: follows from a value or limit in the vehicle's files; calibrated: a parameter was fitted "
+        "to it; predicted: neither [-]"
     )
     source: str = Field(min_length=1, description="where it is from [-]")
     status: Literal["verified", "excerpt", "recalled"] = Field(description="how sure it is [-]")

@@ -1,8 +1,9 @@
 """A run of a manoeuvre as channels: what was logged, and what handling is judged by."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -102,13 +103,28 @@ class Record:
         """Of the centre of mass [m]."""
         return self.y + self.ahead * np.sin(self.yaw)
 
+    def until(self, end: float) -> "Record":
+        """Return the record up to a time [s]; its last sample is interpolated."""
+        time = np.append(self.time[self.time < end], end)
+
+        def cut(values: Array) -> Array:
+            kept: Array = np.append(values[: len(time) - 1], np.interp(end, self.time, values))
+            return kept
+
+        names = [one.name for one in fields(self) if isinstance(getattr(self, one.name), np.ndarray)]
+        channels: dict[str, Any] = {name: cut(getattr(self, name)) for name in names}
+        others = {name: cut(values) for name, values in self.others.items()}
+        return replace(self, **(channels | {"time": time, "others": others}))
+
     def _slope(self, values: Array) -> Array:
         """Derivative by time: that of a parabola through the samples around."""
         window = max(5, 2 * round(0.5 * SMOOTHING / self.step) + 1)
-        if len(values) < window:
+        if len(values) <= window:
             return np.gradient(values, self.time)
-        slope: Array = savgol_filter(values, window, 2, deriv=1, delta=self.step)
-        return slope
+        # The filter needs even steps; the last step of a record that was cut is shorter.
+        even = len(values) - int(self.time[-1] - self.time[-2] < 0.999 * self.step)
+        slope: Array = savgol_filter(values[:even], window, 2, deriv=1, delta=self.step)
+        return np.append(slope, slope[even - 1 :][: len(values) - even])
 
 
 def bicycle_angles(left: Array, right: Array) -> Array:

@@ -89,7 +89,7 @@ class CoastDownSpec(ManoeuvreSpec):
 
 
 class AccelerationSpec(ManoeuvreSpec):
-    """Full throttle from standstill: times to speeds with and without rollout, and the quarter mile."""
+    """Full throttle from standstill: times to speeds from first movement, less rollout, and from pedal application."""
 
     title: ClassVar[str] = "Acceleration"
     standard: ClassVar[str] = "0-100 km/h, 0-60 mph, quarter mile, as magazines measure"
@@ -135,6 +135,7 @@ class AccelerationSpec(ManoeuvreSpec):
         if not math.isfinite(begin):
             raise NotPossible(f"it did not move off within {self.longest:g} s")
         roll = time_to_distance(record.time, record.distance, self.rollout, start=begin)
+        pedal, pressed = begin - self.wait, "pedal application" if rig.pedals else "the speed command"
         reached = float(np.max(record.vx))
         speeds = [("30mph", 30.0 * MPH, "30 mph"), ("60mph", 60.0 * MPH, "60 mph"), ("75mph", 75.0 * MPH, "75 mph")]
         speeds.append(("100kmh", fast, "100 km/h"))
@@ -144,9 +145,10 @@ class AccelerationSpec(ManoeuvreSpec):
             took = time_to_speed(record.time, record.vx, speed, start=begin)
             if key == "75mph" and not math.isfinite(took):
                 continue
-            note = "" if math.isfinite(took) else f"it reached {reached / KMH:.0f} km/h"
+            note = "from first movement" if math.isfinite(took) else f"it reached {reached / KMH:.0f} km/h"
             outcome.add(f"time_{key}", f"0 to {text}", took, "s", note)
             outcome.add(f"rollout_{key}", f"The same less the first {self.rollout:.4g} m", took - roll, "s")
+            outcome.add(f"pedal_{key}", f"0 to {text} from {pressed}", took + pedal, "s")
         took = time_to_distance(record.time, record.distance, quarter, start=begin)
         name = "Quarter mile" if facts.scale == 1.0 else f"{quarter:.1f} m (a quarter mile to scale)"
         outcome.add("quarter_mile", name, took, "s")
@@ -156,7 +158,7 @@ class AccelerationSpec(ManoeuvreSpec):
         peak = float(np.max(record.longitudinal_acceleration[record.time > begin + 0.1]))
         outcome.add("peak", "Largest acceleration", peak, "m/s²")
         note = f"time counts from {MOVED:g} m/s on"
-        outcome.add("begin", "Moving since the pedal", begin - self.wait, "s", note, scale=roll)
+        outcome.add("begin", f"First movement after {pressed}", pedal, "s", note, scale=roll)
         shown = record.time > self.wait - 0.2
         _speed_charts(outcome, record, shown)
 
@@ -292,7 +294,7 @@ def brake_run(
     ground: dict[str, Any] | None = None,
     wide: float = math.inf,
 ) -> Record:
-    """Brake from a speed to standstill, from :data:`_BEFORE` on.
+    """Brake from a speed to the first standstill, from :data:`_BEFORE` on; the record ends there.
 
     Args:
         rig: where.
@@ -321,9 +323,9 @@ def brake_run(
     def stop(time: float, state: Sequence[float]) -> str | None:
         if abs(state[1]) > wide:
             return f"it went {wide:g} m to the side"
-        if time > 0.5 and state[6] < 0.01 and abs(state[7]) < 0.1:
+        if time > _BEFORE and state[6] < 0.01 and abs(state[7]) < 0.1:
             stood.append(time)
-        return "standstill" if stood and time > stood[0] + 0.1 else None
+        return "standstill" if stood and (state[6] <= 0.0 or time > stood[0] + 0.1) else None
 
     record = rig.run(label, driver, duration=longest, speed=speed, ground=ground, stop=stop)
     check_entry(
@@ -331,6 +333,10 @@ def brake_run(
     )
     if record.stop == "duration" and record.vx[-1] > 0.05:
         raise NotPossible(f"it still drove at {record.vx[-1] / KMH:.0f} km/h after {longest:.0f} s of braking")
+    if record.stop == "standstill" and record.vx[-1] < 0.0:
+        # A car that spins may have rolled backwards before: what counts is the crossing with which the run ended.
+        forward = record.time[record.vx > 0.0][-1]
+        record = record.until(crossing(record.time, record.vx, 0.0, after=float(forward)))
     return record
 
 

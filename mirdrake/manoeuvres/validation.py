@@ -14,7 +14,7 @@ from pydantic import Field
 from mirdrake.logs import write_file
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.facts import Facts, find_facts
-from mirdrake.manoeuvres.published import Figure, PublishedFigures
+from mirdrake.manoeuvres.published import ROLES, Figure, PublishedFigures, Role
 from mirdrake.manoeuvres.results import number_told
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.validation_runs import Reading, run_figures
@@ -79,6 +79,7 @@ class Comparison:
         return {
             "quantity": self.figure.quantity,
             "text": self.figure.text,
+            "role": self.figure.role,
             "unit": self.figure.shown_unit,
             "published": self.figure.number,
             "bound": self.figure.bound,
@@ -133,8 +134,23 @@ class ValidationResults:
         """The outcome in one line."""
         if not self.comparisons:
             return "nothing is published to compare with"
-        within = sum(one.word == "within" for one in self.compared)
-        return f"{within} of {len(self.compared)} figures within {number_told(100.0 * self.tolerance)} %"
+        counts = {role: self.count(role) for role in ROLES}
+        shown = {role: f"{within} of {total}" for role, (within, total) in counts.items() if total}
+        predicted = shown.pop("predicted", "")
+        limit = f"within {number_told(100.0 * self.tolerance)} %"
+        others = ", ".join(f"{role} {text}" for role, text in shown.items())
+        if not predicted:
+            return f"no predicted figure to compare; {others} {limit}" if others else "no predicted figure to compare"
+        return f"{predicted} predicted figures {limit}" + (f" ({others})" if others else "")
+
+    def having(self, role: Role) -> list[Comparison]:
+        """Return the comparisons whose figures have a role."""
+        return [one for one in self.comparisons if one.figure.role == role]
+
+    def count(self, role: Role) -> tuple[int, int]:
+        """Return how many figures of a role are within the tolerance, and how many are compared."""
+        words = [one.word for one in self.having(role) if one.word != "not compared"]
+        return words.count("within"), len(words)
 
     def data(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -290,22 +306,21 @@ def describe_validation(results: ValidationResults) -> list[str]:
     lines = [f"{results.facts.title} ({results.facts.name}): {results.headline}"]
     if results.published.none_because:
         lines.append(f"  {results.published.none_because}")
-    rows: list[tuple[str, ...]] = [
-        (
-            one.figure.text,
-            published_told(one.figure),
-            "-" if one.simulated is None else number_told(one.simulated),
-            error_told(one),
-            one.word,
-            one.figure.status,
-        )
-        for one in results.comparisons
-    ]
-    if rows:
-        rows.insert(0, ("figure", "published", "simulated", "error", "", "source"))
-        widths = [max(len(row[column]) for row in rows) for column in range(6)]
-        for row in rows:
+    heads = ("figure", "published", "simulated", "error", "", "source")
+    tables = {role: [_cells(one) for one in results.having(role)] for role in ROLES}
+    rows = [heads, *(row for table in tables.values() for row in table)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(heads))]
+    for role, table in tables.items():
+        if table:
+            lines.append(f"{role}: {ROLES[role]}")
+        for row in [heads, *table] if table else []:
             cells = [row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in (1, 2, 3))]
             lines.append("  " + "  ".join([*cells, row[4].ljust(widths[4]), row[5]]).rstrip())
     reasons = {one.note: None for one in results.comparisons if one.word == "not simulated" and one.note}
     return [*lines, *(f"  not simulated: {reason}" for reason in reasons)]
+
+
+def _cells(one: Comparison) -> tuple[str, ...]:
+    """A row of the table in the terminal."""
+    simulated = "-" if one.simulated is None else number_told(one.simulated)
+    return one.figure.text, published_told(one.figure), simulated, error_told(one), one.word, one.figure.status

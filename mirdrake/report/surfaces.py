@@ -5,8 +5,10 @@ Parallel projection and a depth buffer; Drake's own renderer has perspective onl
 
 import base64
 import io
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +112,7 @@ def _triangulate(
         scale = np.asarray(shape.scale3())
         if parts:
             return [(points * scale, faces, colours) for points, faces, colours in parts]
+        _report_hull(str(shape.source().path()))
     if mesh is None:
         hull = inspector.GetConvexHull(geometry)
         if hull is None:
@@ -117,6 +120,12 @@ def _triangulate(
         points = [hull.vertex(index) for index in range(hull.num_vertices())]
         mesh = trimesh.convex.convex_hull(np.array(points))
     return [(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(colour, (len(mesh.faces), 1)))]
+
+
+@lru_cache(maxsize=1024)  # once for each mesh
+def _report_hull(name: str) -> None:
+    """Report that the drawings show another shape than the mesh."""
+    logging.getLogger("mirdrake").warning("%s: cannot be read as triangles; drawings show its convex hull", name)
 
 
 def _primitive(shape: Shape) -> trimesh.Trimesh | None:

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.logs import write_file
-from mirdrake.manoeuvres.published import KNOWN
+from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
 from mirdrake.manoeuvres.results import number_told, value_told
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, published_told
 from mirdrake.report.page import render_page
 
 _TEMPLATE = "validation.html.jinja"
-_WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 330.0, 80.0, 30.0, 34.0  # of the chart [px]
+_WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 400.0, 80.0, 30.0, 34.0  # of the chart [px]
 _STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
@@ -35,7 +35,11 @@ def render_validation(results: ValidationResults) -> str:
         filters={"number": _number, "value": value_told},
         results=results,
         facts=results.facts,
-        rows=[_row(one) for one in results.comparisons],
+        tables=[
+            (role, text, [_row(one) for one in results.having(role)])
+            for role, text in ROLES.items()
+            if results.having(role)
+        ],
         chart=_chart(results),
         tiles=_tiles(results),
         known=_known(results.comparisons),
@@ -67,22 +71,22 @@ def _row(one: Comparison) -> dict[str, Any]:
 
 def _tiles(results: ValidationResults) -> list[tuple[str, str, str]]:
     facts, plant = results.facts, results.plant
-    errors = [abs(one.error) for one in results.comparisons if one.error is not None and one.figure.bound == "about"]
-    worst = f"{100.0 * max(errors):.1f} %" if errors else "–"
-    mean = f"{100.0 * sum(errors) / len(errors):.1f} % on average" if errors else "nothing was simulated"
     payload = results.published.payload
     step = 1000.0 * float(plant.get("time_step", 0.0))
     return [
-        ("Figures", _within(results), f"within ±{number_told(100.0 * results.tolerance)} %"),
-        ("Largest error", worst, mean),
+        *(_tile(results, role) for role in ROLES if results.count(role)[1]),
         ("Vehicle", facts.name, f"{number_told(facts.mass)} kg, and {number_told(payload)} kg of payload"),
         ("Plant", f"{plant.get('contact')} contact", f"step {step:g} ms, road friction {results.friction:g}"),
     ]
 
 
-def _within(results: ValidationResults) -> str:
-    within = sum(one.word == "within" for one in results.compared)
-    return f"{within} of {len(results.compared)}"
+def _tile(results: ValidationResults, role: Role) -> tuple[str, str, str]:
+    """How many figures of a role are within the tolerance, and their largest error."""
+    within, total = results.count(role)
+    errors = [abs(one.error) for one in results.having(role) if one.error is not None and one.figure.bound == "about"]
+    limit = f"within ±{number_told(100.0 * results.tolerance)} %"
+    note = f"{limit}, largest error {100.0 * max(errors):.1f} %" if errors else limit
+    return f"{role.capitalize()} figures", f"{within} of {total}", note
 
 
 def _known(comparisons: Sequence[Comparison]) -> list[tuple[str, str]]:
@@ -92,7 +96,7 @@ def _known(comparisons: Sequence[Comparison]) -> list[tuple[str, str]]:
 
 def _chart(results: ValidationResults) -> dict[str, Any] | None:
     """Errors as bars about zero, with the band of the tolerance; None if there are none."""
-    shown = [one for one in results.comparisons if one.error is not None]
+    shown = [one for role in ROLES for one in results.having(role) if one.error is not None]
     if not shown:
         return None
     tolerance = 100.0 * results.tolerance
@@ -111,7 +115,7 @@ def _chart(results: ValidationResults) -> dict[str, Any] | None:
                 "y": _TOP + number * _ROW,
                 "x": start,
                 "width": max(abs(scale * error), 1.5),
-                "text": one.figure.text,
+                "text": f"{one.figure.text} ({one.figure.role})",
                 "label": error_told(one).replace("-", "−"),
                 "label_x": end + (6.0 if error >= 0.0 else -6.0),
                 "anchor": "start" if error >= 0.0 else "end",

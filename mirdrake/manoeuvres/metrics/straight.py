@@ -70,10 +70,10 @@ def stop_from(time: Array, speed: Array, distance: Array, first: float, last: fl
         speed: falling [m/s].
         distance: travelled [m].
         first: speed at which the distance begins [m/s].
-        last: at which it ends; standstill counts from 0.02 m/s on.
+        last: at which it ends; zero: at :func:`standstill`.
     """
     begin = crossing(time, speed, first)
-    end = crossing(time, speed, max(last, 0.02), after=begin)
+    end = crossing(time, speed, last, after=begin) if last > 0.0 else standstill(time, speed, after=begin)
     way = float(np.interp(end, time, distance) - np.interp(begin, time, distance)) if end > begin else math.nan
     eight, one = (crossing(time, speed, share * first, after=begin) for share in (0.8, 0.1))
     between = float(np.interp(one, time, distance) - np.interp(eight, time, distance)) if one > eight else math.nan
@@ -83,6 +83,15 @@ def stop_from(time: Array, speed: Array, distance: Array, first: float, last: fl
         mean=(first**2 - last**2) / (2.0 * way),
         developed=(0.64 - 0.01) * first**2 / (2.0 * between),
     )
+
+
+def standstill(time: Array, speed: Array, *, after: float) -> float:
+    """Return when the speed first crosses zero after `after` [s]; of a speed that only approaches zero, 0.02 m/s.
+
+    Tyres and springs push a stopped vehicle back, so its speed is negative for a moment; that is not braking.
+    """
+    end = crossing(time, speed, 0.0, after=after)
+    return end if math.isfinite(end) else crossing(time, speed, 0.02, after=after)
 
 
 @dataclass(frozen=True)
