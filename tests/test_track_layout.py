@@ -23,6 +23,8 @@ from mirdrake.report.words import tell
 from mirdrake.simulation import Simulation
 from mirdrake.worlds import Track, World, load_world
 from mirdrake.worlds.scenery import scenery
+from mirdrake.worlds.spec import TrackSpec
+from mirdrake.worlds.track_layout import make_track
 from tests.test_centre_lines import circuit
 from tests.timing import reference_seconds
 
@@ -641,3 +643,36 @@ def test_any_points_give_a_message_or_a_road(
         assert all(a.end_curvature == b.start_curvature for a, b in pieces)
     assert not fault or "w.yaml:" in fault
     assert "\n" not in fault
+
+
+# --- folds of lines through points --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("source", ["points", "csv"])
+@pytest.mark.parametrize(("corner", "width"), [(20.0, 12.0), (10.0, 6.0)])
+def test_a_folded_line_through_points_is_smoothed_as_little_as_possible_with_a_note(
+    tmp_path: Path, source: str, corner: float, width: float
+) -> None:
+    points = [(0.0, 0.0), (corner, 0.0), (2 * corner, 0.0), (2 * corner, corner), (2 * corner, 2 * corner)]
+    given: dict[str, object] = {"points": points, "width": width}
+    if source == "csv":
+        rows = [f"{x},{y},{width / 2},{width / 2}" for x, y in points]
+        (tmp_path / "line.csv").write_text("\n".join(["x_m,y_m,w_tr_right_m,w_tr_left_m", *rows]), encoding="utf-8")
+        given = {"csv": {"file": "line.csv"}, "width": width}
+    track = make_track(TrackSpec.model_validate(given), folder=tmp_path)
+    assert track.folds() is None
+    assert width / 2 < track.min_radius < 1.1 * width / 2
+    (note,) = track.notes
+    assert "the inner edge folds at s = " in note
+    off = float(note.rpartition("up to ")[2].removesuffix(" m"))
+    assert 0.0 < off < width / 2
+    assert max(abs(float(e)) for e in track.project(*np.array(points).T)[1]) == pytest.approx(off, abs=0.01)
+
+
+def test_a_fold_that_takes_more_than_half_the_width_and_one_of_exact_segments_stay_errors() -> None:
+    hairpin = [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0), (20.2, 0.4), (20.0, 0.8), (10.0, 0.8), (0.0, 0.8)]
+    with pytest.raises(WorldError, match="the inner edge folds"):
+        make_track(TrackSpec.model_validate({"points": hairpin, "width": 4.0}))
+    bend = [{"line": 10}, {"arc": {"radius": 2.0, "angle": 1.5}}]
+    with pytest.raises(WorldError, match="the inner edge folds"):
+        make_track(TrackSpec.model_validate({"segments": bend, "width": 5.0}))

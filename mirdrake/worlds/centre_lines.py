@@ -34,7 +34,7 @@ _GAP = (1e-6, 1e-8)  # [m], [rad] by which a closed curve may miss its start
 
 
 def pieces_through(
-    points: ArrayLike, *, closed: bool, smooth: float = 0.0, tolerance: float = 1e-3
+    points: ArrayLike, *, closed: bool, smooth: float = 0.0, spacing: float = math.inf, tolerance: float = 1e-3
 ) -> tuple[list[Piece], Placement]:
     """A curve through points, with curvature that is linear along every piece and continuous at the joints.
 
@@ -45,6 +45,8 @@ def pieces_through(
         points: N x 2 [m], four or more in driving order; the first of a closed curve may be repeated at its end.
         closed: the curve goes on from the last point to the first.
         smooth: root mean square [m] of the distances by which noisy points may be moved; 0 keeps them.
+        spacing: distance [m] of points above which points of a centripetal Catmull-Rom curve are put between them,
+            before smoothing.
         tolerance: largest distance [m] of a point, after smoothing, from the curve.
 
     Returns:
@@ -58,6 +60,8 @@ def pieces_through(
         raise WorldError(f"smooth {smooth:g} m, tolerance {tolerance:g} m: make smooth 0 or more and tolerance above 0")
     middle = places.mean(axis=0)
     places = places - middle
+    if math.isfinite(spacing):
+        places = _between(places, closed, np.ceil(_chords(places, closed) / spacing).astype(int))
     if smooth:
         places = _smooth(places, closed, smooth)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ _GAP_LENGTH, _GAP_ANGLE = 1e-3, math.radians(0.01)
 _LONGEST = 1e5  # [m] longest track
 _FARTHEST = 1e6  # [m] from the origin
 _USUAL_WIDTH = 3.0  # [m]
+_MOST_POINTS = 4_000  # that a centre line is smoothed at
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,10 @@ class _Line:
     near: Callable[[float], str] = lambda _: ""
     """names the entry of the source that is nearest to s [m], ' (...)'"""
     notes: tuple[str, ...] = ()
+    smoothed: Callable[[float, float], "_Line"] | None = None
+    """the same line, smoothed by a root mean square [m] at a spacing of points [m]; None: it is stated exactly"""
+    points: Array = field(default_factory=lambda: np.empty((0, 2)))
+    """of the source [m]"""
 
 
 def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = None) -> Track:
@@ -67,14 +72,67 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
             f"{where(spec)}: begins at ({start[0]:g}, {start[1]:g}) m, too far from the origin; set start to move it, "
             "for example start: {at: [0, 0]}"
         )
+    track = _lay(spec, line, total, name)
+    if line.smoothed is not None and (fold := track.folds()) is not None:
+        line, track = _unfold(spec, line, track, fold)
+    _check(spec, track, line)
+    return track
+
+
+def _lay(spec: TrackSpec, line: _Line, given: float, name: str) -> Track:
+    """Return the road along a centre line; `given` is the length [m] that the stations of its widths refer to."""
+    start = line.start if spec.start is None else (*spec.start.at, spec.start.yaw)
+    total = math.fsum(piece.length for piece in line.pieces)
     width, edges = _USUAL_WIDTH, line.edges
     if isinstance(spec.width, float):
         width, edges = spec.width, None
     elif spec.width is not None:
-        edges = _edges_of(spec, spec.width, total, line.closed)
-    track = Track(line.pieces, start=start, closed=line.closed, width=width, edges=edges, name=name, notes=line.notes)
-    _check(spec, track, line, varying=edges is not None)
-    return track
+        s, left, right = _edges_of(spec, spec.width, given, line.closed)
+        edges = np.asarray(s) * (total / given), left, right
+    return Track(line.pieces, start=start, closed=line.closed, width=width, edges=edges, name=name, notes=line.notes)
+
+
+def _unfold(spec: TrackSpec, line: _Line, track: Track, fold: float) -> tuple[_Line, Track]:
+    """Smooth a centre line through points by the smallest amount after which its inner edge does not fold.
+
+    The points are smoothed at a spacing of an eighth of the width. Where a point would be more than half the width off
+    the centre line, the line and the track stay as they are.
+
+    Args:
+        spec: of the track.
+        line: through the points.
+        track: along that line.
+        fold: where its inner edge folds [m].
+    """
+    assert line.smoothed is not None
+    spacing = max(track.width / 8.0, track.length / _MOST_POINTS)
+    amount, low, high = track.width / 512.0, 0.0, math.inf
+    best = line, track
+    # Doubled until there is no fold, then bisected.
+    while amount <= track.width / 2.0 and (math.isinf(high) or high > 1.05 * low):
+        try:
+            smoothed = line.smoothed(amount, spacing)
+            road = _lay(spec, smoothed, track.length, track.name)
+        except WorldError:  # no line was found, or it leaves the road
+            road = None
+        if road is None or road.folds() is not None:
+            low = amount
+        else:
+            high, best = amount, (smoothed, road)
+        amount = 2.0 * amount if math.isinf(high) else 0.5 * (low + high)
+    if math.isinf(high):
+        return best
+    smoothed, road = best
+    bare = Track(smoothed.pieces, start=smoothed.start, closed=smoothed.closed)
+    curve = shapely.linestrings(np.column_stack(bare.point(bare.stations())))
+    off = float(shapely.distance(shapely.points(line.points), curve).max())
+    if off > track.width / 2.0:
+        return line, track
+    road.notes += (
+        f"track '{track.name}': the inner edge folds at s = {fold:.4g} m{line.near(fold)}; the centre line is smoothed "
+        f"and passes the points by up to {off:.3g} m",
+    )
+    return smoothed, road
 
 
 # --- where the centre line comes from ----------------------------------------------------------------------------
@@ -93,12 +151,17 @@ def _from_segments(spec: TrackSpec) -> _Line:
 
 def _from_points(spec: TrackSpec) -> _Line:
     points = np.array(spec.points, dtype=float)
+
+    def lay(smooth: float, spacing: float) -> _Line:
+        pieces, start = pieces_through(points, closed=bool(spec.closed), smooth=smooth, spacing=spacing)
+        near = _nearest(pieces, start, points, "point {}", range(1, 10_001))
+        return _Line(pieces, start, bool(spec.closed), near=near, points=points)
+
     try:
         _check_extent(points)
-        pieces, start = pieces_through(points, closed=bool(spec.closed))
+        return replace(lay(0.0, math.inf), smoothed=lay)
     except WorldError as error:
         raise WorldError(f"{where(spec, 'points')}: {error}") from None
-    return _Line(pieces, start, bool(spec.closed), near=_nearest(pieces, start, points, "point {}", range(1, 10_001)))
 
 
 def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
@@ -118,17 +181,22 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
                 "to the first; add the missing points, or leave out closed: true"
             )
         _check_extent(table.points)
-        pieces, start = pieces_through(table.points, closed=closed, smooth=csv.smooth)
-        edges = None
-        if table.left is not None and table.right is not None and spec.width is None:
-            bare = Track(pieces, start=start, closed=closed)
-            edges = edges_from_widths(bare, table.points, table.left, table.right)
+
+        def lay(smooth: float, spacing: float) -> _Line:
+            smooth = math.hypot(csv.smooth, smooth)
+            pieces, start = pieces_through(table.points, closed=closed, smooth=smooth, spacing=spacing)
+            edges = None
+            if table.left is not None and table.right is not None and spec.width is None:
+                bare = Track(pieces, start=start, closed=closed)
+                edges = edges_from_widths(bare, table.points, table.left, table.right)
+            near = _nearest(pieces, start, table.points, f"{shown(path)}:{{}}", table.lines)
+            return _Line(pieces, start, closed, edges, near, points=table.points)
+
+        return replace(lay(0.0, math.inf), smoothed=lay)
     except ConfigError as error:
         raise ConfigError(f"{place}: {error}") from None
     except WorldError as error:
         raise WorldError(f"{place}: {shown(path)}: {error}") from None
-    near = _nearest(pieces, start, table.points, f"{shown(path)}:{{}}", table.lines)
-    return _Line(pieces, start, closed, edges, near)
 
 
 def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _Line:
@@ -205,13 +273,13 @@ def _edges_of(spec: TrackSpec, widths: list[tuple[float, float]], length: float,
     return stations, half, half
 
 
-def _check(spec: TrackSpec, track: Track, line: _Line, *, varying: bool) -> None:
+def _check(spec: TrackSpec, track: Track, line: _Line) -> None:
     """What must hold for every track.
 
     Raises:
         WorldError: it does not.
     """
-    gap, angle = track.gap
+    varying, (gap, angle) = track.edges is not None, track.gap
     if track.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):
         advice = "make the turns add up to 360 deg and two lines that are not parallel auto, or set closed: false"
         raise WorldError(
