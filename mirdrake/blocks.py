@@ -25,7 +25,7 @@ from pydrake.systems.primitives import (
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
 from mirdrake.errors import ConfigError, did_you_mean
 from mirdrake.own_systems import make_own_system
-from mirdrake.yaml_io import Duration, Schema, Source, validate
+from mirdrake.yaml_io import Duration, Period, Schema, Source, validate
 
 
 class ConstantBlock(Schema):
@@ -101,7 +101,7 @@ class DelayBlock(Schema):
     """The input, `delay` seconds late, sampled every `period`."""
 
     delay: Duration = Field(gt=0.0, description="[s]")
-    period: Duration = Field(0.02, gt=0.0, description="[s]")
+    period: Period = Field(0.02, gt=0.0, description="[s]")
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
@@ -113,7 +113,7 @@ class DelayBlock(Schema):
 class HoldBlock(Schema):
     """The input, sampled every `period` and held."""
 
-    period: Duration = Field(gt=0.0, description="[s]")
+    period: Period = Field(gt=0.0, description="[s]")
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
@@ -128,7 +128,7 @@ class PidBlock(Schema):
     ki: float = Field(0.0, description="[-]")
     kd: float = Field(0.0, description="[-]")
     filter_time: Duration = Field(0.0, ge=0.0, description="[s]")
-    period: Duration = Field(0.02, gt=0.0, description="[s]")
+    period: Period = Field(0.02, gt=0.0, description="[s]")
     minimum: float | None = Field(None, description="[-]")
     maximum: float | None = Field(None, description="[-]")
     rate: float | None = Field(None, gt=0.0, description="largest change per second [-]")

@@ -20,7 +20,13 @@ from itertools import accumulate
 
 
 class MirdrakeError(Exception):
-    """Base of every error that mirdrake raises on purpose."""
+    """Base of every error that mirdrake raises on purpose.
+
+    Messages quote files and commands: characters that do not print are escaped, and long lines are cut.
+    """
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(_printable(item) if isinstance(item, str) else item for item in arguments))
 
 
 class ConfigError(MirdrakeError):
@@ -52,6 +58,18 @@ class DivergedError(RunError):
 
 class MissingDependencyError(MirdrakeError):
     """An optional package or a system library is missing; the message names what to install."""
+
+
+_LONGEST_LINE = 1000  # characters
+
+
+def _printable(message: str) -> str:
+    """Return a message in which every line can be printed and is short enough to read."""
+    lines = []
+    for line in message.split("\n"):
+        text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
+        lines.append(text if len(text) <= _LONGEST_LINE else f"{text[: _LONGEST_LINE - 300]} … {text[-290:]}")
+    return "\n".join(lines)
 
 
 def did_you_mean(given: object, allowed: Iterable[str]) -> str:

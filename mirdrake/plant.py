@@ -51,7 +51,7 @@ from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
-from mirdrake.yaml_io import Duration, Schema, Speed
+from mirdrake.yaml_io import Period, Schema, Speed
 
 logging.getLogger("drake").addFilter(
     # Rigid half spaces do not touch deformable bodies, says Drake at every start; there are none here.
@@ -81,7 +81,7 @@ ROAD_STIFFNESS = 1e9
 class PlantSpec(Schema):
     """How the plant is stepped and how bodies touch."""
 
-    time_step: Duration = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
+    time_step: Period = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
     contact: ContactModel = Field("hydroelastic", description="patches (hydroelastic) or the fast points [-]")
     approximation: Literal["lagged", "sap", "similar"] = Field(
         "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"

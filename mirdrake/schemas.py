@@ -95,7 +95,9 @@ def format_of(path: Path) -> str:
     if head is not None:
         heads = {entry.head: name for name, entry in KINDS.items() if entry.head}
         if not isinstance(head, str) or head not in heads:
-            raise ConfigError(f"{source.where('mirdrake')}: unknown format {head!r}; {did_you_mean(str(head), heads)}")
+            raise ConfigError(
+                f"{source.where('mirdrake')}: unknown format {str(head)[:60]!r}; {did_you_mean(str(head), heads)}"
+            )
         return heads[head]
     if path.parent.name == "variants":
         return "variant"

@@ -14,7 +14,7 @@ from collections.abc import Hashable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
 
 from mirdrake.constants import GRAVITY
 from mirdrake.errors import ConfigError, did_you_mean
@@ -27,6 +27,9 @@ SchemaT = TypeVar("SchemaT", bound="Schema")
 
 MOST_FAULTS = 50
 """Faults of one file that are reported."""
+
+SHORTEST_PERIOD = 1e-5
+"""Shortest step or period that a file may ask for [s]."""
 
 
 class Schema(BaseModel):
@@ -108,10 +111,21 @@ def _quantity(unit: str) -> BeforeValidator:
     return BeforeValidator(convert, json_schema_input_type=float | str)
 
 
+def _long_enough(value: float) -> float:
+    """Refuse a period with which a run would not end; zero and less are refused by the field."""
+    if 0.0 < value < SHORTEST_PERIOD:
+        raise ValueError(
+            f"{value:g} s is too short; at least {SHORTEST_PERIOD:g} s, which is already "
+            f"{1.0 / SHORTEST_PERIOD:.0f} steps per simulated second"
+        )
+    return value
+
+
 Angle = Annotated[float, _quantity("rad")]
 Length = Annotated[float, _quantity("m")]
 Speed = Annotated[float, _quantity("m/s")]
 Duration = Annotated[float, _quantity("s")]
+Period = Annotated[Duration, AfterValidator(_long_enough)]
 AngularRate = Annotated[float, _quantity("rad/s")]
 Mass = Annotated[float, _quantity("kg")]
 Force = Annotated[float, _quantity("N")]

@@ -167,9 +167,11 @@ class _Loader(yaml.SafeLoader):
         text = str(self.construct_scalar(node))
         try:
             if node.tag.endswith(":int"):
-                return int(text)
+                number = int(text)
+                float(number)  # a longer one could not be computed with
+                return number
             return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
-        except ValueError:
+        except (ValueError, OverflowError):
             raise _FileFaultError(problem="not a number, or too long", problem_mark=node.start_mark) from None
 
     def construct_truth(self, node: yaml.ScalarNode) -> bool:

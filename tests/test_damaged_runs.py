@@ -1,15 +1,21 @@
 """Damaged run folders and hostile files end in one line."""
 
 import random
+import re
 import time
 from pathlib import Path
 
 import pytest
 
 from mirdrake.diagram import make_spec
-from mirdrake.errors import ConfigError
+from mirdrake.errors import ConfigError, MirdrakeError
 from mirdrake.logs import load_run
+from mirdrake.paths import data_root
+from mirdrake.schemas import check_file
 from mirdrake.simulation import simulate
+from mirdrake.worlds import load_world
+from mirdrake.worlds.csv_lines import read_csv_track
+from mirdrake.yaml_tree import parse_tree
 
 FILES = ("spec.yaml", "summary.json", "signals.parquet", "events.jsonl")
 
@@ -81,3 +87,75 @@ def test_thousands_of_unknown_keys_are_reported_in_two_seconds() -> None:
 def test_a_name_stays_inside_the_folder_of_runs(name: str) -> None:
     with pytest.raises(ConfigError, match="part of the name of a run folder"):
         make_spec({"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}, "name": name})
+
+
+@pytest.mark.parametrize("digits", [310, 400, 4000, 5000])
+@pytest.mark.parametrize("sign", ["", "-", "+"])
+def test_a_whole_number_beyond_the_range_of_floats_is_refused_with_its_line(digits: int, sign: str) -> None:
+    with pytest.raises(ConfigError, match="f:2: not a number, or too long"):
+        parse_tree(f"a: 1\nb: {sign}{'9' * digits}\n", "f")
+
+
+@pytest.mark.parametrize("key", ["plant.time_step", "control.ego.period"])
+@pytest.mark.parametrize("value", [1e-12, 9e-6, 5e-324])
+def test_a_period_with_which_a_run_would_not_end_is_refused(key: str, value: float) -> None:
+    top, *_, last = key.split(".")
+    data = {"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}}
+    part = {last: value} if top == "plant" else {"ego": {"kind": "constant", "speed": 5, last: value}}
+    with pytest.raises(ConfigError, match="s is too short; at least 1e-05 s"):
+        make_spec(data | {top: part})
+
+
+def test_messages_are_printable_and_not_too_long() -> None:
+    for code in (0, 7, 0x13, 0x1B, 0x85, 0x2028, 0xFEFF, 0xD800):
+        assert all(line.isprintable() for line in str(ConfigError(f"a: '{chr(code)}'\nb")).splitlines())
+    assert len(str(ConfigError("9" * 5000))) <= 1000
+    assert str(ConfigError("a\nb")) == "a\nb"
+
+
+_VALUES = (
+    "nan",
+    ".inf",
+    "1e400",
+    "9" * 400,
+    "-0",
+    "null",
+    "2026-05-31",
+    "!!binary aGk=",
+    "*x",
+    "{<<: 3}",
+    "[[[1]]]",
+    "\0",
+)
+
+
+@pytest.mark.parametrize("name", ["worlds/neighbourhood", "diagrams/bolt_test_track", "models/bolt/vehicle", "track"])
+def test_a_file_with_mutations_is_read_or_refused_in_printable_lines(name: str, tmp_path: Path) -> None:
+    random_of = random.Random(name)
+    track = "x,y\n" + "".join(f"{step},{step * step}\n" for step in range(30))
+    text = track if name == "track" else (data_root() / f"{name}.yaml").read_text(encoding="utf-8")
+    path = tmp_path / Path(f"{name}.{'csv' if name == 'track' else 'yaml'}").name
+    for _ in range(25):
+        lines = text.splitlines()
+        at, kind = random_of.randrange(len(lines)), random_of.randrange(4)
+        if kind == 0:
+            del lines[at]
+        elif kind == 1:
+            lines.insert(at, random_of.choice(lines))
+        elif kind == 2:
+            cut = random_of.randrange(len(lines[at]) + 1)
+            lines[at] = lines[at][:cut] + chr(random_of.choice([0, 0x13, 0x85, 0x2028, 0xFEFF])) + lines[at][cut:]
+        else:
+            lines[at] = re.sub(r"-?\d+(\.\d+)?", lambda _: random_of.choice(_VALUES), lines[at], count=1)
+        path.write_text("\n".join(lines), encoding="utf-8")
+        message = ""
+        try:
+            if name == "track":
+                read_csv_track(path)
+            elif name.startswith("worlds"):
+                load_world(str(path))
+            else:
+                check_file(path)
+        except MirdrakeError as error:
+            message = str(error)
+        assert all(line.isprintable() and len(line) <= 1000 for line in message.splitlines())

@@ -22,7 +22,7 @@ from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, Schedule
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import Acceleration, Angle, Duration, Length, Schema, Speed
+from mirdrake.yaml_io import Acceleration, Angle, Duration, Length, Period, Schema, Speed
 from mirdrake.yaml_io import where as place_of
 
 _STEERING_RANGE = 0.5 * math.pi
@@ -65,7 +65,7 @@ class PathTrackingSpec(Schema):
     understeer_gradient: float = Field(
         0.0, ge=-0.1, le=0.1, description="extra steering angle per lateral acceleration [rad s^2/m]"
     )
-    period: Duration = Field(0.02, gt=0.0, le=0.2, description="time between updates [s]")
+    period: Period = Field(0.02, gt=0.0, le=0.2, description="time between updates [s]")
 
     def gains(self) -> PathGains:
         """The settings that may change while the tracker runs."""
@@ -115,7 +115,7 @@ class ConstantSpec(Schema):
         lt=_STEERING_RANGE,
         description="wanted bicycle steering angle, positive to the left [rad]",
     )
-    period: Duration = Field(0.02, gt=0.0, le=0.2, description="time between messages [s]")
+    period: Period = Field(0.02, gt=0.0, le=0.2, description="time between messages [s]")
 
     def make_system(
         self,
@@ -157,7 +157,7 @@ class ScheduleSpec(Schema):
         None, min_length=1, description="recorded commands: a table (.csv), a driving_log.txt or a run folder [-]"
     )
     vehicle: str | None = Field(None, description="whose commands of the file; left out: the only one's [-]")
-    period: Duration | None = Field(
+    period: Period | None = Field(
         None, gt=0.0, le=0.2, description="time between messages [s]; left out: 0.02, with a file 0.001"
     )
 
