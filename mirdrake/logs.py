@@ -98,7 +98,8 @@ class Run:
     @property
     def start(self) -> datetime:
         """Date and time of the start, which pictures are named after."""
-        return parse_start(self.spec.get("record", {}).get("start_time"))
+        with _reading((self.folder or Path()) / SPEC):
+            return parse_start(_mapping(self.spec.get("record", {})).get("start_time"))
 
     @cached_property
     def arrays(self) -> RunArrays:

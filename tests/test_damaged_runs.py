@@ -72,6 +72,16 @@ def test_a_damaged_run_folder_is_read_or_reported_on_one_line(
         assert not message or str(folder) in message
 
 
+@pytest.mark.parametrize("record", ["{start_time: nwll}", "{start_time: [1]}", "{start_time: 3}", "3", "null", "[]"])
+def test_a_damaged_start_time_names_the_file(contents: dict[str, bytes], tmp_path: Path, record: str) -> None:
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "spec.yaml").write_text(f"record: {record}\n", encoding="utf-8")
+    run = load_run(tmp_path)
+    with pytest.raises(ConfigError, match="damaged, cannot be read"):
+        run.start  # noqa: B018
+
+
 def test_thousands_of_unknown_keys_are_reported_in_two_seconds() -> None:
     began = time.process_time()
     with pytest.raises(ConfigError) as caught:
