@@ -112,7 +112,7 @@ def _quantity(unit: str) -> BeforeValidator:
 
 
 def _long_enough(value: float) -> float:
-    """Refuse a period with which a run would not end; zero and less are refused by the field."""
+    """Reject a period so short that a run would not end; the field itself rejects zero and negative ones."""
     if 0.0 < value < SHORTEST_PERIOD:
         raise ValueError(
             f"{value:g} s is too short; at least {SHORTEST_PERIOD:g} s, which is already "

@@ -326,7 +326,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest
         "absent.yaml": "absent.yaml: no such file",
         "binary.yaml": "binary.yaml: not UTF-8 text (byte 7)",
         "folder.yaml": "folder.yaml: is a folder; a YAML file is expected",
-        "zero\0.yaml": "zero\0.yaml: cannot be read: embedded null byte",
+        "zero\0.yaml": r"zero\x00.yaml: cannot be read: embedded null byte",
     }.items():
         with pytest.raises(ConfigError) as caught:
             load_yaml(tmp_path / name, Drive)
