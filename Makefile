@@ -14,13 +14,14 @@ INSTALL = $(RUN)/python -m pip install --quiet --disable-pip-version-check --con
 PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
 ARGS ?=
 
-.PHONY: help drive test test-all check docs bench clean
+.PHONY: help drive test test-all check fuzz docs bench clean
 
 help:
 	@echo "make drive     drive the MIR Bolt around its test track (ARGS='--set duration=20' for options)"
 	@echo "make test      the fast tests"
 	@echo "make test-all  all tests"
 	@echo "make check     formatting, lint, types and the fast tests"
+	@echo "make fuzz      10 000 mutated files of every format through the commands (ARGS='--cases 500 --seed 1')"
 	@echo "make docs      the API reference from the docstrings, into docs/reference/"
 	@echo "make bench     benchmarks against other simulators (ARGS=... for options)"
 	@echo "make clean     remove .venv, builds and caches; runs/ stays"
@@ -40,6 +41,9 @@ check: $(VENV)/ready-dev
 	$(RUN)/ruff check .
 	$(RUN)/mypy
 	$(PYTEST) $(ARGS)
+
+fuzz: $(VENV)/ready-dev
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(RUN)/python -m tests.fuzz_files $(ARGS)
 
 docs: $(VENV)/ready-dev
 	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m tests.api_page docs/reference

@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
 from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.controllers.spec import ScheduleSpec
-from mirdrake.paths import find
+from mirdrake.paths import find, resolved
 from mirdrake.plant import PlantSpec
 from mirdrake.recording.pictures import parse_start
 from mirdrake.vehicles.vehicle import VARIANT_MARK
@@ -207,7 +207,7 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     for driver in spec.control.values():
         if isinstance(driver, ScheduleSpec) and driver.file is not None:
             beside = path.parent / driver.file
-            driver.file = str((beside if beside.exists() else Path(driver.file)).resolve())
+            driver.file = str(resolved(beside if beside.exists() else Path(driver.file)))
     return spec
 
 
@@ -217,7 +217,7 @@ def _absolute(name: str, folder: Path) -> str:
         return name
     for path in (folder / name, Path(name)):
         if path.exists():
-            return str(path.resolve())
+            return str(resolved(path))
     return name
 
 

@@ -23,9 +23,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -34,15 +34,17 @@ import pyarrow.parquet as pq
 import yaml
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError, MirdrakeError, RunError, did_you_mean
+from mirdrake.errors import ConfigError, RunError, did_you_mean
 from mirdrake.recording.arrays import RunArrays
-from mirdrake.recording.files import told
+from mirdrake.recording.files import reading, told
 from mirdrake.recording.files import write_file as write_file  # with `as`: also public here
 from mirdrake.recording.parts import PartedTable, read_part, stored
 from mirdrake.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.recording.pictures import picture_name as picture_name
 from mirdrake.recording.vectors import ROWS, make_table
 from mirdrake.scene import Scene, read_scene, write_scene
+
+Given, Found = ParamSpec("Given"), TypeVar("Found")
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
 
@@ -98,7 +100,7 @@ class Run:
     @property
     def start(self) -> datetime:
         """Date and time of the start, which pictures are named after."""
-        with _reading((self.folder or Path()) / SPEC):
+        with reading((self.folder or Path()) / SPEC):
             return parse_start(_mapping(self.spec.get("record", {})).get("start_time"))
 
     @cached_property
@@ -127,34 +129,47 @@ def load_run(folder: Path | str) -> Run:
     folder = Path(folder)
     if not (folder / SPEC).is_file():
         raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
-    with _reading(folder / SPEC):
+    with reading(folder / SPEC):
         spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
     summary: dict[str, Any] = {"stop_reason": "killed"}
-    with _reading(folder / SUMMARY):
+    with reading(folder / SUMMARY):
         if (folder / SUMMARY).exists():
             summary = _mapping(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
-    with _reading(folder / SIGNALS):
+    with reading(folder / SIGNALS):
         schema = _stored_schema(folder)
         units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
-    with _reading(folder / EVENTS):
+    with reading(folder / EVENTS):
         events = [_mapping(event) for event in _read_events(folder)]
     run = Run(folder, spec, summary, units, events)
-    with _reading(folder / SIGNALS):
+    with reading(folder / SIGNALS):
         if "simulated_s" not in summary and len(run.signals):
             summary["simulated_s"] = float(run.signals.index[-1])
     return run
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    """Raise whatever a damaged file of a run folder causes as a ConfigError with one line."""
+def reading_run(folder: Path | None) -> Iterator[None]:
+    """Raise what the contents of a damaged run folder cause where they are used as a ConfigError with one line.
+
+    What cannot be read at all is reported where it is read; this is for values that do not fit one another.
+    """
     try:
-        yield
-    except MirdrakeError:
-        raise
-    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError, pa.ArrowException) as error:
-        reason = getattr(error, "strerror", None) or next(iter(str(error).splitlines()), "") or type(error).__name__
-        raise ConfigError(f"{path}: damaged, cannot be read: {reason[:160]}") from None
+        with reading(folder or Path()):
+            yield
+    except (RuntimeError, AssertionError, SystemExit) as error:  # of Drake; a failed assertion is a SystemExit
+        reason = next(iter(str(error).splitlines()), "")
+        raise ConfigError(f"{folder}: damaged, cannot be used: {reason[:160]}") from error
+
+
+def reads_run(function: Callable[Concatenate[Run, Given], Found]) -> Callable[Concatenate[Run, Given], Found]:
+    """Make a function of a run raise what a damaged run folder causes in it as a ConfigError; a decorator."""
+
+    @wraps(function)
+    def read(run: Run, *arguments: Given.args, **options: Given.kwargs) -> Found:
+        with reading_run(run.folder):
+            return function(run, *arguments, **options)
+
+    return read
 
 
 def _mapping(data: Any) -> dict[str, Any]:
@@ -170,7 +185,7 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         folder: the run folder; None gives an empty table.
         columns: only these, as far as they exist.
     """
-    with _reading((folder or Path()) / SIGNALS):
+    with reading((folder or Path()) / SIGNALS):
         parts = stored(folder / SIGNALS) if folder is not None else []
         if not parts:
             return pd.DataFrame(index=pd.Index([], name="time"))

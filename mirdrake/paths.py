@@ -33,6 +33,11 @@ def data_root() -> Path:
     return share if share.is_dir() else _PACKAGE.parent
 
 
+def resolved(path: Path) -> Path:
+    """Return an absolute path without links; a loop of links is no error here, but where the file is opened."""
+    return Path(os.path.realpath(path))
+
+
 def search_folders(kind: str) -> list[Path]:
     """The existing folders in which names of one kind are looked up, first one first.
 
@@ -44,7 +49,7 @@ def search_folders(kind: str) -> list[Path]:
     roots += [Path(os.curdir), data_root()]
     folders: list[Path] = []
     for root in roots:
-        folder = (root / kind).resolve()
+        folder = resolved(root / kind)
         if folder.is_dir() and folder not in folders:
             folders.append(folder)
     return folders
@@ -89,7 +94,7 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
     as_path = Path(os.path.expanduser(name))  # leaves "~nobody" alone, where Path.expanduser raises
     is_yaml = as_path.suffix in {".yaml", ".yml"}
     if _is_file(as_path / "vehicle.yaml") if kind == "models" else is_yaml and _is_file(as_path):
-        return as_path.resolve()
+        return resolved(as_path)
     known = names(kind)
     if name in known:
         return known[name]

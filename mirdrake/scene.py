@@ -25,6 +25,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 from xml.dom import minidom
+from xml.parsers.expat import ExpatError
 
 from pydrake.geometry import Convex
 
@@ -46,6 +47,18 @@ from mirdrake.yaml_tree import lay_over
 
 FOLDER, FILE, LOCK = "scene", "scene.json", "world.lock"
 FORMAT = "scene/1"
+
+_DAMAGE = (
+    OSError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    RuntimeError,  # of Drake
+    ExpatError,
+)
+"""What reading damaged data raises."""
 
 _DATA = "mirdrake://"  # begins a reference to a file that is shipped with mirdrake
 
@@ -163,7 +176,16 @@ def read_scene(folder: Path) -> Scene:
         return _read(data, path.parent)
     except MirdrakeError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        ArithmeticError,
+        RuntimeError,
+        ExpatError,
+    ) as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise RunError(f"{shown(path)}: damaged: {type(error).__name__}: {reason}") from None
 
@@ -174,9 +196,9 @@ def changed_files(scene: Scene, folder: Path) -> list[str]:
     try:
         lock = (place / LOCK).read_text(encoding="utf-8")
         meshes = dict(json.loads((place / FILE).read_text(encoding="utf-8"))["meshes"])
-    except (OSError, ValueError, KeyError, TypeError):
+        paths = {_resolve(reference): digest for reference, digest in meshes.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return []
-    paths = {_resolve(reference): digest for reference, digest in meshes.items()}
     changed = [path for path, digest in paths.items() if not path.is_file() or _digest_of(path) != digest]
     return ["the world"] * (lock != lock_text(scene.world)) + [shown(path) for path in changed]
 

@@ -16,6 +16,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.errors import MirdrakeError
+from mirdrake.paths import resolved
 from mirdrake.plant import make_plant, set_start
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.inspect_urdf import find_faults, resolve_meshes
@@ -83,7 +84,7 @@ def check_vehicle(name: str) -> Findings:
         ConfigError: no such vehicle.
     """
     path = Path(name).parent if Path(name).name in FILES else Path(name)
-    folder, only = (path.resolve(), None) if any(map(Path.is_file, map(path.joinpath, FILES))) else find_vehicle(name)
+    folder, only = (resolved(path), None) if any(map(Path.is_file, map(path.joinpath, FILES))) else find_vehicle(name)
     found = Findings()
     found.note([*_layout(folder), *_not_xml(folder)])
     for variant in [only] if only is not None else [None, *variants(folder)]:

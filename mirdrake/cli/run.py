@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mirdrake.cli.verb import add_set
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.paths import resolved
 from mirdrake.yaml_io import shown
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def _drive_from(spec: "DiagramSpec", texts: Sequence[str]) -> float:
         if log.duration <= 0.0:
             raise ConfigError(f"--commands {text}: its commands last no time; two rows are needed at least")
         lasts = max(lasts, log.duration)
-        spec.control[name] = ScheduleSpec(kind="schedule", file=str(path.resolve()), vehicle=name)
+        spec.control[name] = ScheduleSpec(kind="schedule", file=str(resolved(path)), vehicle=name)
     return lasts
 
 

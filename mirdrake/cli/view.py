@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Show."""
     from mirdrake.diagram_spec import load_diagram
-    from mirdrake.logs import load_run
+    from mirdrake.logs import load_run, reads_run
     from mirdrake.scene import make_scene
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
@@ -59,8 +59,8 @@ def run(options: argparse.Namespace) -> int:
         run = load_run(options.name)
         print_changes(run.scene())
         meshcat = make(world=run.scene().world)
-        draw_run(run, meshcat)
-        views = views_of(run)
+        reads_run(draw_run)(run, meshcat)
+        views = reads_run(views_of)(run)
     elif kind == "diagrams":
         spec = load_diagram(options.name)
         scene = make_scene(spec)

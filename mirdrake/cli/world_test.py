@@ -130,13 +130,13 @@ def check_layouts(cases: "Sequence[Case]") -> bool:
 
 def _write_run_reports(suite: "Suite") -> None:
     """report.html in the run folder of each case."""
-    from mirdrake.logs import SUMMARY, load_run
+    from mirdrake.logs import SUMMARY, load_run, reads_run
     from mirdrake.report import write_report
 
     for result in suite.results:
         place = suite.folder / result.folder if suite.folder is not None and result.folder is not None else None
         if place is not None and (place / SUMMARY).is_file():
-            write_report(load_run(place))
+            reads_run(write_report)(load_run(place))
 
 
 def _told(suite: "Suite", wall: float) -> Iterator[str]:

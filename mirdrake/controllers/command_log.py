@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 
 from mirdrake.controllers.schedule import Interpolation
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.recording.files import reading
 from mirdrake.recording.parts import read_groups, stored
 from mirdrake.recording.pictures import picture_time
 from mirdrake.yaml_io import read_text, shown, to_si
@@ -171,7 +172,8 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
     parts = stored(table)
     if not parts:
         raise ConfigError(f"{shown(folder)}: is no run folder with signals; give one, a table or a driving_log.txt")
-    known = pq.read_schema(parts[0]).names
+    with reading(parts[0]):
+        known = pq.read_schema(parts[0]).names
     drivers = [name.removesuffix(".steering_command") for name in known if name.endswith(".steering_command")]
     if vehicle not in drivers and len(drivers) == 1:
         vehicle = drivers[0]  # of another name in the other diagram
@@ -180,8 +182,9 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
         raise ConfigError(f"{shown(folder)}: no commands of '{vehicle}' were recorded; {words}")
     keys = ["time", f"{vehicle}.speed_command", f"{vehicle}.steering_command"]
     rows: list[Row] = []
-    for group in read_groups(table, keys):
-        rows += zip(*(group[key].to_pylist() for key in keys), strict=True)
+    with reading(table):
+        for group in read_groups(table, keys):
+            rows += zip(*(map(float, group[key].to_pylist()) for key in keys), strict=True)
     if _kind(folder, vehicle) not in {"constant", "schedule"} and len(rows) > 1:
         times = [row[0] for row in rows]
         later = [(time + _EARLIER, *row[1:]) for time, row in zip(times, rows[1:], strict=False)]
@@ -192,5 +195,6 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
 def _kind(folder: Path, vehicle: str) -> Any:
     import yaml
 
-    spec = yaml.safe_load(read_text(folder / "spec.yaml"))
-    return spec.get("control", {}).get(vehicle, {}).get("kind")
+    with reading(folder / "spec.yaml"):
+        spec = yaml.safe_load(read_text(folder / "spec.yaml"))
+        return spec.get("control", {}).get(vehicle, {}).get("kind")

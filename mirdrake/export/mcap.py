@@ -38,7 +38,7 @@ from mirdrake.errors import MissingDependencyError
 from mirdrake.export.frames import Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
 from mirdrake.export.models import scene_entities
 from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
-from mirdrake.logs import SIGNALS, Run
+from mirdrake.logs import SIGNALS, Run, reads_run
 from mirdrake.plant import VehicleInPlant
 from mirdrake.recording.arrays import Samples
 from mirdrake.recording.files import told
@@ -65,6 +65,7 @@ class Message(NamedTuple):
     content: Any
 
 
+@reads_run
 def write_mcap(run: Run, path: Path) -> dict[str, int]:
     """Write a run as MCAP.
 

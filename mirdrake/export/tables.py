@@ -15,7 +15,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from mirdrake.errors import RunError
-from mirdrake.logs import SIGNALS, Run
+from mirdrake.logs import SIGNALS, Run, reads_run
 from mirdrake.recording.files import told
 from mirdrake.recording.parts import read_groups, stored
 
@@ -26,6 +26,7 @@ def title(name: str, units: Mapping[str, str]) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+@reads_run
 def write_csv(run: Run, path: Path) -> dict[Path, int]:
     """Write the signals of a run and the samples of its sensors.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mirdrake.errors import MissingDependencyError, RunError
-from mirdrake.logs import Run
+from mirdrake.logs import Run, reads_run
 from mirdrake.recording.files import told
 from mirdrake.recording.pictures import Picture
 
@@ -20,6 +20,7 @@ QUALITY = 20
 """Constant rate factor of H.264: less is better and larger."""
 
 
+@reads_run
 def write_videos(run: Run, folder: Path) -> dict[Path, int]:
     """A video for each camera of a run, ``<camera>.mp4``; depths and labels are left out.
 

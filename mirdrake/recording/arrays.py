@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.recording.files import reading
 from mirdrake.recording.parts import PartedTable, read_groups, stored
 
 Array = NDArray[Any]
@@ -111,7 +112,8 @@ class Samples(Mapping[str, Any]):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._schema = pq.read_schema(stored(path)[0])
+        with reading(path):
+            self._schema = pq.read_schema(stored(path)[0])
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -128,7 +130,8 @@ class Samples(Mapping[str, Any]):
         """One column: an array (n, ...), or a list of arrays where the samples differ in size."""
         if name not in self._schema.names or name == "time":
             raise ConfigError(f"{self.path.stem}: no array '{name}'; {did_you_mean(name, self)}")
-        parts = [self._values(table, name) for table in read_groups(self.path, [name])]
+        with reading(self.path):
+            parts = [self._values(table, name) for table in read_groups(self.path, [name])]
         if all(isinstance(part, np.ndarray) for part in parts):
             return np.concatenate(parts)
         return [array for part in parts for array in part]
@@ -151,8 +154,10 @@ class Samples(Mapping[str, Any]):
     def each(self) -> Iterator[tuple[float, dict[str, Array]]]:
         """Sample by sample, few at a time in memory: time [s] and the arrays by name."""
         for table in read_groups(self.path):
-            values = {name: self._values(table, name) for name in self}
-            for row, at in enumerate(table["time"].to_pylist()):
+            with reading(self.path):
+                values = {name: self._values(table, name) for name in self}
+                times = table["time"].to_pylist()
+            for row, at in enumerate(times):
                 yield at, {name: column[row] for name, column in values.items()}
 
     def _values(self, table: pa.Table, name: str) -> Any:

@@ -5,7 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from mirdrake.errors import RunError
+import pyarrow as pa
+import yaml
+
+from mirdrake.errors import ConfigError, MirdrakeError, RunError
 
 
 def write_file(path: Path, content: str | bytes) -> None:
@@ -33,3 +36,18 @@ def told(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = error.strerror or str(error).splitlines()[0]
         raise RunError(f"{path}: cannot be written: {reason}; choose another folder with --out") from None
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Raise whatever a damaged file of a run folder causes as a ConfigError with one line."""
+    try:
+        yield
+    except MirdrakeError:
+        raise
+    except (*_DAMAGE, RecursionError, yaml.YAMLError, pa.ArrowException) as error:
+        reason = getattr(error, "strerror", None) or next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise ConfigError(f"{path}: damaged, cannot be read: {reason[:160]}") from error
+
+
+_DAMAGE = (OSError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, SyntaxError)

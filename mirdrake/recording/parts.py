@@ -13,7 +13,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mirdrake.recording.files import told
+from mirdrake.errors import ConfigError
+from mirdrake.recording.files import reading, told
 
 FLUSH_AFTER = 0.25
 """Time for which rows stay in memory before they are written [s]: what a kill can lose."""
@@ -91,7 +92,7 @@ def stored(path: Path) -> list[Path]:
 
 def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """A Parquet file, read in this thread: the reader's own pool would keep some ten megabytes for good."""
-    with pq.ParquetFile(path) as file:
+    with reading(path), pq.ParquetFile(path) as file:
         return file.read(columns=columns, use_threads=False)
 
 
@@ -103,9 +104,16 @@ def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa
         columns: only these.
     """
     for part in stored(path):
-        with pq.ParquetFile(part) as file:
+        with reading(part):
+            file = pq.ParquetFile(part)
+        with file:
             for index in range(file.num_row_groups):
-                yield file.read_row_group(index, columns=columns, use_threads=False)
+                with reading(part):
+                    group = file.read_row_group(index, columns=columns, use_threads=False)
+                    missing = sorted(set(columns or ()) - set(group.column_names))
+                    if missing:
+                        raise ConfigError(f"{part}: has no column '{missing[0]}'")
+                yield group
 
 
 def _regroup(parts: Sequence[Path], rows: int) -> Iterator[pa.Table]:

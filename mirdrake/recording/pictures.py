@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mirdrake.recording.files import told, write_file
+from mirdrake.recording.files import reading, told, write_file
 
 DRIVING_LOG = "driving_log.txt"
 
@@ -181,7 +181,7 @@ class Picture:
     @property
     def pixels(self) -> NDArray[Any]:
         """Colours uint8 (height, width, 3), or numbers uint16 (height, width), depths in mm."""
-        with Image.open(self.path) as image:
+        with reading(self.path), Image.open(self.path) as image:
             return np.asarray(image)
 
 
@@ -192,12 +192,13 @@ def read_pictures(folder: Path, start: datetime = EPOCH) -> list[Picture]:
         folder: of one camera.
         start: date and time of the start of the run.
     """
-    lines = (folder / DRIVING_LOG).read_bytes().decode().splitlines(keepends=True)
-    rows = [line.split() for line in lines if line.endswith("\n")]
-    return [
-        Picture(picture_time(name, start), folder / name, float(steering), float(speed))
-        for name, steering, speed in rows
-    ]
+    with reading(folder / DRIVING_LOG):
+        lines = (folder / DRIVING_LOG).read_bytes().decode().splitlines(keepends=True)
+        rows = [line.split() for line in lines if line.endswith("\n")]
+        return [
+            Picture(picture_time(name, start), folder / Path(name).name, float(steering), float(speed))
+            for name, steering, speed in rows
+        ]
 
 
 def picture_folders(folder: Path | None) -> Sequence[Path]:

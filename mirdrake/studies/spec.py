@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from mirdrake.errors import ConfigError
+from mirdrake.paths import resolved
 from mirdrake.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, shown, validate
 
 Value = int | float | str | bool
@@ -109,9 +110,9 @@ def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
     if "name" not in spec.model_fields_set:
         spec.name = path.stem
     if spec.folder is None:
-        spec.folder = str(path.resolve().parent)
+        spec.folder = str(resolved(path).parent)
     if isinstance(spec.diagram, str) and (beside := path.parent / spec.diagram).is_file():
-        spec.diagram = str(beside.resolve())
+        spec.diagram = str(resolved(beside))
     return spec
 
 

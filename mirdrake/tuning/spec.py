@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from mirdrake.errors import ConfigError
+from mirdrake.paths import resolved
 from mirdrake.plant import PlantSpec
 from mirdrake.studies.spec import Number
 from mirdrake.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, shown, validate
@@ -208,7 +209,7 @@ def load_tuning(path: Path | str, *, overrides: Iterable[str] = ()) -> TuningSpe
     spec = load_yaml(path, TuningSpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem
-    spec.folder = spec.folder or str(path.resolve().parent)
+    spec.folder = spec.folder or str(resolved(path).parent)
     return spec
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirdrake.errors import ConfigError, RunError
+from mirdrake.paths import resolved
 from mirdrake.recording.files import told, write_file
 from mirdrake.yaml_edit import Edit, edit_yaml
 from mirdrake.yaml_io import read_text, shown
@@ -48,7 +49,7 @@ class FileChange:
         """
         if not self.changes:
             return
-        path = self.path.resolve()
+        path = resolved(self.path)
         with told(path):
             if path.read_bytes() != self.before.encode():
                 raise RunError(f"{shown(self.path)}: has changed in the meantime; run it again")

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from mirdrake.errors import RunError
-from mirdrake.logs import Run, write_file
+from mirdrake.logs import Run, reads_run, write_file
 from mirdrake.recording.pictures import Picture
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run, views_of
@@ -83,6 +83,7 @@ _PANEL = """
 """
 
 
+@reads_run
 def write_replay(run: Run, path: Path, *, frames_per_second: float = 20.0) -> None:
     """Write a page that opens offline.
 
@@ -116,7 +117,7 @@ class Replay:
     """
 
     def __init__(self, run: Run, *, port: int = 0, frames_per_second: float = 20.0) -> None:
-        page = _page(run, run.pictures, _address, frames_per_second=frames_per_second).encode()
+        page = reads_run(_page)(run, run.pictures, _address, frames_per_second=frames_per_second).encode()
         pictures = {_address(name, p): p for name, taken in run.pictures.items() for p in taken}
 
         def files(path: str) -> Answer | None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.paths import resolved
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.layouts import Slot, draw_in, make_slots
 from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop, make_mesh_prop, make_primitive
@@ -268,13 +269,13 @@ class Arranger:
         if entry.file is not None:
             path = self._folder / entry.file
             if (path / "prop.yaml").is_file():
-                return load_prop(f"{path.resolve()}/", scale=scale, where=where(entry, "file"))
+                return load_prop(f"{resolved(path)}/", scale=scale, where=where(entry, "file"))
             if path.suffix.lower() not in {".gltf", ".glb", ".obj"} or not path.is_file():
                 raise ConfigError(
                     f"{where(entry, 'file')}: no prop at '{entry.file}': a folder with a prop.yaml, or a .gltf or .obj "
                     "file, beside the world file is expected"
                 )
-            return make_mesh_prop(path.resolve(), scale=scale, where=where(entry, "file"))
+            return make_mesh_prop(resolved(path), scale=scale, where=where(entry, "file"))
         for kind in ("box", "cylinder", "sphere"):
             value = getattr(entry, kind)
             if value is not None:

@@ -24,6 +24,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.errors import WorldError
+from mirdrake.paths import resolved
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World, track_mu
@@ -244,7 +245,7 @@ def _files(world: World) -> dict[str, str]:
         meshes = [Path(s.shape.source().path()) for s in prop.solids if isinstance(s.shape, Convex)]
         meshes += [prop.visual] if prop.visual is not None else []
         home = library.get(prop.name)
-        if home is not None and all(mesh.resolve().is_relative_to(home.resolve()) for mesh in meshes):
+        if home is not None and all(resolved(mesh).is_relative_to(resolved(home)) for mesh in meshes):
             for path in sorted(home.rglob("*")):
                 inner = path.relative_to(home)
                 if path.is_file() and not any(part.startswith((".", "__")) for part in inner.parts):
@@ -258,7 +259,7 @@ def _files(world: World) -> dict[str, str]:
 
 def _named(path: Path, folder: Path) -> str:
     """A path relative to the folder of the world; never an absolute one."""
-    return PurePosixPath(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    return PurePosixPath(os.path.relpath(resolved(path), resolved(folder))).as_posix()
 
 
 def _rounded(value: Any) -> Any:

@@ -24,7 +24,7 @@ from pydrake.multibody.tree import SpatialInertia
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import is_hidden, search_folders
+from mirdrake.paths import is_hidden, resolved, search_folders
 from mirdrake.worlds.outlines import outlines_of
 from mirdrake.yaml_io import Angle, Length, Mass, Schema, load_yaml, where
 
@@ -236,14 +236,14 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
     if folder is None:
         hint = did_you_mean(name, prop_names())
         raise ConfigError(f"{_prefix(where)}unknown prop '{name}'; {hint}; or use box, cylinder, sphere or file")
-    spec = _load_file(folder.resolve() / "prop.yaml")
+    spec = _load_file(resolved(folder) / "prop.yaml")
     factors = (scale, scale, scale)
     if size is not None:
         if not spec.resizable:
             raise ConfigError(f"{_prefix(where)}'{folder.name}' has the size {_shown(spec.size)} m; use scale instead")
         x, y, z = (scale * want / have for want, have in zip(size, spec.size, strict=True))
         factors = (x, y, z)
-    return _make_prop(folder.resolve(), folder.name, factors, where)
+    return _make_prop(resolved(folder), folder.name, factors, where)
 
 
 def make_primitive(kind: str, sides: tuple[float, ...], *, scale: float = 1.0, where: str = "") -> Prop:

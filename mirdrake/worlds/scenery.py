@@ -25,7 +25,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.paths import data_root
+from mirdrake.paths import data_root, resolved
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.spec import MarkingSpec, ScenerySpec
@@ -140,7 +140,7 @@ def scenery(world: World) -> list[SceneryItem]:
 
 def scenery_file(world: World, mesh: ScenerySpec) -> Path:
     """The file of a mesh that is only drawn."""
-    return (world.path.parent if world.path is not None else Path.cwd()).resolve() / mesh.file
+    return resolved(world.path.parent if world.path is not None else Path.cwd()) / mesh.file
 
 
 def sun_light(world: World) -> SunLight:

@@ -13,6 +13,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from urllib.parse import unquote
 
+from mirdrake.paths import resolved
+
 LEVELS_UP, LEVELS_DOWN, MOST_FOLDERS = 6, 3, 4000
 _SKIPPED = {"build", "devel", "install", "log", "node_modules", "venv", "site-packages", "proc", "sys", "dev"}
 _NAME = re.compile(r"<name>\s*([^<]+?)\s*</name>")
@@ -30,8 +32,8 @@ class Packages:
     """
 
     def __init__(self, start: Path, given: Mapping[str, Path] | None = None) -> None:
-        self._start = start.resolve()
-        self._known: dict[str, Path] = {name: Path(folder).resolve() for name, folder in (given or {}).items()}
+        self._start = resolved(start)
+        self._known: dict[str, Path] = {name: resolved(Path(folder)) for name, folder in (given or {}).items()}
         self._seen: set[Path] = set()
         self._levels = self._folders_above()
         self.used: dict[str, Path] = {}
