@@ -44,7 +44,8 @@ from mirdrake.recording.pictures import picture_name as picture_name
 from mirdrake.recording.vectors import ROWS, make_table
 from mirdrake.scene import Scene, read_scene, write_scene
 
-Given, Found = ParamSpec("Given"), TypeVar("Found")
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
 
@@ -165,7 +166,7 @@ def reads_run(function: Callable[Concatenate[Run, Given], Found]) -> Callable[Co
     """Make a function of a run raise what a damaged run folder causes in it as a ConfigError; a decorator."""
 
     @wraps(function)
-    def read(run: Run, *arguments: Given.args, **options: Given.kwargs) -> Found:
+    def read(run: Run, /, *arguments: Given.args, **options: Given.kwargs) -> Found:
         with reading_run(run.folder):
             return function(run, *arguments, **options)
 
