@@ -3,6 +3,9 @@
 A further format is one more function and one more line in :data:`FORMATS`.
 """
 
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Collection
 from importlib import import_module
 from io import BytesIO
@@ -12,7 +15,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.io import loadmat
 
 from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.identification.bags import read_bag
@@ -93,17 +95,38 @@ def read_mat(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  
                 tall = value if value.shape[0] >= value.shape[1] else value.T
                 columns.update({f"{prefix}.{at + 1}": tall[:, at] for at in range(tall.shape[1])})
 
-    if raw[:10] == b"MATLAB 7.3":
-        content = _read_hdf5(path, raw)
-    else:
-        try:
-            content = loadmat(BytesIO(raw), simplify_cells=True)
-        except Exception:  # scipy raises what its parser meets on a broken file
-            raise ConfigError(f"{shown(path)}: is not a MAT file, or is broken") from None
+    content = (_read_hdf5 if raw[:10] == b"MATLAB 7.3" else _read_mat5)(path, raw)
     collect("", {key: value for key, value in content.items() if not key.startswith(("__", "#"))})
     if not columns:
         raise ConfigError(f"{shown(path)}: has no vectors of numbers")
     return Table(shown(path), list(columns), columns)
+
+
+MAT_TIME = 20.0
+"""Time after which reading a MAT file is given up [s]."""
+
+_READ_MAT = """
+import pickle, sys
+from io import BytesIO
+from scipy.io import loadmat
+pickle.dump(loadmat(BytesIO(sys.stdin.buffer.read()), simplify_cells=True), sys.stdout.buffer)
+"""
+
+
+def _read_mat5(path: Path, raw: bytes) -> dict[str, Any]:
+    """Return the contents of a MAT file before version 7.3.
+
+    It is read in another process, as compiled code of SciPy crashes on some broken files.
+    """
+    command = [sys.executable, "-P", "-W", "ignore", "-c", _READ_MAT]
+    try:
+        done = subprocess.run(command, input=raw, capture_output=True, timeout=MAT_TIME, check=True)
+        content: dict[str, Any] = pickle.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        raise ConfigError(f"{shown(path)}: cannot be read within {MAT_TIME:g} s; is it broken?") from None
+    except (subprocess.SubprocessError, EOFError, pickle.UnpicklingError):
+        raise ConfigError(f"{shown(path)}: is not a MAT file, or is broken") from None
+    return content
 
 
 def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
