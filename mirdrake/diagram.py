@@ -15,7 +15,6 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 ``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.diagram_parts`.
 """
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -62,7 +61,7 @@ class Assembly:
         taps: the logged vectors.
         tracks: track that each vehicle follows or is measured against; None in a world without tracks.
         unread: outputs that nothing reads, by name.
-        visualizer: draws in Meshcat, if a Meshcat was given.
+        meshcat: shows the run, if it was given; a run draws in it outside of the diagram.
         cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
         arrays: sensors whose samples are arrays and shall be recorded, by name.
         tyres: tyre models of the vehicles that have one, by name of the vehicle.
@@ -77,7 +76,7 @@ class Assembly:
     taps: dict[str, Tap]
     tracks: dict[str, str | None]
     unread: tuple[str, ...] = ()
-    visualizer: MeshcatVisualizer | None = None
+    meshcat: Meshcat | None = None
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
     arrays: dict[str, System] = field(default_factory=dict)
     tyres: dict[str, WheelTyres] = field(default_factory=dict)
@@ -125,7 +124,7 @@ def assemble(
     *,
     meshcat: Meshcat | None = None,
     scene: Scene | None = None,
-    drawing_period: float = math.inf,
+    drawing_period: float | None = None,
 ) -> Assembly:
     """Return the diagram of :func:`make_diagram` with the handles that a run needs.
 
@@ -133,8 +132,8 @@ def assemble(
         spec: see :func:`make_diagram`.
         meshcat: see :func:`make_diagram`.
         scene: of this spec, if it is made already; see :func:`mirdrake.scene.make_scene`.
-        drawing_period: simulated time between the visualizer's own drawings [s]. By default it draws at time 0 and when
-            its ``ForcedPublish`` is called: an exception of Meshcat within a step would end the simulation.
+        drawing_period: simulated time between the drawings of a MeshcatVisualizer in the diagram [s]. None adds no
+            MeshcatVisualizer: an exception of Meshcat within a step, or at the start, would end the simulation.
     """
     if isinstance(spec, str):
         spec = load_diagram(spec)
@@ -172,10 +171,10 @@ def assemble(
         wiring.add(name, make_block(entry.kind, entry.parameters(), source=source, folder=folder))
     wiring.connect()
 
-    visualizer = None
-    if meshcat is not None:
+    if meshcat is not None and drawing_period is not None:
         params = MeshcatVisualizerParams(publish_period=drawing_period, delete_on_initialization_event=False)
-        visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
+        MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
+    if meshcat is not None:
         lidars = {name: system for name, system in wiring.systems.items() if isinstance(system, Lidar)}
         add_cloud_overlays(builder, meshcat, lidars)
     taps = add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
@@ -199,7 +198,7 @@ def assemble(
     }
     outputs, inputs = ({name: entry[1] for name, entry in ports.items()} for ports in (wiring.sources, wiring.sinks))
     return Assembly(
-        spec, diagram, parts, starts, taps, tracks, unread, visualizer, cameras, arrays, tyres, outputs, inputs
+        spec, diagram, parts, starts, taps, tracks, unread, meshcat, cameras, arrays, tyres, outputs, inputs
     )
 
 

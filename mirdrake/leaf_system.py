@@ -25,13 +25,19 @@ from pydrake.systems.framework import LeafSystem as DrakeLeafSystem
 Callback = Callable[..., Any]
 
 
-class FreeableType(type(DrakeLeafSystem)):  # type: ignore[misc]
-    """Metaclass of systems that have the instance dictionary of pydrake's class only."""
+_PydrakeType: Any = type(DrakeLeafSystem)
 
-    def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **options: Any) -> Any:
-        """Make a class without a dictionary of its own; attributes go to that of pydrake's class."""
-        namespace.setdefault("__slots__", ())
-        return super().__new__(mcs, name, bases, namespace, **options)
+if TYPE_CHECKING or _PydrakeType.__module__.startswith("nanobind"):
+    FreeableType = _PydrakeType  # which nobody can derive from
+else:
+
+    class FreeableType(_PydrakeType):
+        """Metaclass of systems that have the instance dictionary of pydrake's class only."""
+
+        def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **options: Any) -> Any:
+            """Make a class without a dictionary of its own; attributes go to that of pydrake's class."""
+            namespace.setdefault("__slots__", ())
+            return super().__new__(mcs, name, bases, namespace, **options)
 
 
 def weak_callback(method: Callback) -> Callback:

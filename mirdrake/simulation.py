@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, EventStatus, System
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, System
 
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, assemble
@@ -135,7 +135,7 @@ class Simulation:
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
         watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
-        view = _View(assembly) if assembly.visualizer is not None else None
+        view = _View(assembly, assembly.meshcat) if assembly.meshcat is not None else None
         if view is not None:
             watchers.append(view)
         if self._friction.varies:
@@ -352,18 +352,30 @@ def _failure(error: BaseException) -> str:
 
 
 class _View:
-    """Draws a run in Meshcat, outside of the simulator's events, until Meshcat ends.
+    """Draws a run in Meshcat until Meshcat ends.
+
+    A copy of the scene graph with a MeshcatVisualizer makes a diagram of its own, which gets the poses of each drawing:
+    an exception of Meshcat does not reach the simulator, neither at the start nor within a step.
 
     Args:
-        assembly: with a visualizer.
+        assembly: the diagram that runs.
+        meshcat: where to draw.
 
     Attributes:
         failed: whether Meshcat has ended.
         failed_at: simulated time at which it was noticed [s].
     """
 
-    def __init__(self, assembly: Assembly) -> None:
-        self._visualizer = assembly.visualizer
+    def __init__(self, assembly: Assembly, meshcat: Meshcat) -> None:
+        self._plant = assembly.parts.plant
+        builder = DiagramBuilder()
+        scene_graph: Any = builder.AddSystem(assembly.parts.scene_graph.Clone())
+        params = MeshcatVisualizerParams(delete_on_initialization_event=False)
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self._poses = scene_graph.get_source_pose_port(self._plant.get_source_id())
+        self._poses_context = scene_graph.GetMyMutableContextFromRoot(self._context)
         self._next = 0.0
         self.failed, self.failed_at = False, 0.0
 
@@ -376,10 +388,13 @@ class _View:
 
     def draw(self, context: Context) -> None:
         """Draw the state of a Context of the whole diagram."""
-        if self.failed or self._visualizer is None:
+        if self.failed:
             return
+        poses = self._plant.get_geometry_pose_output_port()
+        self._poses.FixValue(self._poses_context, poses.EvalAbstract(self._plant.GetMyContextFromRoot(context)))
+        self._context.SetTime(context.get_time())
         try:
-            self._visualizer.ForcedPublish(self._visualizer.GetMyContextFromRoot(context))
+            self._diagram.ForcedPublish(self._context)
         except RuntimeError:
             self.failed, self.failed_at = True, context.get_time()
 

@@ -20,9 +20,10 @@ from urllib.parse import urlsplit
 import pytest
 from pydrake.geometry import Meshcat
 
+from mirdrake.diagram import assemble
 from mirdrake.errors import RunError
-from mirdrake.simulation import simulate
-from mirdrake.viewer import make_meshcat
+from mirdrake.simulation import Simulation, simulate
+from mirdrake.viewer import FollowCamera, make_meshcat
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.server import PageServer
 from mirdrake.viewer.websocket import MOST, FrameReader, ProtocolError, is_event, make_frame
@@ -353,6 +354,20 @@ def kill(meshcat: Meshcat) -> None:
 
 def _servers() -> list[PageServer]:
     return [one for one in gc.get_objects() if type(one) is PageServer]
+
+
+def test_a_run_goes_on_if_meshcat_ends_before_the_first_step(tmp_path):
+    meshcat = make_meshcat(port=0)
+    assembly = assemble(DRIVE, meshcat=meshcat)
+    kill(meshcat)
+    with pytest.raises(RuntimeError):
+        meshcat.GetNumActiveConnections()
+    done = Simulation(assembly).run(folder=tmp_path / "run", monitor=FollowCamera(meshcat, assembly))
+    assert done.summary["stop_reason"] == "duration"
+    assert [(event["kind"], event["time"]) for event in done.events] == [("view", 0.0)]
+    assert (tmp_path / "run" / "summary.json").is_file()
+    without = simulate(DRIVE)
+    assert done.signals.equals(without.signals[done.signals.columns])
 
 
 def test_a_run_goes_on_without_meshcat_to_the_same_bits(tmp_path):

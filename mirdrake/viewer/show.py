@@ -6,7 +6,7 @@ from pathlib import Path
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from mirdrake.diagram import DiagramSpec, assemble
+from mirdrake.diagram import DRAWING_PERIOD, DiagramSpec, assemble
 from mirdrake.logs import write_file
 from mirdrake.plant import make_plant
 from mirdrake.scene import Scene
@@ -37,7 +37,7 @@ def show_diagram(spec: DiagramSpec, meshcat: Meshcat, *, scene: Scene | None = N
         meshcat: where to draw.
         scene: of the diagram, if it is made already.
     """
-    assembly = assemble(spec, meshcat=meshcat, scene=scene)
+    assembly = assemble(spec, meshcat=meshcat, scene=scene, drawing_period=DRAWING_PERIOD)
     start = next(iter(assembly.starts.values()))
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
     assembly.diagram.ForcedPublish(assembly.make_context())
