@@ -27,6 +27,9 @@ STEPS = 50_000
 SECONDS = 0.5
 """Processor time of an expression [s], with the properties that it uses."""
 
+PROPERTIES = 200
+"""Properties that are evaluated within one another, each for the expression of the one before."""
+
 LARGEST = 100_000
 """Characters of a text, and items of a collection with all that is in it."""
 
@@ -138,7 +141,7 @@ class Evaluator:
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
         self._callable = {id(one) for one in self._functions if callable(one)}
         self._tick = tick
-        self._steps, self._until = 0, 0.0
+        self._steps, self._until, self._nested = 0, 0.0, 0
         self._symbols: Any = {}
         self._first: Mapping[str, Any] = {}
 
@@ -162,15 +165,18 @@ class Evaluator:
             raise XacroException("the expression is nested too deeply") from None
         except ValueError as error:  # a null character, or a number of too many digits
             raise SyntaxError(str(error)) from None
+        if self._nested >= PROPERTIES:  # Python's own limit would be met in the middle of xacro's error message
+            raise XacroException(f"more than {PROPERTIES} properties that refer to one another")
         # A property is evaluated when an expression uses it for the first time, within that expression.
         outer = self._steps, self._symbols, self._first, self._callable, self._until
         self._steps, self._symbols, self._first = 0, symbols, names or {}
-        self._until = time.thread_time() + SECONDS
+        self._until, self._nested = time.thread_time() + SECONDS, self._nested + 1
         self._callable = self._callable | {id(one) for one in self._first.values() if callable(one)}
         try:
             return self._value(tree.body, {}, 0)
         finally:
             self._steps, self._symbols, self._first, self._callable, self._until = outer
+            self._nested -= 1
 
     def _value(self, node: ast.AST, local: Mapping[str, Any], depth: int) -> Any:
         """The checked value of a node."""
