@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from benchmarks.timing import ROOT
-from mirdrake.worker_server import LOOP, start_server
+from mirdrake.execution.worker_server import LOOP, start_server
 
 COUNT, DURATION = 200, 10.0
 """Number of candidates, and simulated time of each [s]."""

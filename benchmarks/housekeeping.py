@@ -14,8 +14,8 @@ from pydrake.systems.analysis import Simulator
 
 from benchmarks.timing import resident_mb
 from benchmarks.w1 import make_spec
-from mirdrake.diagram import assemble
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.runs.simulation import Simulation
 
 WARM_UP = 5
 """Runs, or simulated seconds, before memory is read for the first time: caches and allocators fill up."""

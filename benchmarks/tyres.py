@@ -10,10 +10,10 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from benchmarks.job import DURATION, SPEED, STEADY, STEERING, circle_figures
 from benchmarks.timing import Times, rates, timed
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import load_diagram
 from mirdrake.controllers import ConstantCommand
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import load_diagram
-from mirdrake.simulation import Simulation
+from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import make_single_track, make_single_track_vehicle
 from mirdrake.vehicles import load_vehicle
 

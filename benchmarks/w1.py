@@ -12,11 +12,11 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from benchmarks.job import DURATION, PARKED, SETTLING, SPEED, STEADY, STEERING, circle_figures
 from benchmarks.timing import Times, rates, timed
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram
 from mirdrake.controllers.ackermann import Ackermann
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import DiagramSpec, load_diagram
-from mirdrake.plant import make_plant, set_start
-from mirdrake.simulation import Simulation
+from mirdrake.plant.plant import make_plant, set_start
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 
 STEPS = {"point": (0.002, 0.005, 0.010, 0.020), "hydroelastic": (0.002, 0.005, 0.010, 0.020)}

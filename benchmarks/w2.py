@@ -13,11 +13,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from benchmarks.timing import timed
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import load_diagram
-from mirdrake.plant import add_world
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import load_diagram
+from mirdrake.plant.plant import add_world
+from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors.cameras import Camera, add_renderer, camera_params, merge_still_things, use_plain_textures
-from mirdrake.simulation import Simulation
 from mirdrake.vehicles.mounts import DepthCameraMount
 from mirdrake.worlds import load_world
 

@@ -36,7 +36,7 @@ def run_w4(*, runs: int = RUNS, duration: float = DURATION, repeat: int = 3) -> 
         duration: simulated time of each [s].
         repeat: how often; the best is given, since other load can only add to it.
     """
-    from mirdrake.diagram_spec import load_diagram
+    from mirdrake.assembly.diagram_spec import load_diagram
 
     gains = [float(gain) for gain in _gains(runs)]
     results: dict[str, Any] = {}
@@ -145,8 +145,8 @@ def _sweep(
 
 def _start_mirdrake(data: Mapping[str, Any]) -> None:
     """Build the diagram of this process, once."""
-    from mirdrake.diagram import assemble
-    from mirdrake.simulation import Simulation
+    from mirdrake.assembly.diagram import assemble
+    from mirdrake.runs.simulation import Simulation
 
     _worker["simulation"] = Simulation(assemble(data))
 

@@ -15,22 +15,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mirdrake.assembly.diagram import load_diagram, make_diagram
     from mirdrake.controllers import AckermannSteering, DiscretePid, PathTracker
-    from mirdrake.diagram import load_diagram, make_diagram
-    from mirdrake.errors import MirdrakeError
+    from mirdrake.core.errors import MirdrakeError
     from mirdrake.identification import check_data, load_data, load_identification
     from mirdrake.identification.identify import identify
-    from mirdrake.logs import Run, load_run
-    from mirdrake.plant import add_vehicle, add_world, make_plant
+    from mirdrake.importing.worlds import import_world
+    from mirdrake.plant.plant import add_vehicle, add_world, make_plant
     from mirdrake.report import write_report
-    from mirdrake.simulation import simulate
+    from mirdrake.runs.logs import Run, load_run
+    from mirdrake.runs.simulation import simulate
     from mirdrake.studies import run_study
     from mirdrake.suites import collect_cases, run_suite
     from mirdrake.tuning.tune import tune
     from mirdrake.vehicles import load_vehicle
     from mirdrake.world_checks import check_world
     from mirdrake.world_files import build_world
-    from mirdrake.world_importing import import_world
     from mirdrake.worlds import load_world
 
 __all__ = [  # the order of code points, capitals first; every name also stands in the imports above and in _HOME below
@@ -65,28 +65,28 @@ __all__ = [  # the order of code points, capitals first; every name also stands 
 _HOME = {
     "AckermannSteering": "controllers",
     "DiscretePid": "controllers",
-    "MirdrakeError": "errors",
+    "MirdrakeError": "core.errors",
     "PathTracker": "controllers",
-    "Run": "logs",
-    "add_vehicle": "plant",
-    "add_world": "plant",
+    "Run": "runs.logs",
+    "add_vehicle": "plant.plant",
+    "add_world": "plant.plant",
     "build_world": "world_files",
     "check_data": "identification",
     "check_world": "world_checks",
     "collect_cases": "suites",
     "identify": "identification.identify",
-    "import_world": "world_importing",
+    "import_world": "importing.worlds",
     "load_data": "identification",
-    "load_diagram": "diagram",
+    "load_diagram": "assembly.diagram",
     "load_identification": "identification",
-    "load_run": "logs",
+    "load_run": "runs.logs",
     "load_vehicle": "vehicles",
     "load_world": "worlds",
-    "make_diagram": "diagram",
-    "make_plant": "plant",
+    "make_diagram": "assembly.diagram",
+    "make_plant": "plant.plant",
     "run_study": "studies",
     "run_suite": "suites",
-    "simulate": "simulation",
+    "simulate": "runs.simulation",
     "tune": "tuning.tune",
     "write_report": "report",
 }

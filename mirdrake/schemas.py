@@ -12,8 +12,8 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import load_yaml, read_tree
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import load_yaml, read_tree
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -49,7 +49,9 @@ KINDS: dict[str, Kind] = {
     "presets": Kind("mirdrake.vehicles.presets:PresetsSpec", "models/sensors/*.yaml", "sensors as products"),
     "prop": Kind("mirdrake.worlds.props:PropFile", "prop.yaml", "a prop"),
     "world": Kind("mirdrake.worlds.spec:WorldSpec", "worlds/*.yaml", "a world and its tests, world/1", "world/1"),
-    "diagram": Kind("mirdrake.diagram_spec:DiagramSpec", "diagrams/*.yaml", "vehicles, world and control, wired"),
+    "diagram": Kind(
+        "mirdrake.assembly.diagram_spec:DiagramSpec", "diagrams/*.yaml", "vehicles, world and control, wired"
+    ),
     "study": Kind(
         "mirdrake.studies.spec:StudySpec",
         "study.yaml",
@@ -211,7 +213,7 @@ _NUMERIC = {"type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"
 
 def _add_to_diagram(schema: Json) -> None:
     """A bare name of a world; blocks of ours with their parameters, and classes of the user's."""
-    from mirdrake.blocks import BLOCKS
+    from mirdrake.assembly.blocks import BLOCKS
 
     definitions, properties = schema["$defs"], schema["properties"]
     world = properties["world"]

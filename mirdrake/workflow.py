@@ -6,12 +6,12 @@ from typing import Any
 
 from pydrake.geometry import Meshcat
 
-from mirdrake.diagram import DiagramSpec, assemble
-from mirdrake.drawing import draw_svg, write_dot
-from mirdrake.errors import MissingDependencyError
-from mirdrake.logs import Run, write_file
-from mirdrake.scene import Scene
-from mirdrake.simulation import Progress, Report, Simulation, default_folder
+from mirdrake.assembly.diagram import DiagramSpec, assemble
+from mirdrake.assembly.drawing import draw_svg, write_dot
+from mirdrake.assembly.scene import Scene
+from mirdrake.core.errors import MissingDependencyError
+from mirdrake.runs.logs import Run, write_file
+from mirdrake.runs.simulation import Progress, Report, Simulation, default_folder
 from mirdrake.viewer import FollowCamera, write_recording
 
 
@@ -36,9 +36,9 @@ def run_diagram(
         duration: simulated time [s]; the spec's if left out.
         meshcat: shows the run while it goes on.
         realtime_rate: 1 for real time, 0 for as fast as it goes.
-        progress: see :func:`mirdrake.simulation.simulate`.
+        progress: see :func:`mirdrake.runs.simulation.simulate`.
         say: told what is being done.
-        report: see :meth:`mirdrake.simulation.Simulation.run`.
+        report: see :meth:`mirdrake.runs.simulation.Simulation.run`.
 
     Raises:
         MirdrakeError: what is wrong, on one line.

@@ -8,12 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
+from mirdrake.core.yaml_io import shown
 from mirdrake.report.plan import Overlap, draw_world, find_overlaps
 from mirdrake.worlds import World
 from mirdrake.worlds.lock import content_hash, content_text, lock_content
 from mirdrake.worlds.sdf_export import export_sdf
-from mirdrake.yaml_io import shown
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,12 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mirdrake"
 
 MODULES = (
-    "vehicles", "vehicles.inspection", "vehicles.importing", "worlds", "plant", "tyres", "suspension", "aerodynamics",
-    "powertrain", "controllers", "sensors", "signals", "diagram", "blocks", "perception", "single_track", "simulation",
-    "logs", "requirements", "testing", "gym", "manoeuvres", "studies", "tuning", "tuning.tune", "identification",
-    "identification.identify", "suites",
-    "world_checks", "world_importing", "viewer", "viewer.inline", "report", "export", "workflow", "world_files",
-    "schemas",
+    "vehicles", "vehicles.inspection", "importing.vehicles", "importing.worlds", "worlds", "plant.plant", "tyres",
+    "plant.suspension", "tyres.aerodynamics", "plant.powertrain", "controllers", "sensors", "core.signals",
+    "assembly.diagram", "assembly.blocks", "sensors.perception", "single_track", "runs.simulation",
+    "runs.logs", "requirements", "gym.testing", "gym", "manoeuvres", "studies", "tuning", "tuning.tune",
+    "identification", "identification.identify", "suites", "world_checks", "viewer", "viewer.inline", "report",
+    "export", "workflow", "world_files", "schemas",
 )  # fmt: skip
 """Modules whose public names are for users."""
 

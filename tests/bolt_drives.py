@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from pydrake.multibody.tree import BodyIndex
 
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import make_spec
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.paths import data_root
 from mirdrake.identification import DataSet, Log
-from mirdrake.paths import data_root
-from mirdrake.simulation import Simulation
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.parse import parse_urdf
 

@@ -11,10 +11,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, LogVectorOutput
 
-from mirdrake.plant import PlantSpec, make_plant, set_start
+from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.plant.suspension import make_anti_roll
 from mirdrake.single_track import SingleTrack, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
-from mirdrake.suspension import make_anti_roll
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.tir import write_tir

@@ -9,7 +9,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from mirdrake import paths
+from mirdrake.core import paths
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")

@@ -32,7 +32,7 @@ import pandas as pd
 import yaml
 
 from mirdrake.cli import main
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 
 TIME_LIMIT = 30.0  # [s]
 LONGEST = 1100  # characters of a line

@@ -8,8 +8,8 @@ import numpy as np
 import yaml
 from pydrake.systems.framework import Context
 
-from mirdrake.diagram import Assembly, assemble
-from mirdrake.paths import data_root
+from mirdrake.assembly.diagram import Assembly, assemble
+from mirdrake.core.paths import data_root
 from mirdrake.tyres.wheel_motion import base_motion, wheel_motion, wheel_places
 
 HANDLING = ("bolt", "mkz", "catvehicle", "unior")

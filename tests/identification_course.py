@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 
 CAR = {
     "mass": 1435.0, "wheelbase": 2.645, "front": 1.10, "height": 0.54, "roll_arm": 0.42, "track": 1.565,

@@ -7,10 +7,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import make_spec
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.identification import DataSet, Log
-from mirdrake.telemetry import vehicle_states
+from mirdrake.runs.telemetry import vehicle_states
 
 CARGO = ((160.0, (3.3, 0.0, 0.6)), (190.0, (-0.7, 0.0, 0.6)))
 """Point masses in the nose and in the boot: mass [kg], place in the vehicle frame [m]."""

@@ -8,10 +8,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from mirdrake.diagram import assemble
-from mirdrake.logs import Run
-from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
+from mirdrake.runs.logs import Run
+from mirdrake.runs.simulation import Simulation
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.spec import Pid

@@ -12,10 +12,10 @@ from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInert
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
+from mirdrake.core.signals import signals
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, SampledValue
-from mirdrake.signals import signals
 
 GRAVITY = 9.80665
 

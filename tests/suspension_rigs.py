@@ -13,10 +13,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantValueSource, ConstantVectorSource, VectorLogSink
 
-from mirdrake.paths import data_root
-from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.suspension import make_anti_roll
-from mirdrake.telemetry import vehicle_states
+from mirdrake.core.paths import data_root
+from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
+from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
 from mirdrake.vehicles.mounts import SensorsSpec

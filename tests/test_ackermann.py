@@ -9,9 +9,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.controllers import Ackermann, AckermannSteering, AxleGeometry
-from mirdrake.errors import ConfigError
-from mirdrake.signals import signals_of
-from mirdrake.testing import assert_follows, drive
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import signals_of
+from mirdrake.gym.testing import assert_follows, drive
 
 BOLT = AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5)
 SCRUBBED = AxleGeometry(2.6, front_track=1.56, rear_track=1.48, kingpin_track=1.36, steering_limit=0.6)

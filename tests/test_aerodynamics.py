@@ -12,11 +12,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from mirdrake.aerodynamics import AirForces, feels_air, pressure_centre
-from mirdrake.diagram import assemble, load_diagram, make_spec
-from mirdrake.errors import ConfigError
-from mirdrake.plant import PlantSpec, make_plant, set_start
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble, load_diagram, make_spec
+from mirdrake.core.errors import ConfigError
+from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.runs.simulation import Simulation
+from mirdrake.tyres.aerodynamics import AirForces, feels_air, pressure_centre
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.rigs import free_rolling

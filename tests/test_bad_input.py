@@ -12,8 +12,8 @@ from textwrap import dedent
 
 import pytest
 
-from mirdrake import paths
 from mirdrake.cli import main
+from mirdrake.core import paths
 
 DRIVE = dedent(
     """\
@@ -33,7 +33,7 @@ BLOCKS = dedent(
     from pydrake.common.value import Value
     from pydrake.systems.framework import BasicVector, LeafSystem
 
-    from mirdrake.signals import declare_vector_input, declare_vector_output, signals
+    from mirdrake.core.signals import declare_vector_input, declare_vector_output, signals
 
     RATE = 3.0
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.errors import ConfigError
-from mirdrake.plant import make_plant
+from mirdrake.core.errors import ConfigError
+from mirdrake.plant.plant import make_plant
 from mirdrake.single_track import estimate_parameters
 from mirdrake.tyres.wheel_tyres import make_spinning_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle

@@ -29,11 +29,11 @@ from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
 from mirdrake.controllers.behaviours.spec import FollowPathSpec, HoldLaneSpec
 from mirdrake.controllers.drivers import DRIVERS, make_driver
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.yaml_io import parse_tree, parse_yaml
 from mirdrake.sensors.range_scan import RangeScan
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
-from mirdrake.yaml_io import parse_tree, parse_yaml
 
 STEP, BRAKES = 0.005, 5.0
 BOX = Outline(-0.8, 3.4, 0.9, 1.6)

@@ -11,8 +11,8 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from mirdrake.errors import ModelError
-from mirdrake.paths import data_root
+from mirdrake.core.errors import ModelError
+from mirdrake.core.paths import data_root
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.bodywork.car import CarOutline, arch_clearance, build_skin
 from mirdrake.vehicles.bodywork.curves import curve, smooth_max, smooth_min

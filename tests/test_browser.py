@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.diagram import assemble
-from mirdrake.logs import Run
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.runs.logs import Run
+from mirdrake.runs.simulation import Simulation
 from mirdrake.viewer import FollowCamera
 from mirdrake.viewer.meshcat import chase
 from mirdrake.viewer.recording import smooth_headings

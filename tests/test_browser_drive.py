@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirdrake.logs import load_run
-from mirdrake.simulation import simulate
+from mirdrake.runs.logs import load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.viewer import write_recording
 from tests.chromium import NEEDS_BROWSER, PICTURES, assert_not_blank, open_browser, take_picture
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mirdrake.paths import names
+from mirdrake.core.paths import names
 from mirdrake.suites import Case, collect_cases
 from mirdrake.suites.worker import run_case
 

@@ -9,13 +9,13 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.controllers.behaviours.outline import outline_of
-from mirdrake.errors import ConfigError
-from mirdrake.paths import data_root
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import data_root
+from mirdrake.core.yaml_io import load_yaml
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks import check_world
 from mirdrake.worlds import PlacedProp, World, load_world, make_world
 from mirdrake.worlds.spec import WorldSpec
-from mirdrake.yaml_io import load_yaml
 
 GROUPS = sorted(path.stem for path in (data_root() / "worlds" / "groups").glob("*.yaml"))
 COUNTS = {  # props of each kind that a world must have to be what its name says

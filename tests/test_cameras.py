@@ -19,16 +19,16 @@ from pydrake.multibody.tree import FixedOffsetFrame
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError
-from mirdrake.paths import find
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import find
+from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.sensors.cameras import Camera, add_renderer, rendering
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
 from mirdrake.sensors.noise import noise_stream
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.lens import LensSpec
 from mirdrake.vehicles.mounts import DepthCameraMount, SensorMount, SensorsSpec
-from mirdrake.yaml_io import parse_yaml
 
 FAULT = rendering._egl_fault()
 needs_egl = pytest.mark.skipif(FAULT is not None, reason=f"cameras cannot be drawn here: {FAULT}")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import fresnel
 
-from mirdrake.errors import ConfigError, WorldError
+from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.csv_lines import read_csv_track
 from mirdrake.worlds.pieces import Piece

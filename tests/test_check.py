@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mirdrake import cli
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 from mirdrake.schemas import format_of
 
 Call = Callable[..., tuple[int, str, list[str]]]

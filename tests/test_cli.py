@@ -13,7 +13,7 @@ from textwrap import dedent
 import pytest
 
 from mirdrake.cli import main
-from mirdrake.logs import load_run
+from mirdrake.runs.logs import load_run
 
 DRIVE = dedent(
     """\

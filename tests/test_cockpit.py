@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import yaml
 
+from mirdrake.assembly.diagram_spec import load_diagram
 from mirdrake.cli import main
-from mirdrake.diagram_spec import load_diagram
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import load_run
-from mirdrake.simulation import simulate
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.runs.logs import load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.viewer.cockpit import Cockpit, OpenCockpit, drive_spec
 from mirdrake.viewer.cockpit.pace import BEHIND
 from mirdrake.viewer.cockpit.shapes import arrows, ribbon

@@ -23,10 +23,10 @@ from mirdrake.controllers import (
     VelocityCommand,
     command_step,
 )
-from mirdrake.errors import ConfigError
-from mirdrake.signals import signals_of
-from mirdrake.testing import assert_follows, drive
-from mirdrake.yaml_io import Schema, parse_yaml
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import signals_of
+from mirdrake.core.yaml_io import Schema, parse_yaml
+from mirdrake.gym.testing import assert_follows, drive
 
 
 def after(time, *, speed=4.0, steering=0.1, stamp=0.0, state=None, limits=None):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba.core.caching import CompileResultCacheImpl
 
-from mirdrake import compiled as machine
-from mirdrake.compiled import compiled, plain, record_type, records
+from mirdrake.core import compiled as machine
+from mirdrake.core.compiled import compiled, plain, record_type, records
 
 
 class Spring(NamedTuple):

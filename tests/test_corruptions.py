@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 
 BOLT = data_root() / "models" / "bolt"
 FILES = sorted(path.name for path in BOLT.iterdir() if path.suffix in {".xacro", ".yaml"})
@@ -73,8 +73,8 @@ def serve(pipe: Connection) -> None:
     from pydrake.systems.analysis import Simulator
     from pydrake.systems.framework import DiagramBuilder
 
-    from mirdrake.errors import MirdrakeError
-    from mirdrake.plant import PlantSpec, make_plant, set_start
+    from mirdrake.core.errors import MirdrakeError
+    from mirdrake.plant.plant import PlantSpec, make_plant, set_start
     from mirdrake.vehicles import load_vehicle
     from mirdrake.worlds import load_world
 
@@ -333,7 +333,7 @@ def corrupt(random: Random, folder: Path) -> str:
 
 def collect(scratch: Path) -> list[Path]:
     """The folders to break: the reference vehicles, a new one, and an imported one."""
-    from mirdrake.vehicles.importing import import_vehicle
+    from mirdrake.importing.vehicles import import_vehicle
     from mirdrake.vehicles.scaffold import new_vehicle
     from tests.trap_packages import golf_cart
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from mirdrake.diagram import make_spec
-from mirdrake.errors import ConfigError, MirdrakeError
-from mirdrake.logs import load_run
-from mirdrake.paths import data_root
+from mirdrake.assembly.diagram import make_spec
+from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.paths import data_root
+from mirdrake.core.yaml_tree import parse_tree
+from mirdrake.runs.logs import load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.schemas import check_file
-from mirdrake.simulation import simulate
 from mirdrake.worlds import load_world
 from mirdrake.worlds.csv_lines import read_csv_track
-from mirdrake.yaml_tree import parse_tree
 
 FILES = ("spec.yaml", "summary.json", "signals.parquet", "events.jsonl")
 

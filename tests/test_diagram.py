@@ -12,11 +12,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 import mirdrake as mir
+from mirdrake.assembly.diagram import assemble, make_spec
+from mirdrake.assembly.drawing import draw_svg, write_dot
 from mirdrake.cli import main as mir_main
-from mirdrake.diagram import assemble, make_spec
-from mirdrake.drawing import draw_svg, write_dot
-from mirdrake.errors import ConfigError, MissingDependencyError
-from mirdrake.simulation import simulate
+from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.runs.simulation import simulate
 
 POINT: dict[str, Any] = {"contact": "point"}
 QUIET = {"meshcat": False, "report": False}
@@ -25,7 +25,7 @@ OWN_BLOCKS = dedent(
     """\
     from pydrake.systems.framework import LeafSystem
 
-    from mirdrake.signals import declare_vector_input, declare_vector_output, signals
+    from mirdrake.core.signals import declare_vector_input, declare_vector_output, signals
 
 
     class Scale(LeafSystem):

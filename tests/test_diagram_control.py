@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from mirdrake.diagram_spec import DiagramSpec
-from mirdrake.errors import ConfigError
-from mirdrake.scene import make_scene
-from mirdrake.simulation import simulate
-from mirdrake.yaml_io import parse_yaml
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.scene import make_scene
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import parse_yaml
+from mirdrake.runs.simulation import simulate
 
 TEXT = "world: empty\nvehicles:\n  ego:\n    model: bolt\n    control:\n      {}\n"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mirdrake.diagram import assemble
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.runs.simulation import Simulation
 from mirdrake.suites import collect_cases
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.spec import ControlSpec, VehicleSpec

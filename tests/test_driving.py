@@ -8,9 +8,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
-from mirdrake.plant import PlantSpec, make_plant, set_start
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.runs.simulation import Simulation
 from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from mirdrake import errors
-from mirdrake.errors import MirdrakeError, did_you_mean
+from mirdrake.core import errors
+from mirdrake.core.errors import MirdrakeError, did_you_mean
 
 
 def _classes() -> dict[str, type[Exception]]:

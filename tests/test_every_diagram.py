@@ -2,9 +2,9 @@
 
 import pytest
 
-from mirdrake.diagram import assemble, load_diagram
-from mirdrake.paths import data_root
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble, load_diagram
+from mirdrake.core.paths import data_root
+from mirdrake.runs.simulation import Simulation
 
 ROOT = data_root()
 DIAGRAMS = sorted(path.stem for path in (ROOT / "diagrams").glob("*.yaml"))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mirdrake.diagram import assemble
-from mirdrake.paths import data_root
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.paths import data_root
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle, variants
 
 ROOT = data_root()

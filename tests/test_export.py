@@ -20,8 +20,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from mirdrake import sensors
 from mirdrake.cli import main
 from mirdrake.export.frames import eyes_of
-from mirdrake.logs import Run, load_run
-from mirdrake.simulation import simulate
+from mirdrake.runs.logs import Run, load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.vehicles import load_vehicle
 from tests.recording_rigs import COLUMNS, ROWS, stubs
 from tests.test_recording import drive

@@ -13,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from mirdrake.controllers.vectors import STATE
+from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres import Rig, find_facts
 from mirdrake.manoeuvres.drivers import OpenLoopDriver
 from mirdrake.manoeuvres.record import Record

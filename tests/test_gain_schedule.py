@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from mirdrake.controllers.vectors import STATE
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.vectors import STATE
+from mirdrake.core.yaml_io import parse_yaml
+from mirdrake.execution.parameters import find_knobs
+from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track.chain import SingleTrackControl
-from mirdrake.studies.knobs import find_knobs
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.result_folder import read_result
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.spec import ControlSpec
 from mirdrake.viewer.cockpit.gains import list_gains
 from mirdrake.worlds import load_world
-from mirdrake.yaml_io import parse_yaml
 from tests.tuning_sample import result_data
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -11,9 +11,9 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from mirdrake.errors import ConfigError  # noqa: E402
+from mirdrake.core.errors import ConfigError  # noqa: E402
 from mirdrake.gym import ID, DriveEnv, Moment  # noqa: E402
-from mirdrake.testing import drive  # noqa: E402
+from mirdrake.gym.testing import drive  # noqa: E402
 
 PLAIN: dict[str, Any] = {
     "world": "skidpad",

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import assemble
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.constants import GRAVITY
+from mirdrake.runs.simulation import Simulation
 from tests.handling_rigs import HANDLING, EnergyWatch, free_handling, rolling_car
 from tests.tyre_rigs import make_slope
 

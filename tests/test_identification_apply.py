@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirdrake.cli import identify_apply
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.apply import PLACES, plan_apply, read_fit
 from mirdrake.identification.fit import Fit, FittedParameter
 from mirdrake.vehicles import load_vehicle

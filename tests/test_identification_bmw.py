@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from mirdrake.cli import main
+from mirdrake.core.yaml_tree import parse_tree
 from mirdrake.identification.fit import Fit, load_fit
 from mirdrake.schemas import make_schema
-from mirdrake.yaml_tree import parse_tree
 
 STUDIES = Path(__file__).resolve().parent.parent / "studies"
 LANE, BRAKING = STUDIES / "identify_bmw_m8.yaml", STUDIES / "identify_bmw_m8_braking.yaml"

@@ -19,14 +19,14 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
 from scipy.io import savemat
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data, load_data
 from mirdrake.identification.alignment import delay_of
 from mirdrake.identification.channels import CHANNELS, unit_factor
 from mirdrake.identification.samples import find_glitches
 from mirdrake.identification.spec import REPAIRS
 from mirdrake.identification.timing import hold_of
-from mirdrake.logs import RunWriter
+from mirdrake.runs.logs import RunWriter
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 
 CAR = SingleTrackParameters(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from mirdrake.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.export.mcap import write_mcap
 from mirdrake.identification import bags, load_data
-from mirdrake.logs import RunWriter, load_run
+from mirdrake.runs.logs import RunWriter, load_run
 from mirdrake.worlds import load_world
 
 rosbags = pytest.importorskip("rosbags")
@@ -145,9 +145,8 @@ def test_an_exported_run_is_read_back(tmp_path, monkeypatch):
     run = load_run(tmp_path / "run")
     from mirdrake.export import mcap as exporting
 
-    monkeypatch.setattr(
-        type(run), "scene", lambda _: SimpleNamespace(vehicles={}, world=load_world("empty"))
-    )  # signals only
+    empty = SimpleNamespace(vehicles={}, world=load_world("empty"))  # the run carries signals only
+    monkeypatch.setattr(type(run), "scene", lambda _: empty)
     streams = exporting._Streams(run)
     with (tmp_path / "own.mcap").open("wb") as file:
         own, channels = Writer(file), {}

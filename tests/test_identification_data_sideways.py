@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirdrake.cli import main
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data
 from mirdrake.identification.identify import doubt_poor
 from mirdrake.identification.relations import make_grid

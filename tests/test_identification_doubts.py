@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.doubts import effects_of, expected_square
 from mirdrake.identification.estimators.problem import Problem

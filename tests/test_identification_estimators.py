@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.covariance import Stretch, autoregression, block_bootstrap, score_covariance

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirdrake.cli import main
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.default_study import default_study
 from mirdrake.identification.estimators import fit

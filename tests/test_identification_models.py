@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.problem import Problem

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from pydrake.math import RigidTransform
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.channels import CHANNELS as CHANNEL_UNITS
 from mirdrake.identification.estimators import EstimatorOptions, fit

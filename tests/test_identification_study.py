@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.estimators import EstimatorOptions
 from mirdrake.identification.fit import Fit, load_fit
 from mirdrake.identification.identify import Identification, identify, to_number

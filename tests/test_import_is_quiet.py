@@ -47,6 +47,8 @@ def test_import_opens_no_socket(looks: list[dict[str, list[str]]]) -> None:
 
 
 def test_errors_and_paths_come_without_drake() -> None:
-    code = "import sys, mirdrake.errors, mirdrake.paths, mirdrake.yaml_io; print('pydrake' in sys.modules)"
+    code = (
+        "import sys, mirdrake.core.errors, mirdrake.core.paths, mirdrake.core.yaml_io; print('pydrake' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("False\n", "")

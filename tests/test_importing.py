@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError, ModelError
-from mirdrake.simulation import Simulation
-from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.importing import import_vehicle
-from mirdrake.vehicles.importing.masses import centre_of_mass, total_mass
-from mirdrake.vehicles.importing.model import (
+from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.importing.vehicles import import_vehicle
+from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
+from mirdrake.importing.vehicles.model import (
     Controller,
     Inertial,
     Joint,
@@ -27,8 +25,10 @@ from mirdrake.vehicles.importing.model import (
     Surface,
     Transmission,
 )
-from mirdrake.vehicles.importing.recognise import recognise
-from mirdrake.vehicles.importing.repair import repair
+from mirdrake.importing.vehicles.recognise import recognise
+from mirdrake.importing.vehicles.repair import repair
+from mirdrake.runs.simulation import Simulation
+from mirdrake.vehicles import load_vehicle
 
 WHEELBASE, TRACK, RADIUS, WIDTH, KINGPIN = 2.6, 1.5, 0.3, 0.2, 0.05
 BODY, WHEEL, HUB = 1400.0, 20.0, 10.0
@@ -912,7 +912,7 @@ SIZES = {"full size": ({}, 5.0), "1:10": ({"scale": 1 / 6, "mass": 3.5}, 2.0)}  
 @pytest.fixture
 def same_process(monkeypatch):
     """Without the process that Drake may crash in: these folders are known to load."""
-    monkeypatch.setattr("mirdrake.vehicles.importing.check_loads", lambda folder: None)
+    monkeypatch.setattr("mirdrake.importing.vehicles.check_loads", lambda folder: None)
 
 
 @pytest.fixture(scope="module", params=SIZES)
@@ -1073,7 +1073,7 @@ def test_a_body_or_a_frame_that_is_seen_is_left_as_it_is(tmp_path, same_process,
 def test_the_terminal_reports_a_missing_body_first_and_a_missing_picture(
     tmp_path, same_process, capsys, monkeypatch, code, words
 ):
-    monkeypatch.setattr("mirdrake.vehicles.importing.check.run_module", lambda *given, **options: (code, words))
+    monkeypatch.setattr("mirdrake.importing.vehicles.check.run_module", lambda *given, **options: (code, words))
     source = write(tmp_path / "source", body=UNSEEN["no file"])
     assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr()
@@ -1158,7 +1158,7 @@ def test_nothing_is_written_when_an_import_fails(tmp_path):
 
 
 def test_a_folder_that_does_not_load_is_reported_in_one_line_and_taken_away(tmp_path, monkeypatch):
-    monkeypatch.setattr("mirdrake.vehicles.importing.write._geometry", lambda shape: '<box size="0 0 0"/>')
+    monkeypatch.setattr("mirdrake.importing.vehicles.write._geometry", lambda shape: '<box size="0 0 0"/>')
     with pytest.raises(ModelError, match="does not load: ") as caught:
         import_vehicle(write(tmp_path / "source"), folder=tmp_path / "models")
     assert "\n" not in str(caught.value)
@@ -1192,7 +1192,7 @@ def test_an_imported_vehicle_imported_again_is_the_same_car(driven, tmp_path, sa
 
 def test_a_dry_run_reports_changes_and_rejections_and_writes_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mirdrake.vehicles.importing.write_car", lambda *_, **__: pytest.fail("meshes are converted"))
+    monkeypatch.setattr("mirdrake.importing.vehicles.write_car", lambda *_, **__: pytest.fail("meshes are converted"))
     write(tmp_path / "source", extra=SENSORS)
     assert main(["import", "vehicle", "source/car.urdf", "--dry-run"]) == 0
     out = capsys.readouterr().out

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import ModelError
-from mirdrake.plant import make_plant, set_start
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles import ImportResult, import_vehicle
+from mirdrake.plant.plant import make_plant, set_start
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.importing import ImportResult, import_vehicle
 from mirdrake.worlds import load_world
 from tests import trap_packages as traps
 from tests.mesh_rigs import add_eye

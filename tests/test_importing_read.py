@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mirdrake.errors import ModelError
-from mirdrake.vehicles.importing.packages import Packages
-from mirdrake.vehicles.importing.read import read_source
-from mirdrake.vehicles.importing.recognise import recognise
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.vehicles.read import read_source
+from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.vehicles.xacro_render import MissingArgumentsError
 from tests import trap_packages as traps
 

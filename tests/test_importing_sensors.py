@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from mirdrake.errors import MirdrakeError
-from mirdrake.vehicles.importing.car import Car
-from mirdrake.vehicles.importing.read import read_source
-from mirdrake.vehicles.importing.recognise import recognise
-from mirdrake.vehicles.importing.repair import repair
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.importing.vehicles.car import Car
+from mirdrake.importing.vehicles.read import read_source
+from mirdrake.importing.vehicles.recognise import recognise
+from mirdrake.importing.vehicles.repair import repair
 from mirdrake.vehicles.mounts import LaserScannerMount, SensorsSpec
 from tests.test_importing import said, write
 

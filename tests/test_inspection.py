@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from mirdrake.cli import main
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 from mirdrake.report import surfaces
 from mirdrake.report.inspection import describe, draw_links, write_inspection
 from mirdrake.report.surfaces import collect_surfaces

@@ -16,10 +16,10 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.framework import LeafSystem as DrakeLeafSystem
 
 import mirdrake
-from mirdrake.diagram import assemble
-from mirdrake.leaf_system import FreeableType, LeafSystem, declare_cached_value
-from mirdrake.paths import find
-from mirdrake.simulation import simulate
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.leaf_system import FreeableType, LeafSystem, declare_cached_value
+from mirdrake.core.paths import find
+from mirdrake.runs.simulation import simulate
 from mirdrake.single_track.chain import make_single_track_vehicle
 from mirdrake.single_track.dynamics import Tyres
 from mirdrake.vehicles import load_vehicle

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.manoeuvres.base import Array, scaled
 from mirdrake.manoeuvres.courses import Body, Section, circle, clearance, eight, make_line, within
 from mirdrake.manoeuvres.drivers import make_rows

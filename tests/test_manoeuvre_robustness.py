@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
-from mirdrake.diagram import assemble
 from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, read_settings, run_manoeuvre
 from mirdrake.manoeuvres.base import Metric, scaled
 from mirdrake.manoeuvres.courses import eight, make_line
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, SlalomSpec
 from mirdrake.manoeuvres.search import find_highest
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
-from mirdrake.plant import PlantSpec
-from mirdrake.simulation import Simulation
+from mirdrake.plant.plant import PlantSpec
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 
 NAME = "bolt@handling"
@@ -58,7 +58,7 @@ def test_a_run_ends_with_the_step_on_which_its_condition_is_met():
 
 
 def test_a_condition_may_be_met_before_the_first_sample_of_a_block(monkeypatch):
-    monkeypatch.setattr("mirdrake.simulation.LONG_BLOCK", 0.5)
+    monkeypatch.setattr("mirdrake.runs.simulation.LONG_BLOCK", 0.5)
     run = _simulation("test_track").run(until=lambda context: context.get_time() > 0.5)
     assert run.summary["stop_reason"] == "condition"
     assert run.summary["simulated_s"] == pytest.approx(0.505)

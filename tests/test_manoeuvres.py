@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from mirdrake.cli import main
-from mirdrake.logs import load_run
 from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, run_manoeuvre
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.skidpad import SkidpadSpec
 from mirdrake.manoeuvres.straight import AccelerationSpec, BrakingSpec, brake_run
+from mirdrake.runs.logs import load_run
 from mirdrake.single_track import understeer_gradient
 from mirdrake.vehicles import load_vehicle
 

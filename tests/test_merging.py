@@ -9,7 +9,7 @@ from pydrake.geometry import Box, Cylinder, Role
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
-from mirdrake.diagram import assemble
+from mirdrake.assembly.diagram import assemble
 from mirdrake.sensors.cameras import merge_still_things, merging, rendering
 from mirdrake.sensors.ranging import RayWorld
 from tests import test_cameras

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 from mirdrake.vehicles import load_vehicle
 
 MODELS = sorted(path.parent for path in (data_root() / "models").glob("*/vehicle.yaml"))

@@ -7,9 +7,9 @@ import pytest
 from pydrake.geometry import Box, HalfSpace
 from pydrake.systems.analysis import Simulator
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import assemble
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.constants import GRAVITY
+from mirdrake.runs.simulation import Simulation
 
 POSTS = "{{box: [0.5, 0.5, 1], grid: {{origin: [0, {y}], step: [2, {step}], count: [{columns}, {rows}]}}{more}}}"
 

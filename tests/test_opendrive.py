@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import fresnel
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.worlds.opendrive import OpenDriveRoad, read_opendrive
 from mirdrake.worlds.pieces import Piece, Placement, advance
 from mirdrake.worlds.tracks import Track

@@ -20,9 +20,9 @@ from mirdrake.controllers import (
     make_speed_profile,
 )
 from mirdrake.controllers.path_tracking import PathTables
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.signals import signals_of
-from mirdrake.yaml_io import parse_yaml
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.signals import signals_of
+from mirdrake.core.yaml_io import parse_yaml
 
 BOLT = AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mirdrake import paths
-from mirdrake.errors import ConfigError
+from mirdrake.core import paths
+from mirdrake.core.errors import ConfigError
 from mirdrake.worlds.props import prop_names
 
 
@@ -28,7 +28,7 @@ def _model(root: Path, name: str) -> Path:
 
 def test_the_checkout_holds_the_data_and_no_share_folder() -> None:
     assert (paths.data_root() / "worlds").is_dir()
-    package = Path(paths.__file__).parent
+    package = Path(paths.__file__).parents[1]
     assert not (package / "share").exists() or not (package.parent / "pyproject.toml").exists()
 
 
@@ -115,7 +115,7 @@ def test_a_name_that_no_file_can_have_is_an_ordinary_mistake(name: str) -> None:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from mirdrake.paths import staging
+from mirdrake.core.paths import staging
 
 left, real = int(sys.argv[2]), Path.rename
 

@@ -13,15 +13,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
+from mirdrake.assembly.diagram import assemble, make_diagram
 from mirdrake.controllers import VehicleControl
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.schedule import ConstantCommand
-from mirdrake.diagram import assemble, make_diagram
-from mirdrake.errors import ConfigError
-from mirdrake.paths import data_root
-from mirdrake.plant import PlantSpec, make_plant
-from mirdrake.powertrain import Measured, PowertrainLaw
-from mirdrake.simulation import Simulation
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import data_root
+from mirdrake.plant.plant import PlantSpec, make_plant
+from mirdrake.plant.powertrain import Measured, PowertrainLaw
+from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import make_single_track_vehicle
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.powertrain_spec import Actuators, SteeringActuator

@@ -8,10 +8,10 @@ from pydrake.geometry import Box, Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError
-from mirdrake.perception import DistanceEstimator, add_cloud_overlays, nearest_return, show_points
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ConfigError
 from mirdrake.sensors import LaserScanner, Lidar
+from mirdrake.sensors.perception import DistanceEstimator, add_cloud_overlays, nearest_return, show_points
 from tests.ranging_rigs import ABOVE, Room, lidar, scanner
 from tests.sensor_rigs import held
 
@@ -91,7 +91,8 @@ def test_it_is_made_for_a_scanner_or_from_a_diagram_file() -> None:
         "sensors": {"ego": ["front_lidar"]},
         "systems": {
             "ahead": {
-                "kind": "mirdrake.perception:DistanceEstimator", "beams": 180, "start_angle": -1.57, "end_angle": 1.57
+                "kind": "mirdrake.sensors.perception:DistanceEstimator",
+                "beams": 180, "start_angle": -1.57, "end_angle": 1.57,
             }
         },
         "connect": [["ego.front_lidar", "ahead.ranges"], ["ego.front_lidar.stamp", "ahead.stamp"]],

@@ -11,9 +11,9 @@ from pydrake.systems.primitives import ConstantVectorSource
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits, PidState, SpeedControl, pid_step
 from mirdrake.controllers.ackermann import AxleGeometry
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
-from mirdrake.errors import ConfigError
-from mirdrake.signals import signals, signals_of
-from mirdrake.testing import assert_follows, drive
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import signals, signals_of
+from mirdrake.gym.testing import assert_follows, drive
 
 H = 0.01
 

@@ -9,10 +9,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 import mirdrake as mir
-from mirdrake.errors import ModelError
-from mirdrake.plant import PlantSpec, make_plant, set_start
+from mirdrake.core.errors import ModelError
+from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.sensors import GroundTruth
-from mirdrake.telemetry import vehicle_states
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.core.errors import MissingDependencyError
 from mirdrake.sensors.cameras import rendering as camera
 from mirdrake.vehicles import load_vehicle
 from mirdrake.viewer.portrait import draw_portrait, main, try_portrait

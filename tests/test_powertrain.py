@@ -7,15 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from mirdrake.errors import ConfigError
-from mirdrake.powertrain import ActuatorLaw, Measured, PowertrainLaw
-from mirdrake.powertrain.actuator import follow
-from mirdrake.powertrain.antilock import BRAKING, DRIVING, SlipState, hold_slip
-from mirdrake.powertrain.brakes import AxleShares, drive_shares, driven_rate, split_brakes, split_drive
-from mirdrake.powertrain.engine import Engine, GearState
-from mirdrake.powertrain.maps import PedalMaps, invert_map, read_map
-from mirdrake.powertrain.motor import Motor, full_torque, generator_torque, make_motor, wheel_limits
-from mirdrake.powertrain.stability import stability_torques
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import parse_yaml
+from mirdrake.plant.powertrain import ActuatorLaw, Measured, PowertrainLaw
+from mirdrake.plant.powertrain.actuator import follow
+from mirdrake.plant.powertrain.antilock import BRAKING, DRIVING, SlipState, hold_slip
+from mirdrake.plant.powertrain.brakes import AxleShares, drive_shares, driven_rate, split_brakes, split_drive
+from mirdrake.plant.powertrain.engine import Engine, GearState
+from mirdrake.plant.powertrain.maps import PedalMaps, invert_map, read_map
+from mirdrake.plant.powertrain.motor import Motor, full_torque, generator_torque, make_motor, wheel_limits
+from mirdrake.plant.powertrain.stability import stability_torques
 from mirdrake.tyres.brush import BrushTyre, brush_forces
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.powertrain_spec import (
@@ -30,7 +31,6 @@ from mirdrake.vehicles.powertrain_spec import (
     rotor_inertia,
 )
 from mirdrake.vehicles.spec import VehicleSpec
-from mirdrake.yaml_io import parse_yaml
 
 RADIUS, MASS, PERIOD = 0.32, 1616.0, 0.01
 ELECTRIC = ElectricPowertrain(

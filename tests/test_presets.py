@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
+from mirdrake.assembly.diagram import assemble, load_diagram
 from mirdrake.cli import main
-from mirdrake.diagram import assemble, load_diagram
-from mirdrake.errors import ConfigError
-from mirdrake.paths import data_root
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import data_root
+from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, parse_yaml, validate
+from mirdrake.core.yaml_tree import lay_over
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.mounts import CameraMount, SensorsSpec, change_mounts
 from mirdrake.vehicles.presets import presets
-from mirdrake.yaml_io import Source, load_yaml, parse_tree, parse_yaml, validate
-from mirdrake.yaml_tree import lay_over
 from tests.sensor_rigs import vehicle_with
 
 PRESETS = sorted(presets())

@@ -14,7 +14,7 @@ import trimesh
 import yaml
 from scipy.spatial import ConvexHull, cKDTree
 
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 from mirdrake.worlds.props import load_prop, make_mesh_prop
 
 ROOT = data_root() / "models" / "props"

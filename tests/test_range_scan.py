@@ -15,9 +15,9 @@ from shapely import affinity
 from mirdrake.controllers import AxleGeometry
 from mirdrake.controllers.behaviours.fan import beam_angles
 from mirdrake.controllers.behaviours.outline import Outline, front_of, outline_of
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import signals_of
 from mirdrake.sensors.range_scan import PropPoses, RangeScan, scan
-from mirdrake.signals import signals_of
 from mirdrake.vehicles import load_vehicle
 
 EXACT = 1e-9

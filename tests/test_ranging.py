@@ -23,7 +23,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.diagram import assemble
+from mirdrake.assembly.diagram import assemble
 from mirdrake.sensors.ranging import beams, ray_world
 from mirdrake.sensors.ranging.motion import BodyState, body_state, poses_at, rotation_vector, rotations
 from mirdrake.sensors.ranging.scene import RayScene

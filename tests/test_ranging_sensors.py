@@ -12,17 +12,17 @@ from pydrake.geometry import Box, Cylinder, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError, MissingDependencyError
-from mirdrake.paths import data_root
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.paths import data_root
+from mirdrake.core.yaml_io import parse_yaml
+from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors import SENSORS, LaserScanner, Lidar, LidarScan, Radar, Sonar
 from mirdrake.sensors.ranging import RayWorld, make_lidar
 from mirdrake.sensors.ranging.faces import flat
 from mirdrake.sensors.ranging.scene import RayScene
-from mirdrake.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.mounts import LidarMount, SensorsSpec
-from mirdrake.yaml_io import parse_yaml
 from tests.ranging_rigs import ABOVE, Room, lidar, radar, scanner, sonar
 from tests.sensor_rigs import Carousel, held
 

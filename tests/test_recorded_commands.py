@@ -8,9 +8,9 @@ import pytest
 
 from mirdrake.cli import main
 from mirdrake.controllers.command_log import read_commands
-from mirdrake.errors import ConfigError
-from mirdrake.logs import load_run
-from mirdrake.simulation import simulate
+from mirdrake.core.errors import ConfigError
+from mirdrake.runs.logs import load_run
+from mirdrake.runs.simulation import simulate
 
 DIAGRAM = """\
 world: skidpad

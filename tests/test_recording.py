@@ -18,14 +18,14 @@ import pytest
 from PIL import Image
 
 from mirdrake import sensors
-from mirdrake.diagram_spec import RecordSpec
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import load_run
-from mirdrake.recording.arrays import ArrayLog, RunArrays
-from mirdrake.recording.pictures import PictureLog, encode, make_pool, parse_start, picture_time, read_pictures
+from mirdrake.assembly.diagram_spec import RecordSpec
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.recording.arrays import ArrayLog, RunArrays
+from mirdrake.core.recording.pictures import PictureLog, encode, make_pool, parse_start, picture_time, read_pictures
+from mirdrake.runs.logs import load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.sensors.cameras import rendering
 from mirdrake.sensors.noise import is_lost, noise_stream
-from mirdrake.simulation import simulate
 from tests.recording_rigs import BEAMS, COLUMNS, ROWS, LateCamera, make_scan, stubs
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -273,7 +273,7 @@ def test_arrays_of_varying_size_come_back_one_by_one(tmp_path: Path) -> None:
 
 def test_how_parts_were_cut_does_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, wait in (("a", 0.0), ("b", 1e9)):
-        monkeypatch.setattr("mirdrake.recording.parts.FLUSH_AFTER", wait)
+        monkeypatch.setattr("mirdrake.core.recording.parts.FLUSH_AFTER", wait)
         log = ArrayLog(tmp_path / f"{name}.parquet")
         for number in range(40):
             log.write(0.1 * number, make_scan(0.1 * number, number))
@@ -344,7 +344,7 @@ RUN = dedent(
     import sys
     sys.path.insert(0, {root!r})
     from mirdrake import sensors
-    from mirdrake.simulation import simulate
+    from mirdrake.runs.simulation import simulate
     from tests.recording_rigs import stubs
     from tests.test_recording import drive
     sensors.SENSORS.update(stubs())

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from mirdrake.diagram import assemble
-from mirdrake.paths import data_root
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.paths import data_root
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle, variants
 from mirdrake.vehicles.inspection import inspect_vehicle
 from mirdrake.vehicles.spec import Pid

@@ -18,9 +18,9 @@ from PIL import Image
 
 from mirdrake import sensors
 from mirdrake.cli import main
-from mirdrake.errors import RunError
-from mirdrake.logs import Run, load_run
-from mirdrake.simulation import simulate
+from mirdrake.core.errors import RunError
+from mirdrake.runs.logs import Run, load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.viewer import replay
 from mirdrake.viewer.replay import Replay, write_replay
 from tests.chromium import NEEDS_BROWSER, open_browser

@@ -12,7 +12,8 @@ import numpy as np
 import pandas
 import pytest
 
-from mirdrake.errors import RunError
+from mirdrake.assembly.scene import Scene
+from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
 from mirdrake.report.drive import draw_drive, load_roads, outlines
 from mirdrake.report.figures import thin
@@ -20,7 +21,6 @@ from mirdrake.report.run_report import render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import middle_tangent
 from mirdrake.report.words import clock, lasting, spoken, tell
-from mirdrake.scene import Scene
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.timing import reference_seconds

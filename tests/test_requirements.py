@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from pydrake.math import RigidTransform
 
 from mirdrake import requirements
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import Run
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.requirements import Event, Observation, observe, outline, parse_requirement
 from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED
+from mirdrake.runs.logs import Run
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import PlacedProp, load_world
 from mirdrake.worlds.props import make_primitive

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import Assembly, assemble
-from mirdrake.plant import matched_friction, set_start
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import Assembly, assemble
+from mirdrake.core.constants import GRAVITY
+from mirdrake.plant.plant import matched_friction, set_start
+from mirdrake.runs.simulation import Simulation
 from mirdrake.worlds import make_world
 
 CONTACTS = ("point", "hydroelastic")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mirdrake.plant import PlantSpec
+from mirdrake.plant.plant import PlantSpec
 from tests.rigs import GRAVITY, coasting_car, drive
 
 BOLT_CRR = 0.0079

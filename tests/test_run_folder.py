@@ -18,12 +18,12 @@ import pytest
 import yaml
 
 import mirdrake as mir
+from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import RunWriter, load_run
-from mirdrake.paths import names
-from mirdrake.simulation import Simulation, default_folder, simulate
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.paths import names
+from mirdrake.runs.logs import RunWriter, load_run
+from mirdrake.runs.simulation import Simulation, default_folder, simulate
 from mirdrake.workflow import run_diagram
 
 FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "spec_sha256", "seed", "vehicles"}
@@ -244,8 +244,8 @@ def test_another_process_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_two_runs_of_one_built_diagram_are_the_same(tmp_path: Path) -> None:
-    from mirdrake.diagram import assemble
-    from mirdrake.simulation import Simulation
+    from mirdrake.assembly.diagram import assemble
+    from mirdrake.runs.simulation import Simulation
 
     simulation = Simulation(assemble(drive(duration=1.0)))
     first, second = simulation.run(), simulation.run()
@@ -309,7 +309,7 @@ def test_a_killed_run_can_be_read_up_to_that_moment(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_while_building_leaves_nothing(tmp_path: Path) -> None:
-    code = "import mirdrake.diagram as d, signal\n"
+    code = "import mirdrake.assembly.diagram as d, signal\n"
     code += "def stop(*a, **k): signal.raise_signal(signal.SIGINT)\n"
     code += "d.make_plant = stop\nfrom mirdrake.cli import main\nraise SystemExit(main(['run', 'bolt_test_track']))\n"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)

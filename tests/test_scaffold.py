@@ -16,13 +16,13 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import load_diagram
 from mirdrake.cli import new as cli_new
 from mirdrake.controllers.ackermann import Ackermann, AxleGeometry
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import load_diagram
-from mirdrake.errors import ConfigError
-from mirdrake.logs import Run
-from mirdrake.simulation import Simulation
+from mirdrake.core.errors import ConfigError
+from mirdrake.runs.logs import Run
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle, scaffold
 from mirdrake.vehicles.bodywork.generic import write_car
 from mirdrake.vehicles.estimates import HOW, TURNING_CIRCLE, Estimates, estimate

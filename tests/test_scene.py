@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import yaml
 
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.assembly.scene import FOLDER, make_scene, read_scene, write_scene
 from mirdrake.cli import main
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
+from mirdrake.core.paths import data_root, names
 from mirdrake.export.frames import Frames, sensor_mounts
-from mirdrake.logs import Run, load_run
-from mirdrake.paths import data_root, names
 from mirdrake.report.run_report import render_report
 from mirdrake.report.vehicle_charts import make_charts
-from mirdrake.scene import FOLDER, make_scene, read_scene, write_scene
-from mirdrake.simulation import simulate
+from mirdrake.runs.logs import Run, load_run
+from mirdrake.runs.simulation import simulate
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.stored import read_vehicle, vehicle_data
 from mirdrake.viewer.recording import views_of, write_recording

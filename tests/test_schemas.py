@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from mirdrake.cli import main
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_tree import parse_tree
 from mirdrake.schemas import KINDS, make_schema
-from mirdrake.yaml_tree import parse_tree
 
 jsonschema = pytest.importorskip("jsonschema")
 

@@ -8,10 +8,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
+from mirdrake.assembly.diagram import assemble
+from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors.noise import Noise, noise_stream
 from mirdrake.sensors.sampling import aligned_period
-from mirdrake.simulation import Simulation
 from mirdrake.vehicles.noise_spec import AccelerationNoise, LengthNoise, NoiseSpec, RateNoise
 from tests.sensor_rigs import Clock, TextClock, held, shown
 

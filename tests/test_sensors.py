@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from mirdrake.assembly.diagram import assemble, make_diagram
 from mirdrake.cli import main
-from mirdrake.diagram import assemble, make_diagram
-from mirdrake.errors import ConfigError, MissingDependencyError
-from mirdrake.logs import Run, load_run, picture_name
+from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.runs.logs import Run, load_run, picture_name
+from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors.cameras import rendering as camera
-from mirdrake.simulation import Simulation
 
 GRAVITY = 9.80665
 FAULT = camera._egl_fault()

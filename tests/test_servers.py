@@ -20,9 +20,9 @@ from urllib.parse import urlsplit
 import pytest
 from pydrake.geometry import Meshcat
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import RunError
-from mirdrake.simulation import Simulation, simulate
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import RunError
+from mirdrake.runs.simulation import Simulation, simulate
 from mirdrake.viewer import FollowCamera, make_meshcat
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.server import PageServer

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirdrake.diagram import assemble, load_diagram
-from mirdrake.errors import ConfigError, WorldError
+from mirdrake.assembly.diagram import assemble, load_diagram
+from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.requirements import observe
-from mirdrake.requirements.incidents import Incident
-from mirdrake.simulation import Simulation
+from mirdrake.runs.incidents import Incident
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 

@@ -7,8 +7,8 @@ import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import PassThrough
 
-from mirdrake.errors import DiagramError
-from mirdrake.signals import (
+from mirdrake.core.errors import DiagramError
+from mirdrake.core.signals import (
     Signal,
     declare_state_output,
     declare_vector_input,

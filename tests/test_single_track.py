@@ -13,12 +13,12 @@ from pydrake.systems.primitives import Linearize, LogVectorOutput
 from scipy.integrate import quad
 from scipy.linalg import expm
 
+from mirdrake.assembly.diagram import assemble
 from mirdrake.controllers.schedule import ConstantCommand
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError
-from mirdrake.plant import PlantSpec, make_plant, set_start
-from mirdrake.signals import signals_of
-from mirdrake.simulation import Simulation
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import signals_of
+from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import (
     SingleTrack,
     SingleTrackControl,

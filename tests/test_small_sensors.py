@@ -11,13 +11,13 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.signals import signals_of
+from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors import Gps, Imu, SteeringAngle, TruthSensor, WheelEncoder
 from mirdrake.sensors.geodesy import from_geodetic, to_geodetic
 from mirdrake.sensors.nmea import Fix, checksum, gga, rmc
 from mirdrake.sensors.noise import Noise, noise_stream
-from mirdrake.signals import signals_of
-from mirdrake.simulation import Simulation
 from mirdrake.vehicles.mounts import DatumSpec
 from mirdrake.vehicles.noise_spec import LengthNoise
 from tests.sensor_rigs import GRAVITY, Carousel, held, vehicle_with

@@ -18,18 +18,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.cli import main
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import ConfigError, MirdrakeError, RunError
-from mirdrake.simulation import Simulation
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.execution.job import run_job
+from mirdrake.execution.store import PARTS, RESULTS_FILE, Store, make_schema, read_rows
+from mirdrake.execution.workers import WorkerLostError
+from mirdrake.runs.simulation import Simulation
 from mirdrake.studies import Workers, find_knobs, load_results, load_study, make_study, run_study
 from mirdrake.studies import run as study_run
-from mirdrake.studies.job import run_job
 from mirdrake.studies.plan import make_plan
 from mirdrake.studies.sampling import sample
-from mirdrake.studies.store import PARTS, RESULTS_FILE, Store, make_schema, read_rows
-from mirdrake.studies.workers import WorkerLostError
 
 DIAGRAM = {
     "world": "empty",
@@ -221,7 +221,7 @@ def test_workers_outlive_what_they_are_given() -> None:
 
 def _build_much() -> int:
     """As if this process had built as many diagrams as one may; its number."""
-    from mirdrake.studies import job, workers
+    from mirdrake.execution import job, workers
 
     job._here.builds = workers.MOST_BUILDS
     return os.getpid()

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from mirdrake.errors import RunError
-from mirdrake.logs import load_run
-from mirdrake.paths import find
+from mirdrake.core.errors import RunError
+from mirdrake.core.paths import find
+from mirdrake.runs.logs import load_run
 from mirdrake.suites import Case, Result, Suite, load_suite, run_suite, vary
 
 EMPTY = str(find("worlds", "empty").resolve())

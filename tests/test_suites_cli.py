@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from mirdrake.cli import world_search, world_test
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import load_run
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.runs.logs import load_run
 from mirdrake.suites import collect_cases, load_suite
 
 WORLD = dedent(

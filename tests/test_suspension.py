@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError, ModelError
-from mirdrake.paths import data_root
-from mirdrake.plant import PlantSpec, make_plant
-from mirdrake.rest_pose import find_rest_pose
-from mirdrake.simulation import Simulation
-from mirdrake.suspension import make_anti_roll
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.core.paths import data_root
+from mirdrake.plant.plant import PlantSpec, make_plant
+from mirdrake.plant.rest_pose import find_rest_pose
+from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.suspension_rigs import FRONT, GRAVITY, REAR, TYRE, on_springs, pushed_car

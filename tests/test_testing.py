@@ -21,9 +21,9 @@ from pydrake.systems.primitives import (
 )
 
 from mirdrake.controllers import DiscretePid, PidGains
-from mirdrake.errors import ConfigError, DiagramError
-from mirdrake.signals import declare_vector_input, declare_vector_output, signals
-from mirdrake.testing import assert_follows, drive, evaluate
+from mirdrake.core.errors import ConfigError, DiagramError
+from mirdrake.core.signals import declare_vector_input, declare_vector_output, signals
+from mirdrake.gym.testing import assert_follows, drive, evaluate
 from mirdrake.vehicles import load_vehicle
 
 CIRCLE = signals(("radius", "m"), ("speed", "m/s"))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula import magic_formula, slip_curve
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.tir import parse_tir, read_tir, write_tir

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula import magic_formula
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.tir import TirFile, read_tir

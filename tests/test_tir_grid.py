@@ -7,7 +7,7 @@ from itertools import product
 
 import pytest
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula import magic_formula
 from mirdrake.tyres.magic_formula_curve import curve_at_load, magic_formula_on
 from mirdrake.tyres.tir import parse_tir

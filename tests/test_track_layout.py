@@ -14,13 +14,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mirdrake.assembly.diagram import assemble, make_spec
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line
-from mirdrake.diagram import assemble, make_spec
-from mirdrake.errors import ConfigError, WorldError
+from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.report.drive import load_roads
 from mirdrake.report.vehicle_charts import VehicleSignals, make_charts
 from mirdrake.report.words import tell
-from mirdrake.simulation import Simulation
+from mirdrake.runs.simulation import Simulation
 from mirdrake.worlds import Track, World, load_world
 from mirdrake.worlds.scenery import scenery
 from mirdrake.worlds.spec import TrackSpec

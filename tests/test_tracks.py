@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.special import fresnel
 
-from mirdrake.errors import WorldError
+from mirdrake.core.errors import WorldError
 from mirdrake.worlds import Piece, Track, load_world
 from mirdrake.worlds.pieces import advance
 from tests.timing import reference_seconds

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 from mirdrake.tuning.result import load_result
 from mirdrake.tuning.tune import tune
 from tests.tuning_rigs import short_study

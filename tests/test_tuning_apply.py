@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mirdrake.cli import tune_apply
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.result_folder import read_result
 from mirdrake.vehicles import load_vehicle

@@ -12,7 +12,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from mirdrake.errors import ConfigError, MirdrakeError
+from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.tuning.check import check_study
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
@@ -21,7 +22,6 @@ from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.make import make_loop_spec
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
 from mirdrake.tuning.spec import TuningSpec, make_tuning
-from mirdrake.yaml_io import parse_yaml
 
 BOTH = "vehicle: bolt\nloop: speed\n"
 BOLT = {"kp": 250.0, "ki": 100.0, "kd": 20.0}

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mirdrake.controllers.pid import PidGains
-from mirdrake.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.tuning import (
     FirstOrder,
     FrequencyResponse,

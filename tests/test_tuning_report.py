@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.report.tuning import FIGURES, render_tuning, write_tuning_report
 from mirdrake.report.words import tell
 from mirdrake.tuning.result_folder import TABLES, TuningResult, read_result

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from scipy.stats import beta
 
 from mirdrake.controllers.pid import PidGains, PidState, pid_step
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.tuning.robustness import draw_conditions, failure_rate, monte_carlo, read_ranges, spread_of
 from mirdrake.tuning.schedule import GainTable, ScheduledPid, check_schedule, tune_schedule
 from tests.tuning_rigs import TextbookLoop

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.studies.fronts import find_knee, pareto_front
 from mirdrake.studies.optimise import LARGEST, make_proposer
 from mirdrake.studies.spec import ParameterSpec

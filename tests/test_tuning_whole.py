@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.errors import ConfigError
+from mirdrake.importing.vehicles import import_vehicle
 from mirdrake.report.tuning import write_tuning_report
-from mirdrake.simulation import Simulation
+from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.designs import Design, make_designs
 from mirdrake.tuning.identify import identify_loop
@@ -31,7 +32,6 @@ from mirdrake.tuning.spec import load_tuning, make_tuning
 from mirdrake.tuning.trials import Trial
 from mirdrake.tuning.tune import tune
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.importing import import_vehicle
 from mirdrake.vehicles.scaffold import new_vehicle
 from mirdrake.vehicles.spec import Pid
 from tests import trap_packages

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydrake.autodiffutils import AutoDiffXd
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces
 from mirdrake.tyres.magic_formula import TyreForces, magic_formula, relaxation_lengths, slip_curve
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import make_spec
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.constants import GRAVITY
 from mirdrake.tuning.identify import Identified, identify_loop
 from mirdrake.tuning.loops.base import Conditions, Evaluation
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of

@@ -7,7 +7,9 @@ import shutil
 import pytest
 
 from mirdrake.cli import main
-from mirdrake.errors import ConfigError, ModelError
+from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.core.paths import names
+from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.facts import find_facts
 from mirdrake.manoeuvres.published import FILE, BrakingDistance, PublishedFigures, TimeToSpeed, load_published
@@ -20,11 +22,9 @@ from mirdrake.manoeuvres.validation import (
     published_told,
     validate_vehicle,
 )
-from mirdrake.paths import names
 from mirdrake.report.validation import render_validation
 from mirdrake.single_track import estimate_parameters
 from mirdrake.vehicles import load_vehicle
-from mirdrake.yaml_io import parse_yaml
 
 SIXTY = """\
 figures:

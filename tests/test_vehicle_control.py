@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.controllers import VehicleControl
-from mirdrake.plant import PlantSpec, make_plant
+from mirdrake.plant.plant import PlantSpec, make_plant
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mirdrake.controllers.behaviours.outline import outline_of
-from mirdrake.errors import ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.requirements import outline
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.outline import Outline, measure_outline

@@ -20,8 +20,8 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from mirdrake.errors import ConfigError, MirdrakeError, ModelError
-from mirdrake.paths import data_root
+from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError
+from mirdrake.core.paths import data_root
 from mirdrake.vehicles import Vehicle, load_vehicle, make_package_map, render_xacro
 from mirdrake.vehicles.parse import drake_log
 

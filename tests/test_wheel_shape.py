@@ -10,9 +10,9 @@ from pydrake.geometry import Ellipsoid, Mesh
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.manoeuvres import Rig, find_facts
-from mirdrake.plant import TyreSpring, make_plant, spring_load
+from mirdrake.plant.plant import TyreSpring, make_plant, spring_load
+from mirdrake.plant.wheel_shape import FINE_SEGMENTS, make_wheel_shape, write_wheel_vtk
 from mirdrake.vehicles import WHEELS, load_vehicle
-from mirdrake.wheel_shape import FINE_SEGMENTS, make_wheel_shape, write_wheel_vtk
 from mirdrake.worlds import load_world
 
 

@@ -9,10 +9,10 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import assemble
-from mirdrake.errors import ConfigError
-from mirdrake.simulation import Simulation
+from mirdrake.assembly.diagram import assemble
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
+from mirdrake.runs.simulation import Simulation
 from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces, brush_on
 from mirdrake.tyres.magic_formula import magic_formula
 from mirdrake.tyres.magic_formula_curve import curve_at_load, magic_formula_on

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from mirdrake.worker_server import worker_start
+from mirdrake.execution.worker_server import worker_start
 
 
 def test_a_ctrl_c_comes_behind_the_start_of_a_worker():

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from mirdrake.cli import world_build
-from mirdrake.errors import MirdrakeError, RunError
+from mirdrake.core.errors import MirdrakeError, RunError
 from mirdrake.world_files import build_world, file_name
 from mirdrake.worlds import load_world, make_world
 from mirdrake.worlds.lock import lock_hash

@@ -16,13 +16,13 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake import cli
-from mirdrake.errors import ConfigError, MirdrakeError, ModelError
-from mirdrake.vehicles.importing import packages
-from mirdrake.vehicles.importing.mesh_convex import make_hull
-from mirdrake.vehicles.importing.xml_lines import parse_xml
+from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError
+from mirdrake.importing.vehicles import packages
+from mirdrake.importing.vehicles.mesh_convex import make_hull
+from mirdrake.importing.vehicles.xml_lines import parse_xml
+from mirdrake.importing.worlds import import_world
 from mirdrake.world_checks import check
 from mirdrake.world_checks import first_steps as first_steps_of
-from mirdrake.world_importing import import_world
 from mirdrake.worlds.loading import load_world
 from mirdrake.worlds.lock import lock_text
 from mirdrake.worlds.scenery import scenery

@@ -12,8 +12,8 @@ import pytest
 import trimesh
 import yaml
 
-from mirdrake.errors import WorldError
-from mirdrake.paths import data_root
+from mirdrake.core.errors import WorldError
+from mirdrake.core.paths import data_root
 from mirdrake.worlds import Track, load_world, make_world
 from mirdrake.worlds.lock import content_hash, lock_content, lock_hash, lock_text
 

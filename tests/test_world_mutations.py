@@ -8,8 +8,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mirdrake.errors import MirdrakeError
-from mirdrake.paths import data_root, names
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.paths import data_root, names
 from mirdrake.worlds import load_world
 
 WORLDS = {name: (data_root() / "worlds" / f"{name}.yaml").read_text(encoding="utf-8") for name in names("worlds")}

@@ -16,8 +16,8 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake import obstacles
-from mirdrake.errors import WorldError
+from mirdrake.core.errors import WorldError
+from mirdrake.plant import obstacles
 from mirdrake.worlds import World, load_world, make_world
 from mirdrake.worlds.props import DISSIPATION, STIFFNESS
 from mirdrake.worlds.sdf_export import SdfExport, export_sdf, model_names

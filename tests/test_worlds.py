@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mirdrake.errors import ConfigError, WorldError
-from mirdrake.paths import data_root
+from mirdrake.core.errors import ConfigError, WorldError
+from mirdrake.core.paths import data_root
+from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.world_checks import check_world
 from mirdrake.worlds import World, WorldSpec, load_world, make_world
 from mirdrake.worlds.scenery import (
@@ -25,7 +26,6 @@ from mirdrake.worlds.scenery import (
     texture_path,
 )
 from mirdrake.worlds.world import SURFACE_MU
-from mirdrake.yaml_io import parse_yaml
 from tests.timing import reference_seconds
 
 WORLDS = sorted(path.stem for path in (data_root() / "worlds").glob("*.yaml"))

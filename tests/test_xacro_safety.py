@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import xacro
 
-from mirdrake.errors import ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.vehicles.xacro_expressions import Evaluator
 from mirdrake.vehicles.xacro_render import MACROS, render_xacro
 

@@ -9,9 +9,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_edit import REMOVED, Edit, edit_yaml, scalar_text, value_at
-from mirdrake.yaml_tree import parse_tree
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_edit import REMOVED, Edit, edit_yaml, scalar_text, value_at
+from mirdrake.core.yaml_tree import parse_tree
 
 ROOT = Path(__file__).resolve().parent.parent
 FILES = sorted([*ROOT.glob("models/*/*.yaml"), *ROOT.glob("models/*/variants/*.yaml")])

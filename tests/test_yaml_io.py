@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import (
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import (
     Acceleration,
     Angle,
     AngularRate,

@@ -17,7 +17,7 @@ import pandas as pd
 from scipy.stats import binomtest
 
 from mirdrake.controllers.pid import PidGains, PidLimits
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tuning import (
     FirstOrder,
     LinearProcess,

@@ -11,7 +11,7 @@ mpl.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 
-from mirdrake.paths import data_root
+from mirdrake.core.paths import data_root
 from mirdrake.tyres.magic_formula import magic_formula
 from mirdrake.tyres.tir import read_tir
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
-from mirdrake.diagram import Assembly, assemble
-from mirdrake.paths import data_root
+from mirdrake.assembly.diagram import Assembly, assemble
+from mirdrake.core.paths import data_root
 from mirdrake.tyres import WheelTyres
 from mirdrake.tyres.wheel_motion import WheelMotion, base_motion, wheel_motion, wheel_places
 

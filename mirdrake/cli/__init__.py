@@ -11,8 +11,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from mirdrake.errors import MirdrakeError
-from mirdrake.paths import installed_version
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.paths import installed_version
 
 VERBS = {
     "run": "run",

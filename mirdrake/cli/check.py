@@ -7,8 +7,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from mirdrake.cli.verb import add_set, add_trust, kind_of, not_executed
-from mirdrake.errors import MirdrakeError
-from mirdrake.paths import find
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.paths import find
 
 HELP = "check diagrams, vehicles, worlds, studies and all other files of ours without running them"
 MORE = """\
@@ -48,9 +48,9 @@ def _check_one(
     name: str, overrides: Sequence[str], *, trust: bool
 ) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
     """Check one thing; returns faults, what a vehicle fails to do, and remarks that are neither."""
-    from mirdrake.diagram import assemble, load_diagram
-    from mirdrake.diagram_spec import without_own_systems
-    from mirdrake.own_modules import without_own_code
+    from mirdrake.assembly.diagram import assemble, load_diagram
+    from mirdrake.assembly.diagram_spec import without_user_systems
+    from mirdrake.core.user_modules import without_own_code
     from mirdrake.schemas import check_file
     from mirdrake.world_checks import check_world
 
@@ -70,7 +70,7 @@ def _check_one(
             return (), (), not_executed(skipped)
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         if not trust:
-            spec, skipped = without_own_systems(spec)
+            spec, skipped = without_user_systems(spec)
         with nullcontext() if trust else without_own_code():
             assembly = assemble(spec)
         unread = [] if skipped else [f"output '{port}' is not read" for port in assembly.unread]

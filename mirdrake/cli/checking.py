@@ -15,9 +15,10 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.errors import MirdrakeError
-from mirdrake.paths import resolved
-from mirdrake.plant import make_plant, set_start
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.paths import resolved
+from mirdrake.core.yaml_io import shown, where
+from mirdrake.plant.plant import make_plant, set_start
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.inspect_urdf import find_faults, resolve_meshes
 from mirdrake.vehicles.mounts import SensorsSpec
@@ -34,7 +35,6 @@ from mirdrake.vehicles.vehicle import (
 )
 from mirdrake.vehicles.xacro_render import render_xacro
 from mirdrake.worlds import load_world
-from mirdrake.yaml_io import shown, where
 
 STANDING = 1.0
 """How long a vehicle has to stand still [s]."""

@@ -5,8 +5,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from mirdrake.cli.verb import add_set, add_trust, not_executed
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 HELP = "draw a diagram's blocks and connections as SVG (needs Graphviz)"
 MORE = """\
@@ -30,16 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Draw."""
-    from mirdrake.diagram import assemble, load_diagram
-    from mirdrake.diagram_spec import without_own_systems
-    from mirdrake.drawing import draw_svg, write_dot
-    from mirdrake.logs import write_file
-    from mirdrake.own_modules import without_own_code
+    from mirdrake.assembly.diagram import assemble, load_diagram
+    from mirdrake.assembly.diagram_spec import without_user_systems
+    from mirdrake.assembly.drawing import draw_svg, write_dot
+    from mirdrake.core.user_modules import without_own_code
+    from mirdrake.runs.logs import write_file
 
     spec = load_diagram(options.diagram, overrides=options.set)
     skipped: list[str] = []
     if not options.trust:
-        spec, skipped = without_own_systems(spec)
+        spec, skipped = without_user_systems(spec)
     with nullcontext() if options.trust else without_own_code():
         assembly = assemble(spec)
     if options.ports:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.cli.verb import add_set, kind_of
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 HELP = "drive a vehicle by hand in real time, in a browser"
 MORE = """\
@@ -95,7 +95,7 @@ def _spec(options: argparse.Namespace) -> Any:
 
 def _folder(stem: str, base: Path | None) -> Path:
     """A new folder for a recording."""
-    from mirdrake.simulation import default_folder
+    from mirdrake.runs.simulation import default_folder
 
     folder = default_folder(stem)
     return folder if base is None else base / folder.name

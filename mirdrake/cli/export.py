@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from mirdrake.cli.verb import print_changes
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 HELP = "write a run as MCAP (Foxglove), CSV or video"
 MORE = """\
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Export."""
-    from mirdrake.logs import load_run
+    from mirdrake.runs.logs import load_run
 
     done = load_run(options.run)
     if options.to == "mcap":

@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Apply it."""
-    from mirdrake.errors import ConfigError
+    from mirdrake.core.errors import ConfigError
+    from mirdrake.core.yaml_io import shown
     from mirdrake.identification.apply import describe, plan_apply, read_fit
-    from mirdrake.yaml_io import shown
 
     fit = read_fit(options.fit)
     vehicle = options.vehicle or options.name

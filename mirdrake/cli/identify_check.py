@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import load_yaml, read_tree, shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import load_yaml, read_tree, shown
 
 HELP = "check recorded drives: clock, held samples, glitches, delays, units, signs, excitation"
 MORE = """\

@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.errors import RunError
-from mirdrake.paths import find
-from mirdrake.yaml_io import read_tree, shown
+from mirdrake.core.errors import RunError
+from mirdrake.core.paths import find
+from mirdrake.core.yaml_io import read_tree, shown
 
 if TYPE_CHECKING:
     from mirdrake.identification.findings import DataReport
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.identification.default_study import default_study
     from mirdrake.identification.identify import identify
     from mirdrake.identification.study import load_identification
-    from mirdrake.simulation import default_folder
+    from mirdrake.runs.simulation import default_folder
 
     path = find("studies", options.study)
     tree, _ = read_tree(path)

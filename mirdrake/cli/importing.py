@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
-    from mirdrake.vehicles.importing import Change, ImportPlan, ImportResult
+    from mirdrake.importing.vehicles import Change, ImportPlan, ImportResult
 
 HELP = "make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package"
 MORE = """\
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Import."""
-    from mirdrake.vehicles.importing import import_vehicle, plan_import
+    from mirdrake.importing.vehicles import import_vehicle, plan_import
     from mirdrake.vehicles.xacro_render import MissingArgumentsError
 
     packages = {name: Path(value) for name, value in _pairs("--package", options.package).items()}
@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _add_portrait(folder: Path) -> None:
     """Show a picture of the vehicle in its README.md; a note if it cannot be drawn."""
-    from mirdrake.vehicles.importing.check import run_module
+    from mirdrake.importing.vehicles.check import run_module
 
     code, words = run_module("mirdrake.viewer.portrait", folder, seconds=PORTRAIT_TIME)
     if code != 0:

@@ -4,8 +4,8 @@ import argparse
 import json
 from pathlib import Path
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 HELP = "mass, axle loads, dimensions, turning circle, inertia, joints and sensors of a vehicle, and what looks wrong"
 MORE = """\
@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Inspect."""
-    from mirdrake.logs import write_file
     from mirdrake.report.inspection import describe, draw_links, write_links_dot
+    from mirdrake.runs.logs import write_file
     from mirdrake.vehicles import load_vehicle
     from mirdrake.vehicles.inspection import inspect_vehicle
 

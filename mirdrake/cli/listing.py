@@ -3,8 +3,8 @@
 import argparse
 from collections.abc import Iterator
 
-from mirdrake.paths import names, search_folders
-from mirdrake.yaml_io import shown
+from mirdrake.core.paths import names, search_folders
+from mirdrake.core.yaml_io import shown
 
 HELP = "list vehicles, worlds, diagrams, studies, props, sensors, and the kinds of drivers and blocks"
 MORE = """\
@@ -39,7 +39,7 @@ def _files(kind: str) -> Iterator[tuple[str, str]]:
 
 
 def _blocks() -> Iterator[tuple[str, str]]:
-    from mirdrake.blocks import BLOCKS
+    from mirdrake.assembly.blocks import BLOCKS
 
     return ((name, _first_line(schema)) for name, schema in BLOCKS.items())
 

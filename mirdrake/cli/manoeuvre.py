@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
     from mirdrake.vehicles import Vehicle
@@ -62,12 +62,12 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError("say which manoeuvre and which vehicle: mirdrake manoeuvre braking bolt; --list shows them")
     names = find_names(options.name)
 
-    from mirdrake.errors import RunError
+    from mirdrake.core.errors import RunError
     from mirdrake.manoeuvres.facts import find_facts
     from mirdrake.manoeuvres.registry import run_manoeuvre
     from mirdrake.manoeuvres.results import HandlingResults, describe, write_results
     from mirdrake.manoeuvres.rig import Rig
-    from mirdrake.simulation import default_folder
+    from mirdrake.runs.simulation import default_folder
     from mirdrake.vehicles import load_vehicle
     from mirdrake.vehicles.vehicle import VARIANT_MARK
 

@@ -6,7 +6,8 @@ import textwrap
 from pathlib import Path
 from typing import Any, get_args
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.questions import (
     BODIES,
     QUANTITIES,
@@ -19,7 +20,6 @@ from mirdrake.vehicles.questions import (
     parse_tyre,
 )
 from mirdrake.vehicles.spec import Drive
-from mirdrake.yaml_io import shown
 
 HELP = "write a new vehicle folder from a few dimensions"
 MORE = """\
@@ -102,7 +102,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 def _shortest(kind: str, path: Path) -> str:
     """The name of a thing if it leads there, else its path."""
-    from mirdrake.paths import names
+    from mirdrake.core.paths import names
 
     name = path.stem if kind == "diagrams" else path.name
     known = names(kind).get(name)

@@ -5,8 +5,8 @@ import contextlib
 from pathlib import Path
 
 from mirdrake.cli.verb import print_changes
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 HELP = "watch a run again in Meshcat, with what its cameras saw beside it"
 MORE = """\
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show."""
-    from mirdrake.logs import load_run
+    from mirdrake.runs.logs import load_run
     from mirdrake.viewer.replay import Replay, write_replay
 
     done = load_run(options.run)

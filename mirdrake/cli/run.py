@@ -10,15 +10,15 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mirdrake.cli.verb import add_set
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import resolved
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import resolved
+from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
-    from mirdrake.diagram_spec import DiagramSpec
-    from mirdrake.logs import Run
-    from mirdrake.requirements.incidents import Incident
-    from mirdrake.scene import Scene
+    from mirdrake.assembly.diagram_spec import DiagramSpec
+    from mirdrake.assembly.scene import Scene
+    from mirdrake.runs.incidents import Incident
+    from mirdrake.runs.logs import Run
 
 HELP = "simulate a diagram and write a run folder"
 MORE = """\
@@ -56,8 +56,8 @@ def run(options: argparse.Namespace) -> int:
     """Simulate."""
     from tqdm import tqdm
 
-    from mirdrake.diagram_spec import load_diagram
-    from mirdrake.scene import make_scene
+    from mirdrake.assembly.diagram_spec import load_diagram
+    from mirdrake.assembly.scene import make_scene
     from mirdrake.workflow import run_diagram
 
     overrides = list(options.set)
@@ -125,8 +125,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _report_changes(spec: "DiagramSpec", scene: "Scene", diagram: str, overrides: Sequence[str]) -> None:
     """Print one line if vehicle or world files have changed since the run that wrote the given spec.yaml."""
-    from mirdrake.scene import changed_files
-    from mirdrake.summary import changed_since
+    from mirdrake.assembly.scene import changed_files
+    from mirdrake.runs.summary import changed_since
 
     # What --set changes in vehicles or the world differs on purpose.
     if spec.provenance is None or any(text.startswith(("vehicles", "world")) for text in overrides):

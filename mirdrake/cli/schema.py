@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from mirdrake.yaml_io import shown
+from mirdrake.core.yaml_io import shown
 
 HELP = "JSON Schema of a kind of YAML file, so that an editor completes and checks it"
 MORE = """\
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print or write."""
-    from mirdrake.logs import write_file
+    from mirdrake.runs.logs import write_file
     from mirdrake.schemas import KINDS, make_schema
 
     if options.out is None and options.kind is None:

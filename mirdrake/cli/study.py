@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mirdrake.cli.verb import add_set
-from mirdrake.errors import ConfigError, MissingDependencyError
-from mirdrake.paths import find
-from mirdrake.worker_server import STUDY, start_server
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.paths import find
+from mirdrake.core.yaml_io import shown
+from mirdrake.execution.worker_server import STUDY, start_server
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.cli import tune_apply
-from mirdrake.errors import MissingDependencyError
-from mirdrake.paths import find
-from mirdrake.worker_server import LOOP, start_server
+from mirdrake.core.errors import MissingDependencyError
+from mirdrake.core.paths import find
+from mirdrake.execution.worker_server import LOOP, start_server
 
 HELP = "tune the gains of a loop: identify, rules, search, robustness; apply writes them into control.yaml"
 MORE = """\
@@ -106,7 +106,7 @@ def _dask(address: str) -> Any:
         from distributed import Client
     except ImportError:
         raise MissingDependencyError("--scheduler needs Dask: pip install 'mirdrake[cluster]'") from None
-    from mirdrake.errors import RunError
+    from mirdrake.core.errors import RunError
 
     try:
         return Client(address, timeout="10s")

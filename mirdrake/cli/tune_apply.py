@@ -27,9 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Apply it."""
+    from mirdrake.core.yaml_io import shown
     from mirdrake.tuning.apply import plan_apply
     from mirdrake.tuning.result_folder import read_result
-    from mirdrake.yaml_io import shown
 
     result = read_result(options.result)
     change = plan_apply(result, candidate=options.candidate, vehicle=options.vehicle)

@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import parse_yaml, shown
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import parse_yaml, shown
 
 HELP = "compare a vehicle with published figures of the real one, and write a validation report"
 MORE = """\
@@ -59,9 +59,9 @@ def run(options: argparse.Namespace) -> int:
             print(published.none_because)
         return 0
 
-    from mirdrake.errors import RunError
+    from mirdrake.core.errors import RunError
     from mirdrake.manoeuvres.validation import describe_validation, validate_vehicle, write_validation_results
-    from mirdrake.simulation import default_folder
+    from mirdrake.runs.simulation import default_folder
 
     name = driven_name(options.vehicle, published)
     vehicle = load_vehicle(name)

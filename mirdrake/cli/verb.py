@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import names
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import names
 
 if TYPE_CHECKING:
-    from mirdrake.scene import Scene
+    from mirdrake.assembly.scene import Scene
 
 
 def add_set(parser: argparse.ArgumentParser) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.cli.verb import kind_of, print_changes
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 HELP = "look at a vehicle, a world, a diagram or a run in Meshcat"
 MORE = """\
@@ -34,9 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show."""
-    from mirdrake.diagram_spec import load_diagram
-    from mirdrake.logs import load_run, reads_run
-    from mirdrake.scene import make_scene
+    from mirdrake.assembly.diagram_spec import load_diagram
+    from mirdrake.assembly.scene import make_scene
+    from mirdrake.runs.logs import load_run, reads_run
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
     from mirdrake.viewer.meshcat import make_offline_meshcat, meshcat_faults

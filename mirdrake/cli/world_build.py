@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import shown
 
 HELP = "write a world's lock file, its SDF world for Gazebo and Drake, and its plan"
 MORE = """\
@@ -61,8 +61,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _parameters(name: str, texts: Sequence[str]) -> list[str]:
     """``NAME=VALUE`` texts as overrides of parameters that the world has."""
-    from mirdrake.paths import find
-    from mirdrake.yaml_io import read_tree
+    from mirdrake.core.paths import find
+    from mirdrake.core.yaml_io import read_tree
 
     if not texts:
         return []

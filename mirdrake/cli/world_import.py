@@ -6,11 +6,11 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
-    from mirdrake.world_importing import WorldImport
+    from mirdrake.importing.worlds import WorldImport
 
 HELP = "make a world file from a .world or .sdf file of Gazebo"
 MORE = """\
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Import."""
-    from mirdrake.world_importing import import_world
+    from mirdrake.importing.worlds import import_world
 
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
     result = import_world(

@@ -29,11 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show."""
+    from mirdrake.core.yaml_io import shown
     from mirdrake.viewer.meshcat import meshcat_faults
     from mirdrake.viewer.show import write_page
     from mirdrake.viewer.world_view import show_found
     from mirdrake.world_checks import examine
-    from mirdrake.yaml_io import shown
 
     found = examine(options.file, overrides=changes(options), vehicle=options.vehicle)
     for fault in found.faults:

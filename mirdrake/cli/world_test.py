@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.yaml_io import shown
+from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
     from mirdrake.suites import Case, Result, Suite
@@ -59,11 +59,11 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run all cases and write what became of them."""
-    from mirdrake.errors import ConfigError
+    from mirdrake.core.errors import ConfigError
     from mirdrake.report.junit import write_junit
     from mirdrake.report.suite import write_suite_report
     from mirdrake.report.suite_recordings import write_recordings
-    from mirdrake.simulation import default_folder
+    from mirdrake.runs.simulation import default_folder
     from mirdrake.suites import collect_cases, run_suite
 
     if options.resume and options.out is None:
@@ -130,8 +130,8 @@ def check_layouts(cases: "Sequence[Case]") -> bool:
 
 def _write_run_reports(suite: "Suite") -> None:
     """report.html in the run folder of each case."""
-    from mirdrake.logs import SUMMARY, load_run, reads_run
     from mirdrake.report import write_report
+    from mirdrake.runs.logs import SUMMARY, load_run, reads_run
 
     for result in suite.results:
         place = suite.folder / result.folder if suite.folder is not None and result.folder is not None else None
@@ -254,8 +254,8 @@ def _seconds(text: str) -> float:
 
 
 def _parameter(text: str) -> tuple[str, float | int | str]:
-    from mirdrake.errors import ConfigError
-    from mirdrake.yaml_io import parse_tree
+    from mirdrake.core.errors import ConfigError
+    from mirdrake.core.yaml_io import parse_tree
 
     name, sign, given = (part.strip() for part in text.partition("="))
     try:

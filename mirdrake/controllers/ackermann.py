@@ -23,11 +23,11 @@ from typing import Literal, NamedTuple, Protocol
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.controllers.vectors import STEERING_ANGLES
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_state_output, declare_vector_input, declare_vector_output, signals
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input, declare_vector_output, signals
+from mirdrake.core.vectors import STEERING_ANGLES
 
 Linkage = Literal["ackermann", "unior", "unior_printed"]
 LINKAGES = ("ackermann", "unior", "unior_printed")

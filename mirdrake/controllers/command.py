@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.controllers.vectors import COMMAND, SETPOINT, Setpoint
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.checks import check_number
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.vectors import COMMAND, SETPOINT, Setpoint
 
 TOLERANCE = 1e-9
 """Two times closer than this are the same time [s]."""
@@ -113,7 +113,7 @@ class VelocityCommand(LeafSystem):
     """The door through which every driver, human or not, commands a vehicle.
 
     Input ports:
-        command (3) [m/s, rad, s]: speed, steering, stamp; see :data:`~mirdrake.controllers.vectors.COMMAND`.
+        command (3) [m/s, rad, s]: speed, steering, stamp; see :data:`~mirdrake.core.vectors.COMMAND`.
 
     Output ports:
         setpoint (2) [m/s, rad]: speed, steering, within the limits; speed 0 and the last steering once the last message

@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 import pyarrow.parquet as pq
 
 from mirdrake.controllers.schedule import Interpolation
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.recording.files import reading
-from mirdrake.recording.parts import read_groups, stored
-from mirdrake.recording.pictures import picture_time
-from mirdrake.yaml_io import read_text, shown, to_si
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.recording.files import reading
+from mirdrake.core.recording.parts import read_groups, stored
+from mirdrake.core.recording.pictures import picture_time
+from mirdrake.core.yaml_io import read_text, shown, to_si
 
 Row = tuple[float, float, float]
 

@@ -1,4 +1,4 @@
-"""One step of the control unit of a vehicle, for Python and for machine code (:mod:`mirdrake.compiled`).
+"""One step of the control unit of a vehicle, for Python and for machine code (:mod:`mirdrake.core.compiled`).
 
 The laws are those of this package, each also a system of its own.
 """
@@ -21,7 +21,7 @@ from mirdrake.controllers.ackermann import (
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.pid import PidLimits, PidNumbers, pid_step, read_pid, write_pid
-from mirdrake.powertrain.actuator import ActuatorNumbers, actuator_step, follow
+from mirdrake.plant.powertrain.actuator import ActuatorNumbers, actuator_step, follow
 
 MESSAGE, LAST, LATE = 0, 3, 5
 """Places in the memory: last message (3), last speed and steering set-point (2), the steering on its way."""

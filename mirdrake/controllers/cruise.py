@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
-from mirdrake.controllers.vectors import SETPOINT, WHEEL_SPEEDS
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.checks import check_number
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.vectors import SETPOINT, WHEEL_SPEEDS
 
 WheelRates = tuple[float, float, float, float]
 

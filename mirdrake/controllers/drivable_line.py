@@ -22,8 +22,8 @@ import numpy as np
 import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
 
 Array = NDArray[np.float64]
 

@@ -21,11 +21,11 @@ from mirdrake.controllers.behaviours.spec import (
     World,
 )
 from mirdrake.controllers.spec import ConstantSpec, PathTrackingSpec, ScheduleSpec
-from mirdrake.controllers.vectors import COMMAND
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.own_systems import make_own_system
-from mirdrake.yaml_io import Schema, Source, validate
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.user_systems import make_own_system
+from mirdrake.core.vectors import COMMAND
+from mirdrake.core.yaml_io import Schema, Source, validate
 
 _OWN = "module:Class"
 

@@ -7,8 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Any
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
 from mirdrake.vehicles.spec import GainSchedule
 
 

@@ -24,7 +24,6 @@ from typing import NamedTuple
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.drivable_line import (
     CentreLine,
     DrivableLine,
@@ -33,10 +32,11 @@ from mirdrake.controllers.drivable_line import (
     make_centre_line,
     make_drivable_line,
 )
-from mirdrake.controllers.vectors import COMMAND, PATH_ERROR, STATE, Command
-from mirdrake.errors import DivergedError
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_state_output, declare_vector_input
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import DivergedError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input
+from mirdrake.core.vectors import COMMAND, PATH_ERROR, STATE, Command
 
 _SPEED_GRID = 0.25  # lines are planned for multiples of this speed [m/s]
 _APPROACH = 0.5  # share of d times that curvature that the slope of the approach may have
@@ -277,7 +277,7 @@ class PathTracker(LeafSystem):
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: pose and velocity of the vehicle frame, see
-            :data:`~mirdrake.controllers.vectors.STATE`.
+            :data:`~mirdrake.core.vectors.STATE`.
 
     Output ports:
         command (3) [m/s, rad, s]: speed, steering, stamp.

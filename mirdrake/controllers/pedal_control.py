@@ -16,10 +16,10 @@ When the set-point is zero and the car is slower than `hold_speed`, the brake is
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mirdrake.constants import GRAVITY
 from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
-from mirdrake.powertrain.law import PowertrainLaw
-from mirdrake.powertrain.maps import invert_map
+from mirdrake.core.constants import GRAVITY
+from mirdrake.plant.powertrain.law import PowertrainLaw
+from mirdrake.plant.powertrain.maps import invert_map
 from mirdrake.vehicles.spec import PedalControl, VehicleSpec
 
 AIR_DENSITY = 1.2  # [kg/m³]

@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.checks import check_number
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
 
 AUTOMATIC = -1.0
 """Value of the Context parameter ``tracking_time`` that stands for None, the rule of :class:`PidGains`."""

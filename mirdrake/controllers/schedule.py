@@ -7,11 +7,11 @@ from typing import Literal
 
 from pydrake.systems.framework import BasicVector, Context
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.controllers.vectors import COMMAND, Setpoint
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_vector_output
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_vector_output
+from mirdrake.core.vectors import COMMAND, Setpoint
 
 Interpolation = Literal["linear", "hold"]
 INTERPOLATIONS = ("linear", "hold")

@@ -21,9 +21,9 @@ from mirdrake.controllers.command_log import read_commands
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, Schedule
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import Acceleration, Angle, Duration, Length, Period, Schema, Speed
-from mirdrake.yaml_io import where as place_of
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import Acceleration, Angle, Duration, Length, Period, Schema, Speed
+from mirdrake.core.yaml_io import where as place_of
 
 _STEERING_RANGE = 0.5 * math.pi
 

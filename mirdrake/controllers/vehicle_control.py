@@ -13,7 +13,6 @@ import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from mirdrake.compiled import compiled, records
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState
 from mirdrake.controllers.control_step import (
@@ -30,15 +29,16 @@ from mirdrake.controllers.control_step import (
 from mirdrake.controllers.gain_schedule import GainTable, read_schedule
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState
-from mirdrake.controllers.vectors import COMMAND, WHEELS
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.powertrain import PEDALS, ActuatorLaw
-from mirdrake.powertrain.system import make_law
-from mirdrake.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.compiled import compiled, records
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.vectors import COMMAND, WHEELS
+from mirdrake.plant.powertrain import PEDALS, ActuatorLaw
+from mirdrake.plant.powertrain.system import make_law
 from mirdrake.vehicles.spec import Beliefs
 
 if TYPE_CHECKING:
-    from mirdrake.plant import VehicleInPlant
+    from mirdrake.plant.plant import VehicleInPlant
 
 GAINS = ("kp", "ki", "kd")
 """Order of the gains in a parameter."""

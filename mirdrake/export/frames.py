@@ -1,6 +1,6 @@
 """Where things are in a run: vehicles, their links and loose props in the world, sensors on their vehicles.
 
-All is read from the scene of the run (:mod:`mirdrake.scene`) and from its signals.
+All is read from the scene of the run (:mod:`mirdrake.assembly.scene`) and from its signals.
 """
 
 from collections.abc import Iterator
@@ -13,9 +13,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.logs import SIGNALS, Run
-from mirdrake.plant import SIDES, PlantParts, PlantSpec, VehicleInPlant, make_plant
-from mirdrake.recording.parts import read_groups
+from mirdrake.core.recording.parts import read_groups
+from mirdrake.plant.plant import SIDES, PlantParts, PlantSpec, VehicleInPlant, make_plant
+from mirdrake.runs.logs import SIGNALS, Run
 from mirdrake.vehicles import WHEELS
 
 Pose = tuple[float, ...]

@@ -34,16 +34,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.core.errors import MissingDependencyError
+from mirdrake.core.recording.arrays import Samples
+from mirdrake.core.recording.files import told
+from mirdrake.core.recording.parts import read_groups, stored
+from mirdrake.core.recording.pictures import EPOCH, Picture
 from mirdrake.export.frames import Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
 from mirdrake.export.models import scene_entities
 from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
-from mirdrake.logs import SIGNALS, Run, reads_run
-from mirdrake.plant import VehicleInPlant
-from mirdrake.recording.arrays import Samples
-from mirdrake.recording.files import told
-from mirdrake.recording.parts import read_groups, stored
-from mirdrake.recording.pictures import EPOCH, Picture
+from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.runs.logs import SIGNALS, Run, reads_run
 
 SECOND = 10**9  # ns
 _FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations

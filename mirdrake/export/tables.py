@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from mirdrake.errors import RunError
-from mirdrake.logs import SIGNALS, Run, reads_run
-from mirdrake.recording.files import told
-from mirdrake.recording.parts import read_groups, stored
+from mirdrake.core.errors import RunError
+from mirdrake.core.recording.files import told
+from mirdrake.core.recording.parts import read_groups, stored
+from mirdrake.runs.logs import SIGNALS, Run, reads_run
 
 
 def title(name: str, units: Mapping[str, str]) -> str:

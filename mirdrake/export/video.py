@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.errors import MissingDependencyError, RunError
-from mirdrake.logs import Run, reads_run
-from mirdrake.recording.files import told
-from mirdrake.recording.pictures import Picture
+from mirdrake.core.errors import MissingDependencyError, RunError
+from mirdrake.core.recording.files import told
+from mirdrake.core.recording.pictures import Picture
+from mirdrake.runs.logs import Run, reads_run
 
 TICKS = 90_000
 """Of the video's clock per second [Hz]; times are kept to 11 µs."""

@@ -15,7 +15,7 @@ rewards, ends and starts, and what a function of your own gets.
 
 from importlib.util import find_spec
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.core.errors import MissingDependencyError
 
 if find_spec("gymnasium") is None:
     raise MissingDependencyError("mirdrake.gym needs Gymnasium: pip install 'mirdrake[gym]'")

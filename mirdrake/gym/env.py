@@ -12,16 +12,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 from pydrake.systems.primitives import ConstantVectorSource
 
-from mirdrake.diagram import DiagramSpec, assemble, load_diagram, make_spec
-from mirdrake.diagram_spec import SystemEntry
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.assembly.diagram import DiagramSpec, assemble, load_diagram, make_spec
+from mirdrake.assembly.diagram_spec import SystemEntry
+from mirdrake.assembly.wiring import JOIN
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import weak_callback
 from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Starts, find_function, finite
 from mirdrake.gym.readings import Readings, check_bounds, steering_limit, top_speed
-from mirdrake.leaf_system import weak_callback
-from mirdrake.plant import set_start
-from mirdrake.powertrain import PEDALS
+from mirdrake.plant.plant import set_start
+from mirdrake.plant.powertrain import PEDALS
 from mirdrake.tyres import RoadFriction
-from mirdrake.wiring import JOIN
 
 Array = NDArray[np.float32]
 

@@ -21,10 +21,10 @@ from typing import Any, TypeVar
 import numpy as np
 from pydrake.systems.framework import Context
 
-from mirdrake.diagram import Assembly
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.user_modules import load_own_function
 from mirdrake.gym.readings import Readings
-from mirdrake.own_modules import load_own_function
 from mirdrake.worlds import Start
 
 TIPPED = pi / 4

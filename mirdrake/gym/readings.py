@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, OutputPort, PortDataType, System
 
+from mirdrake.assembly.diagram import Assembly
 from mirdrake.controllers.ackermann import make_steering_law
-from mirdrake.diagram import Assembly
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.plant import VehicleInPlant
-from mirdrake.signals import Signal, signals_of
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.signals import Signal, signals_of
+from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.vehicles import WHEELS
 from mirdrake.vehicles.powertrain_spec import ElectricPowertrain
 

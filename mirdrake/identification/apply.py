@@ -7,13 +7,13 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
+from mirdrake.core.yaml_io import any_to_si, parse_tree, parse_yaml, read_text, shown, validate
 from mirdrake.identification.fit import Fit, FittedParameter
 from mirdrake.vehicles.file_change import FileChange, change_file
 from mirdrake.vehicles.spec import ControlSpec, VariantSpec, VehicleSpec
 from mirdrake.vehicles.vehicle import find_vehicle, load_part, load_variant, variants
-from mirdrake.yaml_edit import REMOVED, Edit, value_at
-from mirdrake.yaml_io import any_to_si, parse_tree, parse_yaml, read_text, shown, validate
 
 DIGITS = 5
 """Significant digits that are written."""

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.yaml_io import shown
 from mirdrake.identification.spec import CsvLayout
 from mirdrake.identification.tables import Table
-from mirdrake.yaml_io import shown
 
 CLOCKS = ("time", "received")
 

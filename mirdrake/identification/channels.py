@@ -8,9 +8,9 @@ behind its name: ``yaw_rate`` and ``yaw_rate@imu``.
 
 from typing import NamedTuple
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import did_you_mean
-from mirdrake.yaml_io import to_si
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import did_you_mean
+from mirdrake.core.yaml_io import to_si
 
 
 class Channel(NamedTuple):

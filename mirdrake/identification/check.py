@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import replace
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.alignment import check_response
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.delays import check_delays

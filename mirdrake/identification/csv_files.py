@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 from mirdrake.identification.channels import CHANNELS, unit_factor
 from mirdrake.identification.spec import CsvLayout
 from mirdrake.identification.tables import Table, read_bytes
-from mirdrake.yaml_io import shown
 
 _DELIMITERS = ("\t", ";", ",", "|")
 _UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")

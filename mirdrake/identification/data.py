@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import load_yaml, shown, where
 from mirdrake.identification.channels import channel, plain_unit, unit_factor
 from mirdrake.identification.clocks import LEAST_ROWS, MOST_BACKWARDS, are_steps, is_time_of_day, seconds_of_day
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
 from mirdrake.identification.tables import Table
-from mirdrake.yaml_io import load_yaml, shown, where
 
 Array = NDArray[np.float64]
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import yaml
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import load_yaml, parse_yaml, shown, where
 from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.models.steer import STEERING
 from mirdrake.identification.spec import DataSpec
 from mirdrake.identification.study import StudySpec
-from mirdrake.yaml_io import load_yaml, parse_yaml, shown, where
 
 HELD_OUT = 0.3
 """Part of the drives that is held out when none of them is for validation."""

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError
-from mirdrake.logs import write_file
+from mirdrake.core.errors import ConfigError
+from mirdrake.runs.logs import write_file
 
 Array = NDArray[np.float64]
 Verdict = Literal["identified", "weakly identified", "not identifiable", "contradicts the given value", "fixed"]

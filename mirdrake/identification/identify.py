@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import to_si, where
 from mirdrake.identification.check import check_data
 from mirdrake.identification.data import DataSet, load_data, make_data
 from mirdrake.identification.estimators import EstimatorOptions, fit
@@ -23,9 +24,8 @@ from mirdrake.identification.parameters import Choice, Parameter
 from mirdrake.identification.plausibility import STANDSTILL, STEERING
 from mirdrake.identification.refusal import refuse_faults
 from mirdrake.identification.study import ParameterSpec, StudySpec, Value, in_study, inline_data
-from mirdrake.logs import write_file
+from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import load_vehicle
-from mirdrake.yaml_io import to_si, where
 
 Tell = Callable[[str], None]
 

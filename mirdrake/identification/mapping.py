@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import Source, shown, to_si, validate
 from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import CsvLayout, DataSpec
-from mirdrake.yaml_io import Source, shown, to_si, validate
 
 ALIASES = {
     "vx": ("v_x", "vel_x", "velocity_x"),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.data import Log
 from mirdrake.identification.models.base import channel_of
 from mirdrake.identification.models.single_track import SPEED

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.alignment import delay_of, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log

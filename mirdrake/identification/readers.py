@@ -16,14 +16,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.yaml_io import shown
 from mirdrake.identification.bags import read_bag
 from mirdrake.identification.csv_files import read_csv
 from mirdrake.identification.spec import CsvLayout
 from mirdrake.identification.tables import Table, read_bytes
 from mirdrake.identification.vbo_files import read_vbo
-from mirdrake.logs import SIGNALS, SPEC, load_run
-from mirdrake.yaml_io import shown
+from mirdrake.runs.logs import SIGNALS, SPEC, load_run
 
 Reader = Callable[[Path, Collection[str], CsvLayout], Table]
 

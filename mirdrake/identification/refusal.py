@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.findings import DataReport, Finding
 
 _SPEED = {"vx", "speed"}

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.channels import WHEELS, quantity
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.timing import resolution, usual_step

@@ -19,8 +19,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from mirdrake.core.yaml_io import Duration, Length, Schema
 from mirdrake.identification.channels import channel, plain_unit, unit_factor
-from mirdrake.yaml_io import Duration, Length, Schema
 
 Repair = Literal["stamps", "gaps", "held", "glitches", "step", "delays"]
 REPAIRS: tuple[Repair, ...] = ("stamps", "gaps", "held", "glitches", "step", "delays")

@@ -23,9 +23,9 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Duration, Schema, Source, load_yaml, read_tree, validate, where
 from mirdrake.identification.spec import DataSpec
-from mirdrake.yaml_io import Duration, Schema, Source, load_yaml, read_tree, validate, where
 
 Value = float | str
 

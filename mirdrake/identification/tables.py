@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import shown
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import shown
 
 
 @dataclass(frozen=True)

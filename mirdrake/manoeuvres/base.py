@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirdrake.errors import ConfigError
-from mirdrake.yaml_io import Schema, where
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Schema, where
 
 Array = NDArray[np.float64]
 Verdict = Literal["done", "pass", "fail", "not possible", "diverged"]

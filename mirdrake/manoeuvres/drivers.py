@@ -29,15 +29,15 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.constants import GRAVITY
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.spec import DrivenVehicle
-from mirdrake.controllers.vectors import COMMAND, STATE
-from mirdrake.errors import ConfigError
-from mirdrake.leaf_system import LeafSystem
+from mirdrake.core.checks import check_number
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.vectors import COMMAND, STATE
 from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.profiles import make_profile
-from mirdrake.signals import declare_state_output, declare_vector_input, signals
 
 PEDALS = signals(
     ("throttle", "", "0 to 1"),
@@ -93,7 +93,7 @@ class _Driver(LeafSystem):
     """What all of them share: a command every period, and pedals if there are rows of them.
 
     Input ports:
-        state (12) [m, rad, m/s, rad/s]: see :data:`~mirdrake.controllers.vectors.STATE`.
+        state (12) [m, rad, m/s, rad/s]: see :data:`~mirdrake.core.vectors.STATE`.
     Output ports:
         command (3) [m/s, rad, s]: speed, bicycle angle, stamp.
         pedals (3) [1, 1, 1]: throttle, brake, gear; only of the pedal drivers.

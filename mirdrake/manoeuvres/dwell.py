@@ -5,6 +5,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Speed
 from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_entry, check_speed, note_held_speed
 from mirdrake.manoeuvres.metrics.straight import KMH
@@ -13,7 +14,6 @@ from mirdrake.manoeuvres.open_loop import SlowlyIncreasingSteerSpec
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.steady_circle import SIDES
-from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Speed
 
 _TWO = "seen in two independent implementations"
 

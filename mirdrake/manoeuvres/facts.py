@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.outline import measure_outline

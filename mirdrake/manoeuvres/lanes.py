@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Duration, Length, Speed
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, note_held_speed
 from mirdrake.manoeuvres.courses import Body, Section, clearance, first_crossing, make_line
@@ -17,7 +18,6 @@ from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.search import find_highest
-from mirdrake.yaml_io import Duration, Length, Speed
 
 _CHRONO = "Project Chrono double-lane-change demo"
 

@@ -5,7 +5,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.yaml_io import Acceleration, AngularRate, Duration, Frequency, Speed
 from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_entry, check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.metrics.steady import fit_line, means, understeer_constant_speed
@@ -13,7 +14,6 @@ from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import bandwidth, crossing, frequency_response, step_response
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.steady_circle import SIDES, spun_or_steady
-from mirdrake.yaml_io import Acceleration, AngularRate, Duration, Frequency, Speed
 
 _OVER = 10.0
 """Overshoot [%] by which the change of a smaller one is measured: it is the small difference of two large numbers."""

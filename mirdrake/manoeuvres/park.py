@@ -5,10 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from mirdrake.core.yaml_io import Duration, Speed
 from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.metrics.straight import creep
 from mirdrake.manoeuvres.rig import Rig
-from mirdrake.yaml_io import Duration, Speed
 
 
 class ParkSpec(ManoeuvreSpec):

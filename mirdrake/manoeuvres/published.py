@@ -18,9 +18,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Length, Mass, Schema, Speed, load_yaml, to_si
 from mirdrake.vehicles import Vehicle
-from mirdrake.yaml_io import Length, Mass, Schema, Speed, load_yaml, to_si
 
 FILE = "published_figures.yaml"
 

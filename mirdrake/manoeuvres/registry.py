@@ -6,7 +6,8 @@ from typing import Any
 
 from pydantic import Field, create_model
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import Schema, parse_yaml
 from mirdrake.manoeuvres.base import Diverged, ManoeuvreSpec, NotPossible, Outcome, scaled
 from mirdrake.manoeuvres.dwell import SineWithDwellSpec
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, ObstacleAvoidanceSpec, SlalomSpec
@@ -16,8 +17,7 @@ from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.skidpad import SkidpadSpec
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
 from mirdrake.manoeuvres.straight import AccelerationSpec, BrakingSpec, CoastDownSpec, SplitFrictionSpec
-from mirdrake.plant import PlantSpec
-from mirdrake.yaml_io import Schema, parse_yaml
+from mirdrake.plant.plant import PlantSpec
 
 MANOEUVRES: dict[str, type[ManoeuvreSpec]] = {
     "steady_state_circle": SteadyStateCircleSpec,

@@ -15,16 +15,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import LogVectorOutput
 
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.drivers import OwnDriverSpec
-from mirdrake.controllers.vectors import STATE
-from mirdrake.diagram import assemble
-from mirdrake.errors import RunError
-from mirdrake.logs import RunWriter, write_file
+from mirdrake.core.errors import RunError
+from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres.base import Diverged
 from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.record import Record, bicycle_angles
-from mirdrake.scene import Scene
-from mirdrake.simulation import Simulation
+from mirdrake.runs.logs import RunWriter, write_file
+from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import SingleTrack, SingleTrackControl
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.from_vehicle import estimate_parameters

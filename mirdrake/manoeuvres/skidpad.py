@@ -6,7 +6,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.yaml_io import Duration, Length, Speed
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, check_steering
 from mirdrake.manoeuvres.courses import make_line
@@ -15,7 +16,6 @@ from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.search import find_highest
-from mirdrake.yaml_io import Duration, Length, Speed
 
 _FSAE = "FSAE Rules 2026, D.10"
 _TIMED = ("right", "left")

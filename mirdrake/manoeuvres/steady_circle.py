@@ -6,7 +6,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.yaml_io import Acceleration, AngularRate, Duration, Length, Speed
 from mirdrake.manoeuvres.base import Array, Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.metrics.steady import (
@@ -21,7 +22,6 @@ from mirdrake.manoeuvres.metrics.steady import (
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig, Stop
-from mirdrake.yaml_io import Acceleration, AngularRate, Duration, Length, Speed
 
 SIDES: dict[str, float] = {"left": 1.0, "right": -1.0}
 

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from mirdrake.core.yaml_io import Duration, Length, Speed
 from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_entry, check_speed
 from mirdrake.manoeuvres.metrics.straight import (
@@ -24,7 +25,6 @@ from mirdrake.manoeuvres.metrics.straight import (
 from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
-from mirdrake.yaml_io import Duration, Length, Speed
 
 _LINE = {"kind": "straight", "length": 1.0}
 _STEADY_HANDS = {"course": 0.0, "preview": 0.2}

@@ -11,17 +11,17 @@ from typing import Any
 
 from pydantic import Field
 
-from mirdrake.logs import write_file
+from mirdrake.core.yaml_io import Schema
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.facts import Facts, find_facts
 from mirdrake.manoeuvres.published import ROLES, Figure, PublishedFigures, Role
 from mirdrake.manoeuvres.results import number_told
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.validation_runs import Reading, run_figures
-from mirdrake.plant import PlantSpec
+from mirdrake.plant.plant import PlantSpec
+from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.vehicle import VARIANT_MARK
-from mirdrake.yaml_io import Schema
 
 RESULTS, TABLE = "results.json", "figures.csv"
 

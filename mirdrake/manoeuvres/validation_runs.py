@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, Outcome
 from mirdrake.manoeuvres.metrics.straight import (
     FOOT,

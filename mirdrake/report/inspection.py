@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from mirdrake.constants import GRAVITY
-from mirdrake.drawing import run_dot
-from mirdrake.logs import write_file
+from mirdrake.assembly.drawing import run_dot
+from mirdrake.core.constants import GRAVITY
+from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.core.errors import MissingDependencyError
 from mirdrake.report.inspection import axis_name, draw_links, limits_of
 from mirdrake.report.page import render_page
 from mirdrake.report.surfaces import collect_surfaces

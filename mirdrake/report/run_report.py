@@ -14,8 +14,9 @@ import pandas
 import yaml
 from markupsafe import Markup
 
-from mirdrake.errors import MirdrakeError, RunError
-from mirdrake.recording.files import write_file
+from mirdrake.assembly.scene import Scene
+from mirdrake.core.errors import MirdrakeError, RunError
+from mirdrake.core.recording.files import write_file
 from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, outlines
 from mirdrake.report.figures import drawing_style
 from mirdrake.report.page import render_page
@@ -23,7 +24,6 @@ from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.track_map import Road, scale_colours
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import clock, lasting, spoken, tell
-from mirdrake.scene import Scene
 from mirdrake.vehicles import Vehicle
 
 _TEMPLATE = "run_report.html.jinja"

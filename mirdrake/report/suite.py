@@ -12,13 +12,13 @@ from typing import Any
 
 from markupsafe import Markup
 
-from mirdrake.logs import write_file
+from mirdrake.core.yaml_io import shown
 from mirdrake.report.page import render_page
 from mirdrake.report.suite_pictures import draw_bar, draw_curve, draw_plan
 from mirdrake.report.words import lasting, tell
+from mirdrake.runs.logs import write_file
 from mirdrake.suites import Case, Result, Suite
 from mirdrake.suites.worker import SKETCHES
-from mirdrake.yaml_io import shown
 
 _TEMPLATE = "suite.html.jinja"
 _MOST_ROWS = 1000  # of the table

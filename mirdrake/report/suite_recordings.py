@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirdrake.errors import MirdrakeError
-from mirdrake.logs import Run, load_run
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.runs.logs import Run, load_run
 from mirdrake.suites import Suite
 from mirdrake.viewer import write_recording
 

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 from mirdrake.requirements.observation import Array, Observation
 from mirdrake.requirements.terms import Atom, Comparison, Expression, Happening
 

@@ -15,9 +15,10 @@ import shapely
 from numpy.typing import NDArray
 
 from mirdrake.controllers.behaviours.outline import volume_of
-from mirdrake.controllers.vectors import STATE, WHEELS
-from mirdrake.errors import RunError
-from mirdrake.logs import Run
+from mirdrake.core.errors import RunError
+from mirdrake.core.vectors import STATE, WHEELS
+from mirdrake.runs.incidents import NEAR
+from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.outline import Outline, measure_outline
@@ -35,9 +36,6 @@ TIPPED = math.radians(45.0)
 
 TOUCH = 1e-3
 """Least penetration that a contact counts for [m]: what touches has no clearance, whatever the outline says."""
-
-NEAR = 0.3
-"""A contact further than this [m] from every prop and vehicle is with something else: the body is on the road, say."""
 
 _SLOWEST = 1.0  # [m/s] speed below which slip is taken relative to this one, as 0/0 says nothing
 

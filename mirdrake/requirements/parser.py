@@ -5,11 +5,11 @@ import re
 from collections.abc import Callable, Iterator
 from typing import NoReturn, TypeVar
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import to_si
 from mirdrake.requirements.judging import Kind, Requirement
 from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED
 from mirdrake.requirements.terms import COUNTS, Atom, Comparison, Expression, Happening, Junction, Negation
-from mirdrake.yaml_io import to_si
 
 _UNITS = ("m", "m/s", "m/s^2", "rad", "rad/s", "s", "N", "N m", "kg", "W", "Hz")
 _TOKEN = re.compile(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.requirements.observation import Array, Observation, Truth
 
 COUNTS = ("wheels_on_road", "other_contacts")

@@ -30,7 +30,7 @@ from mirdrake.sensors.steering_angle import SteeringAngle, make_steering_angle
 from mirdrake.sensors.wheel_encoder import WheelEncoder, make_wheel_encoder
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 __all__ = [
     "SENSORS",

@@ -10,16 +10,16 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from mirdrake.core.signals import signals
 from mirdrake.sensors.geodesy import from_geodetic as from_geodetic  # with `as`: also public here
 from mirdrake.sensors.geodesy import to_geodetic
 from mirdrake.sensors.nmea import Fix, gga, rmc
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
-from mirdrake.signals import signals
 from mirdrake.vehicles.mounts import DatumSpec, GpsMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 GPS = signals(
     ("x", "m"),

@@ -12,14 +12,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context
 
-from mirdrake.controllers.vectors import PATH_ERROR, STATE, STEERING_ANGLES, WHEEL_SPEEDS
-from mirdrake.leaf_system import LeafSystem
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_vector_output
+from mirdrake.core.vectors import PATH_ERROR, STATE, STEERING_ANGLES, WHEEL_SPEEDS
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
-from mirdrake.signals import declare_vector_output
 from mirdrake.vehicles.mounts import GroundTruthMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
     from mirdrake.worlds import Track
 
 
@@ -83,7 +83,7 @@ class TruthSensor(SampledSensor):
     Input ports:
         body_poses, body_spatial_velocities: the plant's outputs of all bodies.
     Output ports:
-        sample (12) [m, rad, m/s, rad/s]: :data:`mirdrake.controllers.vectors.STATE`, of the frame S in place of B. The
+        sample (12) [m, rad, m/s, rad/s]: :data:`mirdrake.core.vectors.STATE`, of the frame S in place of B. The
             first sample is there from the start, unless there is a latency.
         stamp (1) [s]: when it was taken; -inf before the first.
 
@@ -132,7 +132,7 @@ def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
         twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6).
 
     Returns:
-        the 12 numbers of :data:`mirdrake.controllers.vectors.STATE`; roll, pitch, yaw as in Drake's RollPitchYaw.
+        the 12 numbers of :data:`mirdrake.core.vectors.STATE`; roll, pitch, yaw as in Drake's RollPitchYaw.
     """
     w, i, j, k, x, y, z = pose
     norm = sqrt(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1

@@ -8,15 +8,15 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
-from mirdrake.constants import GRAVITY
-from mirdrake.leaf_system import FreeableType
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.leaf_system import FreeableType
+from mirdrake.core.signals import copy_signals, signals
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, aligned_period, mount_pose
-from mirdrake.signals import copy_signals, signals
 from mirdrake.vehicles.mounts import ImuMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 IMU = signals(
     ("fx", "m/s²", "specific force, ahead"),

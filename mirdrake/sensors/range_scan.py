@@ -21,11 +21,11 @@ from shapely.geometry.polygon import orient
 
 from mirdrake.controllers.behaviours.fan import BEAMS, END_ANGLE, REACH, START_ANGLE, beam_angles, range_signals
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of, volume_of
-from mirdrake.controllers.checks import check_number
-from mirdrake.controllers.vectors import STATE
-from mirdrake.errors import ConfigError
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import Signal, declare_vector_input, declare_vector_output
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import Signal, declare_vector_input, declare_vector_output
+from mirdrake.core.vectors import STATE
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -179,7 +179,7 @@ class RangeScan(LeafSystem):
     """Distances from the front bumper to the props and vehicles around.
 
     Input ports:
-        state (12) [m, rad, m/s, rad/s]: of the vehicle, :data:`~mirdrake.controllers.vectors.STATE`.
+        state (12) [m, rad, m/s, rad/s]: of the vehicle, :data:`~mirdrake.core.vectors.STATE`.
         prop_poses (3 k) [m, m, rad]: x, y, yaw of each of :attr:`movable`, in this order; only when there are any. Left
             open, props stand where they were placed, and vehicles are not seen. :class:`PropPoses` gives them from the
             plant.

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiscreteValues, State
 
-from mirdrake.leaf_system import LeafSystem
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import Signals, declare_state_output, signals
 from mirdrake.sensors.noise import Noise, is_lost
-from mirdrake.signals import Signals, declare_state_output, signals
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context
 
+from mirdrake.core.signals import signals
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor
-from mirdrake.signals import signals
 from mirdrake.vehicles.mounts import SteeringAngleMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 STEERING_ANGLE = signals(
     ("angle", "rad", "positive to the left, in whole steps"),

@@ -8,14 +8,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.signals import signals
+from mirdrake.core.yaml_io import where
 from mirdrake.sensors.sampling import Array, SampledSensor
-from mirdrake.signals import signals
 from mirdrake.vehicles.mounts import WheelEncoderMount
-from mirdrake.yaml_io import where
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 COUNTS = signals(("counts", "", "of the counter, 0 where the wheel's angle is 0"))
 """What an encoder shows."""

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from scipy.optimize import brentq
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.tyres.wheel_laws import TyreLaw, make_tyre_laws
 from mirdrake.tyres.wheel_tyres import REFERENCE_FRICTION
 from mirdrake.vehicles import Vehicle

@@ -12,18 +12,18 @@ what acts on the slip of single wheels is left out: antilock, stability and trac
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, make_steering_law
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import cruise_step
 from mirdrake.controllers.gain_schedule import read_schedule
 from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
-from mirdrake.controllers.vectors import COMMAND, STATE
 from mirdrake.controllers.vehicle_control import believed_geometry
-from mirdrake.errors import ConfigError
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.powertrain import PEDALS, ActuatorLaw
-from mirdrake.signals import copy_signals, declare_state_output, declare_vector_input, signals
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import copy_signals, declare_state_output, declare_vector_input, signals
+from mirdrake.core.vectors import COMMAND, STATE
+from mirdrake.plant.powertrain import PEDALS, ActuatorLaw
 from mirdrake.single_track.dynamics import Tyres, Variant
 from mirdrake.single_track.from_vehicle import estimate_parameters
 from mirdrake.single_track.parameters import SingleTrackParameters

@@ -14,9 +14,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
-from mirdrake.rest_pose import check_balance
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
+from mirdrake.plant.rest_pose import check_balance
 from mirdrake.single_track.axles import Axle, Body, find_axles, find_leaning
 from mirdrake.single_track.dynamics import Tyres, Variant
 from mirdrake.single_track.parameters import SingleTrackParameters

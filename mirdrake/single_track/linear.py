@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
 from pydrake.systems.primitives import LinearSystem
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.single_track.dynamics import Variant, evaluate, maths_of
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import FORCES, MOTION, STEERING, state_names

@@ -4,9 +4,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError
+from mirdrake.core.checks import check_number
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,11 +2,11 @@
 
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.controllers.vectors import STATE
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.powertrain import PEDALS, STATUS, Measured, PowertrainLaw
-from mirdrake.powertrain.system import RATE
-from mirdrake.signals import declare_state_output, declare_vector_input
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input
+from mirdrake.core.vectors import STATE
+from mirdrake.plant.powertrain import PEDALS, STATUS, Measured, PowertrainLaw
+from mirdrake.plant.powertrain.system import RATE
 from mirdrake.single_track.system import FORCES
 from mirdrake.vehicles import Vehicle
 

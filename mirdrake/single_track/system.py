@@ -10,10 +10,10 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector_, Context, LeafSystem_, OutputPort
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from mirdrake.controllers.vectors import STATE
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.leaf_system import declare_cached_value, freeable
-from mirdrake.signals import Signals, declare_vector_input, declare_vector_output, signals
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import declare_cached_value, freeable
+from mirdrake.core.signals import Signals, declare_vector_input, declare_vector_output, signals
+from mirdrake.core.vectors import STATE
 from mirdrake.single_track.dynamics import TYRES, Variant, evaluate, maths_of
 from mirdrake.single_track.fast import make_fast
 from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters

@@ -15,7 +15,7 @@ from importlib import import_module
 from itertools import product
 from typing import Any, Literal, Protocol
 
-from mirdrake.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.studies.sampling import divide, draw, spread
 from mirdrake.studies.spec import ParameterSpec
 

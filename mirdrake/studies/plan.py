@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from mirdrake.diagram import Assembly, assemble
-from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.logs import spec_hash
-from mirdrake.own_modules import load_own_function
-from mirdrake.paths import installed_version
-from mirdrake.studies.job import Job, function_of
-from mirdrake.studies.knobs import Knob, find_knobs
+from mirdrake.assembly.diagram import Assembly, assemble
+from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import installed_version
+from mirdrake.core.user_modules import load_own_function
+from mirdrake.core.yaml_io import Source, validate, where
+from mirdrake.execution.job import Job, function_of
+from mirdrake.execution.parameters import Knob, find_knobs
+from mirdrake.runs.logs import spec_hash
+from mirdrake.runs.summary import VEHICLE_FIGURES
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
-from mirdrake.summary import VEHICLE_FIGURES
-from mirdrake.yaml_io import Source, validate, where
 
 _RESERVED = {"run", "status", "reason", "simulated"}
 _FIGURES = ("simulated_s",)

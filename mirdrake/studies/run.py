@@ -12,13 +12,13 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-from mirdrake.errors import ConfigError
-from mirdrake.studies.calls import Lost, call_all, open_executor
-from mirdrake.studies.job import Outcome, run_job
+from mirdrake.core.errors import ConfigError
+from mirdrake.execution.calls import Lost, call_all, open_executor
+from mirdrake.execution.job import Outcome, run_job
+from mirdrake.execution.store import Row, Store, make_schema, read_manifest, read_rows
+from mirdrake.execution.worker_server import STUDY, start_server
 from mirdrake.studies.plan import Plan, make_plan
 from mirdrake.studies.spec import StudySpec, make_study
-from mirdrake.studies.store import Row, Store, make_schema, read_manifest, read_rows
-from mirdrake.worker_server import STUDY, start_server
 
 GRACE = 30.0
 """Wall time above a run's limit after which its process is ended [s]; building the diagram is in it."""

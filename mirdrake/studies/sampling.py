@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
 from mirdrake.studies.spec import DrawnSampling, GridSampling, ParameterSpec, StudySpec
-from mirdrake.yaml_io import where
 
 MOST = 10_000_000
 """Largest number of runs."""

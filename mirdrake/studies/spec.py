@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from mirdrake.errors import ConfigError
-from mirdrake.paths import resolved
-from mirdrake.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, shown, validate
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import resolved
+from mirdrake.core.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, shown, validate
 
 Value = int | float | str | bool
 

@@ -10,16 +10,16 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
-from mirdrake.logs import spec_hash
-from mirdrake.paths import find
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
+from mirdrake.core.paths import find
+from mirdrake.core.yaml_io import read_tree, shown, where
 from mirdrake.requirements import Requirement, parse_requirement
 from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
+from mirdrake.runs.logs import spec_hash
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.props_spec import CaseSpec, SearchSpec
-from mirdrake.yaml_io import read_tree, shown, where
 
 Verdict = Literal["pass", "fail", "error", "invalid"]
 Values = Mapping[str, Any]

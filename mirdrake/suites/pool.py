@@ -8,11 +8,11 @@ from multiprocessing import connection, get_context
 from pathlib import Path
 from typing import Any, Self
 
-from mirdrake.errors import RunError
-from mirdrake.studies.processes import WorkerProcess
+from mirdrake.core.errors import RunError
+from mirdrake.execution.processes import WorkerProcess
+from mirdrake.execution.worker_server import worker_start
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.worker import run_folder, serve
-from mirdrake.worker_server import worker_start
 
 
 def time_limit(case: Case) -> float:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import write_file
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.runs.logs import write_file
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.pool import Pool
 

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import MirdrakeError, RunError, WorldError
-from mirdrake.logs import Run, load_run
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.errors import MirdrakeError, RunError, WorldError
+from mirdrake.execution.processes import settle_in
 from mirdrake.requirements import Finding, Observation, observe, parse_requirement
-from mirdrake.simulation import Simulation
-from mirdrake.studies.processes import settle_in
+from mirdrake.runs.logs import Run, load_run
+from mirdrake.runs.simulation import Simulation
 from mirdrake.suites.cases import VEHICLE, Case, Result, Verdict
 from mirdrake.suites.sketch import make_sketch
 from mirdrake.worlds import World

@@ -4,13 +4,13 @@ import math
 from datetime import UTC, date, datetime
 from typing import Any
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
+from mirdrake.core.yaml_io import Schema, parse_tree, parse_yaml, read_text, shown, where
 from mirdrake.tuning.result_folder import TuningResult
 from mirdrake.vehicles.file_change import FileChange, change_file
 from mirdrake.vehicles.spec import ControlSpec, PedalControl, Pid, PositionServo, VariantSpec, VelocityServo
 from mirdrake.vehicles.vehicle import find_vehicle, load_part, load_variant, variants
-from mirdrake.yaml_edit import REMOVED, Edit, value_at
-from mirdrake.yaml_io import Schema, parse_tree, parse_yaml, read_text, shown, where
 
 DIGITS = 6
 """Significant digits that are written."""

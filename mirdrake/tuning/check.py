@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.make import baseline_gains
 from mirdrake.tuning.spec import AT_LEAST, FIGURES, TuningSpec
-from mirdrake.yaml_io import where
 
 
 def check_study(spec: TuningSpec, loop: LoopSpec) -> None:

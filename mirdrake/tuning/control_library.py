@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import Any
 
-from mirdrake.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError, MissingDependencyError
 
 
 def control_library() -> Any:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from mirdrake.controllers.pid import PidGains
-from mirdrake.errors import MirdrakeError
+from mirdrake.core.errors import MirdrakeError
 from mirdrake.tuning.gains import from_series
 from mirdrake.tuning.identify import Identified
 from mirdrake.tuning.margins import ultimate_point

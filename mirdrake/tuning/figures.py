@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mirdrake.controllers.pid import NO_LIMITS, PidLimits
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tuning.models import Floats
 
 

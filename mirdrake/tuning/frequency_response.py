@@ -16,8 +16,8 @@ import numpy as np
 import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike, NDArray
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.tuning.fourier import fourier_line
 from mirdrake.tuning.gains import hold_response
 from mirdrake.tuning.models import Complexes, Floats

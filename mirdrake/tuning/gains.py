@@ -17,9 +17,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.pid import PidGains
-from mirdrake.errors import ConfigError
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
 from mirdrake.tuning.models import Complexes, TransferFunction
 
 FILTER_RATIO = 10.0

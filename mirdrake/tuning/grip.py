@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import scipy  # which imports its parts when they are first named
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_response
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench

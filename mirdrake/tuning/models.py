@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

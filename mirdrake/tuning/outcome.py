@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mirdrake.paths import installed_version
+from mirdrake.core.paths import installed_version
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.loops.base import Fidelity, LoopSpec
 from mirdrake.tuning.loops.make import finer

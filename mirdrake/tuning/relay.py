@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import RunError
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import RunError
 from mirdrake.tuning.fourier import fitted_line
 from mirdrake.tuning.gains import hold_response
 from mirdrake.tuning.models import Floats

@@ -20,7 +20,7 @@ from typing import Any
 
 import pandas as pd
 
-from mirdrake.recording.files import told, write_file
+from mirdrake.core.recording.files import told, write_file
 from mirdrake.tuning.result_folder import FORMAT, TuningResult, read_result
 
 __all__ = ["FORMAT", "TuningResult", "digest", "load_result", "plain", "write_result", "write_table"]

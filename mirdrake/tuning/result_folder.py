@@ -7,8 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import read_text, shown
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import read_text, shown
 
 FORMAT = "tuning-result/1"
 TABLES = ("responses", "trials", "frequency", "map", "monte_carlo")

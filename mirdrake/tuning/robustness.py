@@ -21,9 +21,9 @@ import numpy as np
 import pandas as pd
 import scipy  # which imports its parts when they are first named
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.studies.calls import open_executor
-from mirdrake.studies.journal import Journal
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.execution.calls import open_executor
+from mirdrake.execution.journal import Journal
 from mirdrake.studies.sampling import spread
 from mirdrake.studies.spec import ParameterSpec
 from mirdrake.tuning.loops.base import Conditions, Evaluator

@@ -13,13 +13,13 @@ from typing import Any
 import pandas as pd
 from pydrake.systems.framework import Context
 
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.gain_schedule import GainTable
 from mirdrake.controllers.pid import NO_LIMITS, DiscretePid, PidGains, PidLimits
-from mirdrake.errors import RunError
-from mirdrake.signals import declare_vector_input, signals
-from mirdrake.studies.calls import open_executor
-from mirdrake.studies.journal import Journal
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import RunError
+from mirdrake.core.signals import declare_vector_input, signals
+from mirdrake.execution.calls import open_executor
+from mirdrake.execution.journal import Journal
 from mirdrake.studies.optimise import LEARNING
 from mirdrake.tuning.loops.base import Evaluation, Evaluator
 from mirdrake.tuning.search import LIMIT, Evaluations, search

@@ -11,16 +11,16 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.studies.calls import Lost, call_all, open_executor
-from mirdrake.studies.job import one_line
-from mirdrake.studies.journal import Journal, Record
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.yaml_io import Source, validate
+from mirdrake.execution.calls import Lost, call_all, open_executor
+from mirdrake.execution.job import one_line
+from mirdrake.execution.journal import Journal, Record
 from mirdrake.studies.optimise import Point, make_proposer
 from mirdrake.studies.spec import ParameterSpec
 from mirdrake.tuning.loops.base import Evaluation, Evaluator
 from mirdrake.tuning.spec import AT_LEAST
 from mirdrake.tuning.trials import Trial, Trials, judge
-from mirdrake.yaml_io import Source, validate
 
 LIMIT = 600.0
 """Wall time that one evaluation may take in a worker process [s]."""

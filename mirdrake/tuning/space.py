@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.reduced import find_loop_margins
 from mirdrake.tuning.outcome import Candidate
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.tuning.trials import Trial, Trials
-from mirdrake.yaml_io import where
 
 
 def search_space(spec: TuningSpec, loop: LoopSpec, known: list[dict[str, float]]) -> dict[str, dict[str, Any]]:

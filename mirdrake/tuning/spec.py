@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from mirdrake.errors import ConfigError
-from mirdrake.paths import resolved
-from mirdrake.plant import PlantSpec
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import resolved
+from mirdrake.core.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, shown, validate
+from mirdrake.plant.plant import PlantSpec
 from mirdrake.studies.spec import Number
-from mirdrake.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, shown, validate
 
 PUBLISHED = {"kp": 100.0, "ki": 0.01, "kd": 10.0}
 """Untuned gains of the vehicles of the papers, to compare with.

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from mirdrake.controllers.pid import PidGains
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.tuning.gains import controller_transfer_function
 from mirdrake.tuning.models import Complexes, Floats, TransferFunction
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from mirdrake.studies.calls import Lost, call_all, open_executor
+from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.tuning.designs import DIGITS, Design
 from mirdrake.tuning.gain_map import map_of_two_gains
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec

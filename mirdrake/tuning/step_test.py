@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 import scipy  # which imports its parts when they are first named
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator
 from mirdrake.tuning.processes import Process
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.studies.fronts import find_knee, pareto_front
 from mirdrake.studies.optimise import Point
 from mirdrake.tuning.spec import AT_LEAST

@@ -22,9 +22,10 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from mirdrake.errors import RunError
-from mirdrake.logs import write_file
-from mirdrake.recording.files import told
+from mirdrake.core.errors import RunError
+from mirdrake.core.recording.files import told
+from mirdrake.execution.worker_server import LOOP, start_server
+from mirdrake.runs.logs import write_file
 from mirdrake.tuning.check import check_study
 from mirdrake.tuning.designs import Design, make_designs, softer_designs
 from mirdrake.tuning.identify import Identified, check_identified, identify_loop
@@ -49,7 +50,6 @@ from mirdrake.tuning.space import known_starts, leaders_of, near_the_limits, sea
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 from mirdrake.tuning.stages import Progress, Stages
 from mirdrake.tuning.trials import Trials
-from mirdrake.worker_server import LOOP, start_server
 
 STUDY = "study.json"
 

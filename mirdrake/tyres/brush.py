@@ -28,7 +28,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
-from mirdrake.controllers.checks import check_number
+from mirdrake.core.checks import check_number
 from mirdrake.tyres.maths import Maths, Value, maths_for
 
 _TINY = 1e-12
@@ -176,7 +176,7 @@ def brush_forces_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, maths: Ma
 
 
 def brush_on(curve: BrushCurve, kappa: float, tan_alpha: float, vx: float) -> tuple[float, float, float]:
-    """:func:`brush_forces_on` for floats, simple enough for machine code (:mod:`mirdrake.compiled`).
+    """:func:`brush_forces_on` for floats, simple enough for machine code (:mod:`mirdrake.core.compiled`).
 
     The aligning moment turns round with the direction of rolling, and fades below :data:`LOW` between both.
 

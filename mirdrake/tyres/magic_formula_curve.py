@@ -2,7 +2,7 @@
 
 A wheel asks for forces in every step of a simulation, while its load is measured less often. The functions here give
 Fx, Fy and Mz of :func:`mirdrake.tyres.magic_formula.magic_formula` for floats, in a third of its time, and are simple
-enough for machine code (:mod:`mirdrake.compiled`); the equations and their numbers are there.
+enough for machine code (:mod:`mirdrake.core.compiled`); the equations and their numbers are there.
 """
 
 from math import atan, cos, pi, sin, sqrt

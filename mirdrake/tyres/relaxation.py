@@ -32,7 +32,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
-from mirdrake.controllers.checks import check_number
+from mirdrake.core.checks import check_number
 
 _SMALL = 1e-9
 _WOUND = 1.5
@@ -213,4 +213,4 @@ def _advance(deflection: float, velocity: float, decay: float, period: float) ->
 
 
 STEP_PARTS = (low_speed_weight, relaxed_slip, _share_of_spring, deflection_step, _sliding, _step, _advance)
-"""Functions of a step, for :mod:`mirdrake.compiled`."""
+"""Functions of a step, for :mod:`mirdrake.core.compiled`."""

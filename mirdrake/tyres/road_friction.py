@@ -16,7 +16,7 @@ from pydrake.geometry import ProximityProperties, RoleAssign
 from pydrake.multibody.plant import CoulombFriction
 from pydrake.systems.framework import Context
 
-from mirdrake.plant import PlantParts, matched_friction
+from mirdrake.plant.plant import PlantParts, matched_friction
 from mirdrake.tyres.wheel_tyres import WheelTyres
 from mirdrake.vehicles import WHEELS
 
@@ -30,7 +30,7 @@ class RoadFriction:
     """Gives the tyres the friction of the ground below them, step by step.
 
     It is no system, for a system must not change the Context of another one: hand :meth:`watch` to a Simulator as its
-    monitor. :class:`mirdrake.simulation.Simulation` does so by itself.
+    monitor. :class:`mirdrake.runs.simulation.Simulation` does so by itself.
 
     Args:
         parts: plant, world and vehicles.

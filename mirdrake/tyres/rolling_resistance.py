@@ -22,7 +22,7 @@ the facets of the wheel, and what is cancelled follows N·ω without lag. At sta
 the measured moment itself is cancelled: it is the restoring moment of a faceted wheel, which would otherwise roll the
 car onto a facet.
 
-The shape of a tyre with a law of its own does not turn and has none of this (:func:`mirdrake.plant.add_vehicle`).
+The shape of a tyre with a law of its own does not turn and has none of this (:func:`mirdrake.plant.plant.add_vehicle`).
 
 The tyre's own moment is -Crr N Re tanh(ω/ω_0), with Re the effective rolling radius, so that the road pushes
 back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
@@ -38,11 +38,11 @@ from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.compiled import compiled, records
-from mirdrake.errors import ConfigError
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.plant import VehicleInPlant
-from mirdrake.signals import Signal, declare_state_output
+from mirdrake.core.compiled import compiled, records
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import Signal, declare_state_output
+from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.tyres.wheel_motion import STEP_PARTS, WheelPlace, base_motion, wheel_motion, wheel_places
 from mirdrake.vehicles import WHEELS
 

@@ -25,10 +25,10 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import NamedTuple
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import shown
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
-from mirdrake.yaml_io import shown
 
 Text = str | float
 

@@ -17,7 +17,7 @@ from mirdrake.vehicles.tyre_spec import BrushAxle, BrushTyres, MagicFormulaTyres
 
 
 class SteadyLaw(NamedTuple):
-    """A law of steady state, as functions of floats that :mod:`mirdrake.compiled` can turn into machine code.
+    """A law of steady state, as functions of floats that :mod:`mirdrake.core.compiled` can turn into machine code.
 
     Attributes:
         curve: kind of record of a tyre at a load.

@@ -2,7 +2,8 @@
 
 All of it from the plant's state as floats: base pose and velocity, travel of the suspension along z of the vehicle
 frame B, steering angle about the same direction, spin about the axle. It is faster than asking the
-plant, has no contexts, and the plant's step has it in machine code (:mod:`mirdrake.compiled`): indices, no unpacking.
+plant, has no contexts, and the plant's step has it in machine code (:mod:`mirdrake.core.compiled`): indices, no
+unpacking.
 
 The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
 wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
@@ -16,7 +17,7 @@ from collections.abc import MutableSequence, Sequence
 from math import asin, cos, hypot, sin
 from typing import NamedTuple
 
-from mirdrake.plant import VehicleInPlant
+from mirdrake.plant.plant import VehicleInPlant
 
 _FLAT = 1e-3  # least cosine of the inclination: a wheel that lies on its side has no rolling direction
 _LEAST_RADIUS = 1e-3  # [m]
@@ -243,4 +244,4 @@ def add_road_force(
 
 
 STEP_PARTS = (base_motion, wheel_motion, add_road_force)
-"""Functions of a step, for :mod:`mirdrake.compiled`."""
+"""Functions of a step, for :mod:`mirdrake.core.compiled`."""

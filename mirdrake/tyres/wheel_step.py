@@ -1,4 +1,4 @@
-"""One step of the tyres of a vehicle, for machine code (:mod:`mirdrake.compiled`).
+"""One step of the tyres of a vehicle, for machine code (:mod:`mirdrake.core.compiled`).
 
 One step of length dt. The deflections of the tyres are advanced to now with the mean slip velocity of the last step,
 and on to its middle, where the law is asked and to which the forces are turned with the car. Between the explicit steps
@@ -31,16 +31,16 @@ forces and stiffnesses go with the load.
 A brake is Coulomb friction: it has the torque with which the wheel would stand still at the end of the step, within
 what it can give. A wheel that stands is held by what is needed, exactly, and one that turns gets all of it.
 
-Left out: overturning moment beyond that of the contact (:mod:`mirdrake.wheel_shape`); turn slip (the moment against
-steering at standstill is that of the kingpin offset alone).
+Left out: overturning moment beyond that of the contact (:mod:`mirdrake.plant.wheel_shape`); turn slip (the moment
+against steering at standstill is that of the kingpin offset alone).
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
 from math import atan, expm1, inf
 from typing import Any, NamedTuple
 
-from mirdrake.compiled import Records
-from mirdrake.plant import TyreSpring, spring_load
+from mirdrake.core.compiled import Records
+from mirdrake.plant.plant import TyreSpring, spring_load
 from mirdrake.tyres import relaxation, wheel_motion
 from mirdrake.tyres.relaxation import (
     Contact,

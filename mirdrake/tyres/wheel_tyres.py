@@ -16,12 +16,12 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from mirdrake.compiled import Records, compiled, plain, record_type, records
-from mirdrake.constants import GRAVITY
-from mirdrake.leaf_system import LeafSystem, declare_cached_value
-from mirdrake.plant import VehicleInPlant
-from mirdrake.rest_pose import check_balance
-from mirdrake.signals import Signal, declare_state_output, declare_vector_input
+from mirdrake.core.compiled import Records, compiled, plain, record_type, records
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.leaf_system import LeafSystem, declare_cached_value
+from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input
+from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.plant.rest_pose import check_balance
 from mirdrake.tyres.relaxation import Contact, RelaxationSettings
 from mirdrake.tyres.wheel_laws import SteadyLaw, TyreLaw, make_tyre_laws, steady_law
 from mirdrake.tyres.wheel_motion import wheel_places

@@ -1,11 +1,11 @@
 """Schemas of vehicle.yaml about what carries the body and what the air does to it: suspension, aerodynamics.
 
-Their laws are in :mod:`mirdrake.suspension` and :mod:`mirdrake.aerodynamics`.
+Their laws are in :mod:`mirdrake.plant.suspension` and :mod:`mirdrake.tyres.aerodynamics`.
 """
 
 from pydantic import Field
 
-from mirdrake.yaml_io import Length, Schema
+from mirdrake.core.yaml_io import Length, Schema
 
 # --- suspension --------------------------------------------------------------------------------------------------
 

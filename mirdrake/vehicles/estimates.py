@@ -11,8 +11,8 @@ of the controllers; the steering servo keeps theirs.
 from dataclasses import dataclass
 from math import atan, atan2, cos, hypot, log, pi, radians, sin, sqrt, tan
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
 
 BOLT_RADIUS = 0.3234
 """Wheel radius for which times are as measured on the Bolt [m]."""
@@ -160,7 +160,7 @@ class Estimates:
         yaw_inertia: whole vehicle, about its centre of mass [kg m²].
         roll_inertia: the same about x.
         pitch_inertia: the same about y.
-        tyre_modulus: hydroelastic modulus of the wheel mesh of :mod:`mirdrake.wheel_shape` [Pa].
+        tyre_modulus: hydroelastic modulus of the wheel mesh of :mod:`mirdrake.plant.wheel_shape` [Pa].
         tyre_resolution: Drake's mesh hint [m].
         tyre_dissipation: Hunt-Crossley dissipation [s/m].
         tyre_point_stiffness: [N/m].

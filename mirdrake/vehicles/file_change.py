@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.paths import resolved
-from mirdrake.recording.files import told, write_file
-from mirdrake.yaml_edit import Edit, edit_yaml
-from mirdrake.yaml_io import read_text, shown
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.paths import resolved
+from mirdrake.core.recording.files import told, write_file
+from mirdrake.core.yaml_edit import Edit, edit_yaml
+from mirdrake.core.yaml_io import read_text, shown
 
 
 @dataclass(frozen=True)

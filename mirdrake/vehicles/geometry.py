@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
-from mirdrake.errors import ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.vehicles.spec import VehicleSpec
 
 TOLERANCE = 1e-3  # [m] and [rad]: what counts as symmetric, lateral, vertical

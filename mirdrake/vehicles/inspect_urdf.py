@@ -17,14 +17,14 @@ from xml.etree import ElementTree
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from mirdrake.errors import ConfigError, MirdrakeError, ModelError, did_you_mean
-from mirdrake.paths import data_root
+from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError, did_you_mean
+from mirdrake.core.paths import data_root
+from mirdrake.core.yaml_io import where as where_in
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.numbers_in_urdf import check_numbers, number
 from mirdrake.vehicles.spec import WHEELS, VehicleSpec
 from mirdrake.vehicles.suspension import find_suspension_faults
 from mirdrake.vehicles.xacro_render import Urdf
-from mirdrake.yaml_io import where as where_in
 
 COLLISION_FORMATS = (".obj", ".vtk", ".gltf")
 VISUAL_FORMATS = (".obj", ".gltf")

@@ -24,7 +24,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.vehicles.figures import (
     ActuatorFigures,
     Inspection,

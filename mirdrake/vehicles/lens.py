@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirdrake.yaml_io import Schema
+from mirdrake.core.yaml_io import Schema
 
 Array = NDArray[np.float64]
 

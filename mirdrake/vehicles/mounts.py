@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, validate
+from mirdrake.core.yaml_tree import below_preset
 from mirdrake.vehicles.lens import LensSpec, check_lens
 from mirdrake.vehicles.noise_spec import AccelerationNoise, AngleNoise, LengthNoise, RateNoise, SpeedNoise
 from mirdrake.vehicles.presets import with_preset
-from mirdrake.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, validate
-from mirdrake.yaml_tree import below_preset
 
 MAX_LATITUDE = 89.9 * pi / 180.0  # east and north mean nothing at the poles
 

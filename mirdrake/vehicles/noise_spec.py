@@ -17,8 +17,8 @@ from typing import Any, ClassVar, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from mirdrake.constants import GRAVITY
-from mirdrake.yaml_io import Duration, Schema
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.yaml_io import Duration, Schema
 
 _NUMBER = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*", re.DOTALL)
 _DEGREE, _G, _HOUR = pi / 180.0, GRAVITY, 3600.0

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from xml.etree import ElementTree
 
-from mirdrake.errors import ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.vehicles.xacro_render import Urdf
 
 _DRAKE = "{http://drake.mit.edu}"

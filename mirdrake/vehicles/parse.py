@@ -10,7 +10,7 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from mirdrake.errors import ModelError
+from mirdrake.core.errors import ModelError
 
 _HINT = re.compile(r'(<drake:mesh_resolution_hint value=")([0-9.eE+-]+)(")')
 _LINE = re.compile(r"<literal-string>\.urdf:(\d+):\s*")

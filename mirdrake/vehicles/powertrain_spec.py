@@ -1,7 +1,7 @@
 """Schemas of vehicle.yaml about what drives, brakes and steers: powertrain, brakes, pedals, actuators.
 
-Their laws are in :mod:`mirdrake.powertrain`. They act on a vehicle whose control.yaml has a wheel_speed of kind pedals;
-servos and PID controllers of the wheels know the torque limits only.
+Their laws are in :mod:`mirdrake.plant.powertrain`. They act on a vehicle whose control.yaml has a wheel_speed of kind
+pedals; servos and PID controllers of the wheels know the torque limits only.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
-from mirdrake.yaml_io import AngularRate, Duration, Power, Schema, Speed, Torque
+from mirdrake.core.yaml_io import AngularRate, Duration, Power, Schema, Speed, Torque
 
 Duty = Annotated[float, Field(ge=0, le=1)]
 Ratio = Annotated[float, Field(gt=0)]
@@ -91,7 +91,7 @@ class ElectricPowertrain(_AnyPowertrain):
 
 
 class Converter(Schema):
-    """Torque converter, quasi-static: see :mod:`mirdrake.powertrain.engine`."""
+    """Torque converter, quasi-static: see :mod:`mirdrake.plant.powertrain.engine`."""
 
     stall_speed: AngularRate = Field(gt=0, description="[rad/s] of the engine at full throttle, wheels held")
     stall_ratio: float = Field(default=2.0, ge=1, description="[-] torque behind over torque before it, wheels held")
@@ -167,7 +167,7 @@ Powertrain = Annotated[
 
 
 class Antilock(Schema):
-    """Holds the slip of a braked wheel: see :mod:`mirdrake.powertrain.antilock`."""
+    """Holds the slip of a braked wheel: see :mod:`mirdrake.plant.powertrain.antilock`."""
 
     target_slip: float = Field(default=0.1, gt=0, lt=1, description="[-] slip that is held")
     gain: float = Field(default=15.0, gt=0, description="[1/s] how fast a slip error goes, if the estimate is right")
@@ -175,7 +175,7 @@ class Antilock(Schema):
 
 
 class Stability(Schema):
-    """Brakes single wheels when the yaw rate is not that of the single track: mirdrake/powertrain/stability.py."""
+    """Brakes single wheels when the yaw rate leaves that of the single track, see plant/powertrain/stability.py."""
 
     gain: float = Field(default=2e4, gt=0, description="[N m s/rad] brake torque of one wheel over yaw-rate error")
     dead_band: AngularRate = Field(default=0.05, ge=0, description="[rad/s] yaw-rate error that is let pass")

@@ -1,6 +1,7 @@
 """Sensors that one can buy, by product name: ``front_lidar: {preset: sick_lms291, frame: front_lidar}``.
 
-Presets are data: every ``sensors/*.yaml`` in a models folder (see :mod:`mirdrake.paths`), the first of a name wins.
+Presets are data: every ``sensors/*.yaml`` in a models folder (see :mod:`mirdrake.core.paths`); the first of a name
+wins.
 """
 
 from collections.abc import Iterator
@@ -10,9 +11,9 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from mirdrake.errors import did_you_mean
-from mirdrake.paths import search_folders
-from mirdrake.yaml_io import Schema, load_yaml
+from mirdrake.core.errors import did_you_mean
+from mirdrake.core.paths import search_folders
+from mirdrake.core.yaml_io import Schema, load_yaml
 
 _PLACE = {"frame", "preset"}  # what a mount says for itself
 

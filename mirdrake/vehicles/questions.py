@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, get_args
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import to_si
 from mirdrake.vehicles.spec import Drive
-from mirdrake.yaml_io import to_si
 
 BODIES = ("hatchback", "sedan", "suv", "van", "truck", "robot")
 

@@ -13,14 +13,14 @@ from typing import Any
 
 import jinja2
 
-from mirdrake.errors import ConfigError
-from mirdrake.paths import search_folders, staging
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.paths import search_folders, staging
+from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.bodywork.generic import write_car
 from mirdrake.vehicles.estimates import least_turning_circle
 from mirdrake.vehicles.questions import USUAL_SENSORS, ask
 from mirdrake.vehicles.vehicle import load_vehicle
 from mirdrake.vehicles.vehicle_plan import TABLES, Plan, plan_vehicle, rounded
-from mirdrake.yaml_io import shown
 
 __all__ = ["ask", "check_name", "new_vehicle", "plan_vehicle", "vehicle_place", "write_diagram", "write_visuals"]
 

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mirdrake.core.yaml_io import Source, validate
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.spec import ControlSpec, VehicleSpec
 from mirdrake.vehicles.vehicle import Vehicle
-from mirdrake.yaml_io import Source, validate
 
 Data = dict[str, Any]
 

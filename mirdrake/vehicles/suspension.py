@@ -12,12 +12,12 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError, MirdrakeError, ModelError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError
+from mirdrake.core.yaml_io import where as where_in
 from mirdrake.vehicles.geometry import TOLERANCE, VehicleGeometry
 from mirdrake.vehicles.spec import WHEELS, VehicleSpec
 from mirdrake.vehicles.xacro_render import Urdf
-from mirdrake.yaml_io import where as where_in
 
 _STEERED = {"front_left": "left", "front_right": "right"}
 

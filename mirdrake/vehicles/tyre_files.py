@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import search_folders
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import search_folders
+from mirdrake.core.yaml_io import where
 from mirdrake.vehicles.spec import VehicleSpec
 from mirdrake.vehicles.tyre_spec import MagicFormulaTyres
-from mirdrake.yaml_io import where
 
 
 def find_tyre_files(spec: VehicleSpec, folder: Path) -> tuple[Path, ...]:

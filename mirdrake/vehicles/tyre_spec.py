@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator
 
-from mirdrake.yaml_io import Force, Length, Schema
+from mirdrake.core.yaml_io import Force, Length, Schema
 
 
 class _AnyTyres(Schema):

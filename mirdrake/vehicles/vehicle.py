@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import find
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import find
+from mirdrake.core.yaml_io import SchemaT, Source, load_yaml, shown
+from mirdrake.core.yaml_io import where as where_in
 from mirdrake.vehicles.geometry import VehicleGeometry, measure_geometry
 from mirdrake.vehicles.inspect_urdf import check_actuators, check_urdf, resolve_meshes
 from mirdrake.vehicles.mounts import SensorsSpec
@@ -15,8 +17,6 @@ from mirdrake.vehicles.spec import ControlSpec, Drive, VariantSpec, VehicleSpec
 from mirdrake.vehicles.suspension import measure_spring_loads
 from mirdrake.vehicles.tyre_files import find_tyre_files
 from mirdrake.vehicles.xacro_render import Urdf, render_xacro
-from mirdrake.yaml_io import SchemaT, Source, load_yaml, shown
-from mirdrake.yaml_io import where as where_in
 
 MAIN_FILE = "main.urdf.xacro"
 FILES = ("vehicle.yaml", "control.yaml", "sensors.yaml", MAIN_FILE)

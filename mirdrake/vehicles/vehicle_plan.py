@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
 from mirdrake.vehicles.estimates import (
     HOW,
     ROBOT_MASS,

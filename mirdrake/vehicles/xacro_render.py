@@ -29,9 +29,9 @@ import xacro
 import yaml
 from xacro.substitution_args import convert_value
 
-from mirdrake.errors import ModelError, did_you_mean
+from mirdrake.core.errors import ModelError, did_you_mean
+from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.xacro_expressions import LARGEST, Evaluator
-from mirdrake.yaml_io import shown
 
 Place = tuple[str, int]
 _AT = "_at"

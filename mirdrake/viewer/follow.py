@@ -8,7 +8,7 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import Context
 
-from mirdrake.diagram import DRAWING_PERIOD, Assembly
+from mirdrake.assembly.diagram import DRAWING_PERIOD, Assembly
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, place_camera
 
 LAG = 0.5
@@ -16,7 +16,7 @@ LAG = 0.5
 
 
 class FollowCamera:
-    """A monitor for :meth:`mirdrake.simulation.Simulation.run` that keeps the first vehicle in view.
+    """A monitor for :meth:`mirdrake.runs.simulation.Simulation.run` that keeps the first vehicle in view.
 
     Args:
         meshcat: shows the run.

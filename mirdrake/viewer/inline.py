@@ -16,11 +16,11 @@ from typing import Any
 
 from pydrake.geometry import Meshcat
 
-from mirdrake.diagram_spec import DiagramSpec
-from mirdrake.errors import ConfigError
-from mirdrake.logs import Run
-from mirdrake.recording.files import write_file
-from mirdrake.scene import make_scene
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.scene import make_scene
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.recording.files import write_file
+from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run

@@ -8,7 +8,7 @@ from math import cos, pi, sin
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 from mirdrake.viewer.private_meshcat import Upstream, make_private_meshcat
 from mirdrake.viewer.server import PageServer
 from mirdrake.worlds import World

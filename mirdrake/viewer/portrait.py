@@ -29,8 +29,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from mirdrake.errors import MirdrakeError, MissingDependencyError
-from mirdrake.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
+from mirdrake.core.errors import MirdrakeError, MissingDependencyError
+from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors.cameras import add_renderer, use_plain_textures
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.worlds import World, load_world

@@ -29,7 +29,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 
 BLOCKED_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 4190, 4045, 5060, 5061, 3659, 2049, 1723)
 """Ports that no web page may use, by the Fetch standard's list of bad ports."""

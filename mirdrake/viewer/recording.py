@@ -14,9 +14,9 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatVisualizer, Meshc
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.errors import RunError
-from mirdrake.logs import Run, write_file
-from mirdrake.plant import PlantSpec, make_plant
+from mirdrake.core.errors import RunError
+from mirdrake.plant.plant import PlantSpec, make_plant
+from mirdrake.runs.logs import Run, write_file
 from mirdrake.vehicles import WHEELS
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_offline_meshcat, place_camera
 from mirdrake.viewer.views import View, make_views, with_views

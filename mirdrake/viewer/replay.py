@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from mirdrake.errors import RunError
-from mirdrake.logs import Run, reads_run, write_file
-from mirdrake.recording.pictures import Picture
+from mirdrake.core.errors import RunError
+from mirdrake.core.recording.pictures import Picture
+from mirdrake.runs.logs import Run, reads_run, write_file
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run, views_of
 from mirdrake.viewer.server import Answer, PageServer

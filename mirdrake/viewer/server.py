@@ -20,7 +20,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import urlsplit
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 from mirdrake.viewer.private_meshcat import Upstream
 from mirdrake.viewer.websocket import (
     BINARY,

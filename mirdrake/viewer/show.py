@@ -6,10 +6,10 @@ from pathlib import Path
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from mirdrake.diagram import DRAWING_PERIOD, DiagramSpec, assemble
-from mirdrake.logs import write_file
-from mirdrake.plant import make_plant
-from mirdrake.scene import Scene
+from mirdrake.assembly.diagram import DRAWING_PERIOD, DiagramSpec, assemble
+from mirdrake.assembly.scene import Scene
+from mirdrake.plant.plant import make_plant
+from mirdrake.runs.logs import write_file
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, overlook, place_camera
 from mirdrake.viewer.vehicle_view import show_vehicle
 from mirdrake.viewer.views import View, with_views

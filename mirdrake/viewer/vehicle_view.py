@@ -18,7 +18,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from mirdrake.plant import VehicleInPlant, make_plant, set_start
+from mirdrake.plant.plant import VehicleInPlant, make_plant, set_start
 from mirdrake.vehicles import Vehicle
 from mirdrake.viewer.meshcat import WORLD_PATH
 from mirdrake.worlds import load_world

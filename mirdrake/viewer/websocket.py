@@ -11,7 +11,7 @@ from websockets import utils
 from websockets.frames import Frame, Opcode
 from websockets.protocol import Protocol, Side, State
 
-from mirdrake.errors import MirdrakeError
+from mirdrake.core.errors import MirdrakeError
 
 MOST = 65536
 """Bytes of a message."""

@@ -32,7 +32,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.plant import make_plant
+from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat, make_offline_meshcat
 from mirdrake.viewer.vehicle_view import PERIOD, SHAPE_COLOUR, STOP
 from mirdrake.world_checks import Examination, Fault

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mirdrake.controllers.behaviours.outline import volume_of
-from mirdrake.errors import ConfigError, MirdrakeError
+from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.yaml_io import parse_tree, where
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks.faults import Fault, Kind
 from mirdrake.world_checks.first_steps import find_first_step_fault
@@ -24,7 +25,6 @@ from mirdrake.world_checks.standing import find_gaps, find_unsettled
 from mirdrake.world_checks.ways import Way, find_way, goal_area
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.clearance import Volume
-from mirdrake.yaml_io import parse_tree, where
 
 _CAR = "bolt"  # the standard car
 

@@ -101,7 +101,7 @@ def _step(path: str, overrides: list[str], vehicle: str, start_name: str) -> str
     from pydrake.systems.analysis import Simulator
     from pydrake.systems.framework import DiagramBuilder
 
-    from mirdrake.plant import make_plant, set_start
+    from mirdrake.plant.plant import make_plant, set_start
     from mirdrake.vehicles import load_vehicle
     from mirdrake.worlds import load_world
 

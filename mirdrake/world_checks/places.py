@@ -5,13 +5,13 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import shapely
 
+from mirdrake.core.yaml_io import where
 from mirdrake.world_checks.faults import Fault, Kind, amount, spot
 from mirdrake.world_checks.obstacles import Body, obstacles_of
 from mirdrake.world_checks.overlaps import Neighbours, place_of
 from mirdrake.world_checks.ways import goal_area
 from mirdrake.worlds import PlacedProp, World
 from mirdrake.worlds.clearance import Volume, clearance, place_outline
-from mirdrake.yaml_io import where
 
 _HEIGHTS = 0.1, 1.0  # [m] heights between which something is in the way of a vehicle that nobody has named
 

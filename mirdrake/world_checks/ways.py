@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import did_you_mean
+from mirdrake.core.errors import did_you_mean
 from mirdrake.world_checks.faults import spot
 from mirdrake.world_checks.gaps import Gap, Passage
 from mirdrake.world_checks.obstacles import Array, Body, Obstacle, Room

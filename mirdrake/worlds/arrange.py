@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.paths import resolved
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.paths import resolved
+from mirdrake.core.yaml_io import where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.layouts import Slot, draw_in, make_slots
 from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop, make_mesh_prop, make_primitive
 from mirdrake.worlds.props_spec import LARGEST_COUNT, GroupSpec, PropEntry
 from mirdrake.worlds.regions import Places
 from mirdrake.worlds.values import is_random
-from mirdrake.yaml_io import where
 
 TRIES = 400
 """Draws of a random thing before there is said to be no place for it."""

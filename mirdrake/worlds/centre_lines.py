@@ -20,7 +20,7 @@ import scipy  # which imports its parts when they are first named
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from mirdrake.errors import WorldError
+from mirdrake.core.errors import WorldError
 from mirdrake.worlds.clothoids import distances, solve
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track

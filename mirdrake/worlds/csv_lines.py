@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import shown
 from mirdrake.worlds.pieces import Array
-from mirdrake.yaml_io import shown
 
 _LARGEST = 20_000_000  # bytes
 _FARTHEST = 1e8  # [m] from the origin

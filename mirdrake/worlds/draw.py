@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Schema, Source, any_to_si, where
 from mirdrake.worlds.values import Number, Stream, draw_number, draw_word, is_random, settle
-from mirdrake.yaml_io import Schema, Source, any_to_si, where
 
 _TEXTS = {"name", "file", "check_length", "mirdrake", "csv", "xodr"}
 """Keys whose texts are left as they are."""

@@ -8,11 +8,11 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.props_spec import LARGEST_COUNT, AlongSpec, PropEntry
 from mirdrake.worlds.regions import Places, make_region
-from mirdrake.yaml_io import where
 
 _TRIES = 10_000  # draws of a point in an area, before it is called too thin
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mirdrake.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.paths import data_root, find
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.paths import data_root, find
+from mirdrake.core.yaml_io import Source, load_yaml, read_tree, validate, where
 from mirdrake.worlds.arrange import Arranger
 from mirdrake.worlds.draw import Draw, settle_tree
 from mirdrake.worlds.props import PlacedProp
@@ -26,7 +27,6 @@ from mirdrake.worlds.track_layout import make_track
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.values import Number
 from mirdrake.worlds.world import SURFACE_MU, Goal, Ground, Start, World
-from mirdrake.yaml_io import Source, load_yaml, read_tree, validate, where
 
 _MARGIN = 50.0  # [m] ground beyond the tracks
 _BARE_SIZE = 400.0  # [m] side of the ground of a world without tracks
@@ -39,7 +39,7 @@ def load_world(name: str, *, where: str = "", overrides: Iterable[str] = ()) -> 
     Args:
         name: a name below worlds/ or a path of a YAML file.
         where: prefix of the message when there is no such world, for example ``"drive.yaml:3: world"``.
-        overrides: ``"dotted.path=value"`` texts, see :func:`mirdrake.yaml_io.parse_yaml`; for example
+        overrides: ``"dotted.path=value"`` texts, see :func:`mirdrake.core.yaml_io.parse_yaml`; for example
             ``"params.cars=20"`` or ``"seed=3"``.
 
     Raises:

@@ -23,8 +23,8 @@ from pydrake.geometry import Box, Convex, Cylinder, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import WorldError
-from mirdrake.paths import resolved
+from mirdrake.core.errors import WorldError
+from mirdrake.core.paths import resolved
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World, track_mu

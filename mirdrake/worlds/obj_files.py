@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from pydrake.geometry import Convex
 
-from mirdrake.errors import WorldError
+from mirdrake.core.errors import WorldError
 from mirdrake.worlds.lock import mesh_files, read_bytes
 from mirdrake.worlds.scenery import texture_path
 

@@ -23,13 +23,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.yaml_io import shown
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.opendrive_lanes import Part
 from mirdrake.worlds.opendrive_parts import LONGEST, Leg, parse_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
-from mirdrake.yaml_io import shown
 
 _EXACT = (1e-4, 1e-4)  # [m], [rad] by which geometries may miss one another and still be laid end to end
 _APART = (0.5, 0.5)  # [m], [rad]; more is a gap or a corner, not rounding

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.worlds.opendrive_parts import Places, number_of, read_leg
 from mirdrake.worlds.pieces import Array
 

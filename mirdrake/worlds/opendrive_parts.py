@@ -14,10 +14,10 @@ from xml.parsers import expat
 
 import numpy as np
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
-from mirdrake.yaml_io import shown
 
 _LARGEST = 100_000_000  # bytes
 _LARGEST_NUMBER = 1e8

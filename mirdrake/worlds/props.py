@@ -23,10 +23,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import SpatialInertia
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.paths import is_hidden, resolved, search_folders
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import is_hidden, resolved, search_folders
+from mirdrake.core.yaml_io import Angle, Length, Mass, Schema, load_yaml, where
 from mirdrake.worlds.outlines import outlines_of
-from mirdrake.yaml_io import Angle, Length, Mass, Schema, load_yaml, where
 
 Array = NDArray[np.float64]
 Size = tuple[float, float, float]

@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, PlainValidator, field_validator, model_validator
 
-from mirdrake.yaml_io import Duration, Length, Schema
+from mirdrake.core.yaml_io import Duration, Length, Schema
 
 LARGEST_COUNT = 20_000
 """Largest number of props in a world."""

@@ -8,12 +8,12 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props_spec import RegionSpec
 from mirdrake.worlds.tracks import Offset, Track, offset_at
-from mirdrake.yaml_io import where
 
 _QUARTER = 16  # segments of a quarter of a disc
 

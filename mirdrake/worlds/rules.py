@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.props_spec import DrivableSpec, RuleSpec, WhereSpec
 from mirdrake.worlds.regions import Places, make_region
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Start
-from mirdrake.yaml_io import where
 
 _SLACK = 1e-9  # [m]
 

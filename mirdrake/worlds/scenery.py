@@ -25,7 +25,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.paths import data_root, resolved
+from mirdrake.core.paths import data_root, resolved
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.spec import MarkingSpec, ScenerySpec

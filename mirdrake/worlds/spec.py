@@ -24,8 +24,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
+from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
 from mirdrake.worlds.props_spec import CaseSpec, GroupSpec, Label, PatchSpec, PropEntry, RuleSpec, Value
-from mirdrake.yaml_io import Angle, Length, Schema, Speed, to_si
 
 Surface = Literal["asphalt", "concrete", "grass", "gravel", "ice"]
 Coordinate = Annotated[Length, Field(ge=-1e6, le=1e6)]

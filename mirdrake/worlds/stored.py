@@ -15,13 +15,13 @@ import shapely
 from pydrake.geometry import Box, Convex, Cylinder, Shape, Sphere
 from pydrake.math import RigidTransform
 
+from mirdrake.core.yaml_io import Source, validate
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Ground, Start, World
-from mirdrake.yaml_io import Source, validate
 
 Data = dict[str, Any]
 

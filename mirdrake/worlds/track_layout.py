@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.yaml_io import shown, where
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.csv_lines import read_csv_track
 from mirdrake.worlds.opendrive import read_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement
 from mirdrake.worlds.spec import CsvSpec, TrackSpec, XodrSpec
 from mirdrake.worlds.tracks import Edges, Track
-from mirdrake.yaml_io import shown, where
 
 _GAP_LENGTH, _GAP_ANGLE = 1e-3, math.radians(0.01)
 _LONGEST = 1e5  # [m] longest track

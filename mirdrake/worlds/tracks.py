@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.errors import WorldError
+from mirdrake.core.errors import WorldError
 from mirdrake.worlds.curve import Curve
 from mirdrake.worlds.pieces import Array, Piece, Placement
 

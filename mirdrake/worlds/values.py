@@ -24,8 +24,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.yaml_io import to_si
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import to_si
 
 Number = float | int
 Parameters = Mapping[str, Number | str]
@@ -70,7 +70,7 @@ def draw_number(value: Number | str, *, unit: str, parameters: Parameters, strea
 
     Args:
         value: a number, or a text of this little language.
-        unit: SI unit as :func:`mirdrake.yaml_io.to_si` knows it, "" for none.
+        unit: SI unit as :func:`mirdrake.core.yaml_io.to_si` knows it, "" for none.
         parameters: values of ``$name``.
         stream: what is random is drawn from it; the same stream object goes on where it stopped.
         where: ``file:line: path`` for messages.

@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch

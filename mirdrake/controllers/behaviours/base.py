@@ -10,11 +10,11 @@ from pydrake.systems.framework import Context, DiscreteValues
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.behaviours.fan import BEAMS, Array, Fan, range_signals
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
-from mirdrake.controllers.checks import check_number
-from mirdrake.controllers.vectors import COMMAND, STATE, Command
-from mirdrake.errors import DivergedError
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_state_output, declare_vector_input
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import DivergedError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_state_output, declare_vector_input
+from mirdrake.core.vectors import COMMAND, STATE, Command
 
 
 class View(NamedTuple):
@@ -53,7 +53,7 @@ class Behaviour(LeafSystem):
     """A driver that looks and decides every `period`.
 
     Input ports:
-        state (12) [m, rad, m/s, rad/s]: :data:`~mirdrake.controllers.vectors.STATE`.
+        state (12) [m, rad, m/s, rad/s]: :data:`~mirdrake.core.vectors.STATE`.
         ranges (181) [m]: distances from the middle of the front bumper, beams from -90 to 90 degrees.
 
     Output ports:

@@ -13,7 +13,7 @@ from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
 from mirdrake.controllers.behaviours.laws import brake_speed, free_distance, gap_to
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
-from mirdrake.controllers.checks import check_number
+from mirdrake.core.checks import check_number
 
 _SAME = 2.0  # what is nearer to the last place than this is the same object [m]
 

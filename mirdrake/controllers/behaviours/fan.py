@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.signals import Signal, Signals
+from mirdrake.core.signals import Signal, Signals
 
 Array = NDArray[np.float64]
 

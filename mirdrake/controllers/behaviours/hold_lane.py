@@ -9,12 +9,12 @@ from pydrake.systems.framework import Context, DiscreteValues
 from mirdrake.controllers.behaviours.fan import BEAMS, Fan, range_signals
 from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
-from mirdrake.controllers.checks import check_number
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
-from mirdrake.controllers.vectors import Command
-from mirdrake.errors import ConfigError
-from mirdrake.signals import declare_vector_input
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import declare_vector_input
+from mirdrake.core.vectors import Command
 
 _SPACING = 0.05  # of the table of arc lengths [m]
 
@@ -64,7 +64,7 @@ class HoldLane(PathTracker):
     """A path tracker that stops before obstacles in its lane.
 
     Input ports:
-        state (12) [m, rad, m/s, rad/s]: :data:`~mirdrake.controllers.vectors.STATE`.
+        state (12) [m, rad, m/s, rad/s]: :data:`~mirdrake.core.vectors.STATE`.
         ranges (181) [m]: distances from the middle of the front bumper, beams from -90 to 90 degrees.
 
     Output ports:

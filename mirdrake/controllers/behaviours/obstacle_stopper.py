@@ -17,7 +17,7 @@ from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
 from mirdrake.controllers.behaviours.laws import brake_speed, free_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
-from mirdrake.controllers.checks import check_number
+from mirdrake.core.checks import check_number
 
 PUBLISHED_DISTANCE = 5.0
 """Where the published stopper commands speed 0 [m]."""

@@ -23,10 +23,10 @@ from mirdrake.controllers.behaviours.straight_and_avoid import StraightAndAvoid
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.controllers.schedule import ConstantCommand
-from mirdrake.errors import ConfigError, did_you_mean
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.yaml_io import Acceleration, Angle, Duration, Length, Schema, Speed
-from mirdrake.yaml_io import where as place_of
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.yaml_io import Acceleration, Angle, Duration, Length, Schema, Speed
+from mirdrake.core.yaml_io import where as place_of
 
 _RADIUS_MARGIN = 1.25  # corners of a path of points over the tightest turn of the vehicle
 

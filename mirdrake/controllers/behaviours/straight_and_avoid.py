@@ -23,7 +23,7 @@ from mirdrake.controllers.behaviours.laws import (
     stopping_distance,
 )
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
-from mirdrake.controllers.checks import check_number
+from mirdrake.core.checks import check_number
 
 _CIRCLES = 31
 _PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at

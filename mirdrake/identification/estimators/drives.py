@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.models.base import Drive, Model
 from mirdrake.identification.timing import usual_step

@@ -8,7 +8,7 @@ from importlib.metadata import version
 import numpy as np
 import pandas as pd
 
-from mirdrake.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.estimators.doubts import effects_of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.solve import Solution, minimise
 

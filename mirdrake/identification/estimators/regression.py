@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.estimators.covariance import Stretch, score_covariance
 from mirdrake.identification.fit import Fit, FittedParameter

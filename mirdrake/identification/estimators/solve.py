@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from mirdrake.errors import RunError
+from mirdrake.core.errors import RunError
 from mirdrake.identification.estimators.covariance import Stretch, block_bootstrap, score_covariance
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import RunError
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import RunError
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.estimators.doubts import Questions, doubts_of
 from mirdrake.identification.estimators.drives import make_drives

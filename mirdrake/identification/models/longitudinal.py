@@ -14,8 +14,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import (
     PART,
     SMALL,

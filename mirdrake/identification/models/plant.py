@@ -28,18 +28,18 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import Assembly, assemble
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.assembly.diagram import Assembly, assemble
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.execution.parameters import find_knobs
 from mirdrake.identification.models.base import Array, Drive, channel_of, pick_outputs
 from mirdrake.identification.models.plant_context import body_inertia, measure, set_damping
 from mirdrake.identification.models.plant_parameters import plant_parameters
 from mirdrake.identification.models.simulated import SimulatedModel
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.models.steer import STEERING, steering_angle
-from mirdrake.studies.knobs import find_knobs
-from mirdrake.telemetry import vehicle_states
+from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
 
 EGO = "ego"

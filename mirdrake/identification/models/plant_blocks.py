@@ -4,8 +4,8 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context
 
+from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.identification.models.base import Array
-from mirdrake.leaf_system import LeafSystem
 
 SMOOTH_SPIN = 0.3
 """Spin of a wheel below which its rolling resistance fades [rad/s], as that of the tyres."""

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import BodyIndex, SpatialInertia, UnitInertia
 from pydrake.systems.framework import Context
 
 from mirdrake.identification.models.base import Array
-from mirdrake.plant import VehicleInPlant
+from mirdrake.plant.plant import VehicleInPlant
 
 
 @dataclass(frozen=True)

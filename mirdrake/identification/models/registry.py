@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.models.base import Model, ModelSpec
 from mirdrake.identification.models.first_guess import SteeringGuess, guess_steering, with_guess

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, pick_outputs, second_order
 from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle, steering_parameters

@@ -67,8 +67,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from mirdrake.constants import GRAVITY
-from mirdrake.errors import ConfigError, did_you_mean
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import (
     PART,
     SMALL,

@@ -20,7 +20,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.optimize import brentq, least_squares
 
-from mirdrake.constants import GRAVITY
+from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.models.base import Array
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters
 from mirdrake.tyres.wheel_laws import TyreAtLoad, TyreLaw, make_tyre_laws

@@ -21,8 +21,9 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, OutputPort
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, ImageRgba8U
 
-from mirdrake.errors import ConfigError
-from mirdrake.leaf_system import declare_cached_value
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import declare_cached_value
+from mirdrake.core.yaml_io import where
 from mirdrake.sensors.cameras.labels import SKY, label_names
 from mirdrake.sensors.cameras.lens_map import LensMap
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
@@ -31,10 +32,9 @@ from mirdrake.sensors.noise import substream
 from mirdrake.sensors.sampling import SampledValue, mount_pose, slots
 from mirdrake.vehicles.lens import view_of
 from mirdrake.vehicles.mounts import DepthCameraMount, PictureMount, StereoCameraMount
-from mirdrake.yaml_io import where
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 X_SC = RigidTransform(RotationMatrix(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])))
 """Drake's camera frame C (z ahead, x to the right, y down) in the mounting frame S (x ahead, y left, z up)."""

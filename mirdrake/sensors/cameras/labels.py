@@ -7,7 +7,7 @@ from pydrake.geometry import GeometryId, PerceptionProperties, RenderLabel, Role
 from pydrake.multibody.tree import BodyIndex
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts
+    from mirdrake.plant.plant import PlantParts
 
 SKY = 0
 """Label where nothing is."""

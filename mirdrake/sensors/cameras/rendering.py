@@ -28,7 +28,7 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.core.errors import MissingDependencyError
 from mirdrake.sensors.cameras.labels import assign_labels
 from mirdrake.sensors.cameras.looks import add_to_look, seen_by
 from mirdrake.sensors.cameras.merging import merge_still_things
@@ -36,7 +36,7 @@ from mirdrake.worlds import World
 from mirdrake.worlds.scenery import render_params
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 _DEVICES = 0x313F  # EGL_PLATFORM_DEVICE_EXT, of the extension EGL_EXT_platform_device
 _LINEAR = 9729  # glTF's number of a texture filter without mipmaps

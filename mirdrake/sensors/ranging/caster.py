@@ -9,7 +9,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.leaf_system import LeafSystem
+from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.faces import Array
 from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state
@@ -18,7 +18,7 @@ from mirdrake.sensors.sampling import mount_pose
 from mirdrake.vehicles.mounts import Ranging
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 
 class Caster:

@@ -6,16 +6,16 @@ import numpy as np
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues
 
+from mirdrake.core.signals import Signal
 from mirdrake.sensors.ranging.beams import turning
 from mirdrake.sensors.ranging.caster import Caster, mounted
 from mirdrake.sensors.ranging.faces import Array
 from mirdrake.sensors.ranging.world import RayWorld
 from mirdrake.sensors.sampling import SampledSensor
-from mirdrake.signals import Signal
 from mirdrake.vehicles.mounts import LaserScannerMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 
 class LaserScanner(SampledSensor):

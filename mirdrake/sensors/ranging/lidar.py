@@ -18,7 +18,7 @@ from mirdrake.sensors.sampling import SampledValue
 from mirdrake.vehicles.mounts import LidarMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 
 @dataclass(frozen=True)

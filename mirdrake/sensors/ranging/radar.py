@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from mirdrake.core.signals import Signal, Signals
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.beams import field
 from mirdrake.sensors.ranging.caster import Caster, mounted
@@ -13,11 +14,10 @@ from mirdrake.sensors.ranging.faces import Array, Ints
 from mirdrake.sensors.ranging.motion import BodyState
 from mirdrake.sensors.ranging.world import GROUND, RayWorld
 from mirdrake.sensors.sampling import SampledSensor
-from mirdrake.signals import Signal, Signals
 from mirdrake.vehicles.mounts import RadarMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 NOTHING = (np.inf, 0.0, 0.0)
 """Range, azimuth and range rate of a target that is not there."""

@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.errors import MissingDependencyError
+from mirdrake.core.errors import MissingDependencyError
 from mirdrake.sensors.ranging.faces import Array, Bools, Faces, Ints
 
 _ROUNDS = 64  # wrappings that one ray may graze, at most

@@ -6,16 +6,16 @@ import numpy as np
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from mirdrake.core.signals import signals
 from mirdrake.sensors.ranging.beams import cone
 from mirdrake.sensors.ranging.caster import Caster, mounted
 from mirdrake.sensors.ranging.faces import Array
 from mirdrake.sensors.ranging.world import RayWorld
 from mirdrake.sensors.sampling import SampledSensor
-from mirdrake.signals import signals
 from mirdrake.vehicles.mounts import SonarMount
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts, VehicleInPlant
+    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 SONAR = signals(("range", "m", "distance of the nearest echo, inf: none"))
 """What a sonar tells."""

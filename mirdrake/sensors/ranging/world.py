@@ -24,7 +24,7 @@ from mirdrake.sensors.ranging.motion import BodyState, poses_at
 from mirdrake.sensors.ranging.scene import RayScene, ray_scene
 
 if TYPE_CHECKING:
-    from mirdrake.plant import PlantParts
+    from mirdrake.plant.plant import PlantParts
 
 GROUND = 0
 """Number of the ground among the objects that rays meet."""

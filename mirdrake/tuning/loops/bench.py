@@ -11,14 +11,14 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from mirdrake.constants import GRAVITY
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.controllers.pid import PidLimits
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import ConfigError, RunError, did_you_mean
-from mirdrake.studies.job import _NUMERICS
-from mirdrake.studies.knobs import find_knobs
-from mirdrake.telemetry import vehicle_states
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.execution.job import _NUMERICS
+from mirdrake.execution.parameters import find_knobs
+from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
 from mirdrake.tuning.loops.judge import AWAY, judge

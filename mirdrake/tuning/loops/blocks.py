@@ -9,9 +9,9 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from mirdrake.controllers.checks import check_number
-from mirdrake.errors import ConfigError
-from mirdrake.leaf_system import LeafSystem
+from mirdrake.core.checks import check_number
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.tuning.models import Floats
 
 LONGEST = 0.5

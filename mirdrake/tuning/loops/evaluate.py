@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.errors import MirdrakeError
-from mirdrake.studies.job import one_line
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.execution.job import one_line
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced

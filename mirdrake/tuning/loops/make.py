@@ -5,15 +5,15 @@ from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
-from mirdrake.diagram import assemble as make_assembly
-from mirdrake.diagram_spec import make_spec
-from mirdrake.errors import ConfigError
-from mirdrake.plant import PlantSpec
+from mirdrake.assembly.diagram import assemble as make_assembly
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
+from mirdrake.plant.plant import PlantSpec
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.spec import PUBLISHED, TuningSpec
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.worlds import load_world
-from mirdrake.yaml_io import where
 
 EGO = "ego"
 _BLOCKS = "mirdrake.tuning.loops.blocks:"
@@ -185,14 +185,14 @@ def baseline_gains(spec: TuningSpec, loop: LoopSpec) -> dict[str, float]:
 
 
 def _model(spec: TuningSpec) -> str:
-    from mirdrake.diagram_spec import _absolute
+    from mirdrake.assembly.diagram_spec import _absolute
 
     name, mark, variant = str(spec.vehicle).partition("@")
     return str(spec.vehicle) if spec.folder is None else f"{_absolute(name, _path(spec))}{mark}{variant}"
 
 
 def _world(spec: TuningSpec) -> str:
-    from mirdrake.diagram_spec import _absolute
+    from mirdrake.assembly.diagram_spec import _absolute
 
     return spec.world if spec.folder is None else _absolute(spec.world, _path(spec))
 

@@ -2,7 +2,7 @@
 
 Nothing is known of such a loop but what a run logs, so that it has no reduced model and no margins: its gains are
 searched on the plant. Knobs are ``<block>.kp``, ``.ki``, ``.kd`` of blocks of kind pid, those of
-:mod:`mirdrake.studies.knobs`, and of a driver that tracks a path ``<vehicle>.driver.convergence_time`` [s] and
+:mod:`mirdrake.execution.parameters`, and of a driver that tracks a path ``<vehicle>.driver.convergence_time`` [s] and
 ``<vehicle>.driver.damping`` [1].
 """
 
@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
+from mirdrake.assembly.diagram import Assembly, assemble
+from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.controllers import DiscretePid
 from mirdrake.controllers.path_tracking import PathTracker
-from mirdrake.diagram import Assembly, assemble
-from mirdrake.diagram_spec import DiagramSpec, load_diagram, make_spec
-from mirdrake.errors import ConfigError, RunError, did_you_mean
-from mirdrake.paths import find
-from mirdrake.simulation import Simulation
-from mirdrake.studies.job import _NUMERICS
-from mirdrake.studies.knobs import GAINS, find_knobs
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.paths import find
+from mirdrake.core.yaml_io import where
+from mirdrake.execution.job import _NUMERICS
+from mirdrake.execution.parameters import GAINS, find_knobs
+from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.spec import DiagramLoop, TuningSpec
 from mirdrake.worlds import load_world
-from mirdrake.yaml_io import where
 
 LOOK = 0.2
 """Time for which a diagram is run to see which signals it has [s]."""

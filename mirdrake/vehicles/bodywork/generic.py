@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirdrake.errors import ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.vehicles.bodywork.boxes import BOX_STYLES, build_boxes
 from mirdrake.vehicles.bodywork.car import CarOutline, Warp, arch_clearance, build_body, write_meshes
 from mirdrake.vehicles.bodywork.curves import Array

@@ -20,12 +20,12 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
-from mirdrake.diagram import assemble
-from mirdrake.diagram_spec import DiagramSpec
-from mirdrake.errors import ConfigError, RunError
-from mirdrake.logs import Run
-from mirdrake.scene import Scene
-from mirdrake.simulation import default_folder
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.scene import Scene
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.runs.logs import Run
+from mirdrake.runs.simulation import default_folder
 from mirdrake.tyres import RoadFriction
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT, Wheel
 from mirdrake.viewer.cockpit.driver import HumanDriver

@@ -2,9 +2,9 @@
 
 from pydrake.systems.framework import BasicVector, Context
 
-from mirdrake.controllers.vectors import COMMAND
-from mirdrake.leaf_system import LeafSystem
-from mirdrake.signals import declare_vector_output
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_vector_output
+from mirdrake.core.vectors import COMMAND
 
 KIND = f"{__name__}:HumanDriver"
 """Of this driver in a diagram file."""

@@ -15,13 +15,13 @@ from typing import Any
 import yaml
 from pydrake.systems.framework import Context
 
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.assembly.diagram_spec import Place
 from mirdrake.controllers.spec import ScheduleSpec
-from mirdrake.diagram import Assembly
-from mirdrake.diagram_spec import Place
-from mirdrake.logs import SPEC, Run, RunWriter, read_signals, write_file
-from mirdrake.recorder import Blocks, Events, Recorder, vector_sensors
-from mirdrake.summary import figure_columns, make_summary, resolved_spec
-from mirdrake.telemetry import Telemetry
+from mirdrake.runs.logs import SPEC, Run, RunWriter, read_signals, write_file
+from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
+from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
+from mirdrake.runs.telemetry import Telemetry
 
 _OPEN = 3600.0  # [s] the duration in spec.yaml while nobody knows it
 

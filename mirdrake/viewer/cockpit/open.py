@@ -7,8 +7,8 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from mirdrake.diagram_spec import DiagramSpec
-from mirdrake.scene import make_scene
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.scene import make_scene
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT
 from mirdrake.viewer.cockpit.drive import Cockpit
 from mirdrake.viewer.cockpit.server import make_server

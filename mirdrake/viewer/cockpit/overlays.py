@@ -26,10 +26,10 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
-from mirdrake.constants import GRAVITY
-from mirdrake.diagram import Assembly
-from mirdrake.perception import show_points
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.core.constants import GRAVITY
 from mirdrake.sensors import LaserScanner, Lidar
+from mirdrake.sensors.perception import show_points
 from mirdrake.viewer.cockpit.shapes import Triangles, arrows, ribbon
 from mirdrake.worlds.meshes import fill
 

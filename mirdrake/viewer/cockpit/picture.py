@@ -10,8 +10,8 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from mirdrake.diagram import Assembly
-from mirdrake.plant import make_plant
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase
 from mirdrake.viewer.views import View, make_views, set_view
 

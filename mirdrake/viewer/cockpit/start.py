@@ -6,11 +6,11 @@ from typing import Any
 
 import yaml
 
-from mirdrake.diagram_spec import DiagramSpec, make_spec
-from mirdrake.plant import VehicleInPlant
+from mirdrake.assembly.diagram_spec import DiagramSpec, make_spec
+from mirdrake.core.yaml_io import parse_yaml
+from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.viewer.cockpit.driver import KIND
 from mirdrake.viewer.cockpit.hands import HandLimits
-from mirdrake.yaml_io import parse_yaml
 
 NAME = "ego"
 """Of the vehicle that is driven."""

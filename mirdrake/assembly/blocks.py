@@ -1,0 +1,183 @@
+"""Blocks that a diagram file may add by kind, and a user's own classes.
+
+A new block of ours is one schema with a ``make`` method here and one entry in :data:`BLOCKS`.
+"""
+
+from collections.abc import Mapping
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+from pydrake.systems.framework import System
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    DiscreteTimeDelay,
+    FirstOrderLowPassFilter,
+    Gain,
+    Saturation,
+    Sine,
+    ZeroOrderHold,
+)
+
+from mirdrake.controllers import DiscretePid, PidGains, PidLimits
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.user_systems import make_own_system
+from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
+
+
+class ConstantBlock(Schema):
+    """A constant vector. Output y."""
+
+    value: list[float] = Field([0.0], min_length=1, description="the elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return ConstantVectorSource(self.value)
+
+
+class SineBlock(Schema):
+    """amplitude · sin(2π frequency t + phase). Outputs y0, and its two derivatives y1, y2."""
+
+    amplitude: float = Field(1.0, description="[-]")
+    frequency: float = Field(gt=0.0, description="[Hz]")
+    phase: float = Field(0.0, description="[rad]")
+
+    def make(self) -> System:
+        """The system."""
+        return Sine(amplitude=self.amplitude, frequency=2.0 * np.pi * self.frequency, phase=self.phase, size=1)
+
+
+class GainBlock(Schema):
+    """y = gain · u."""
+
+    gain: float = Field(description="[-]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return Gain(self.gain, self.size)
+
+
+class AdderBlock(Schema):
+    """The sum of inputs u0, u1 and so on; its output is called sum."""
+
+    inputs: int = Field(2, ge=2, description="input ports [-]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return Adder(self.inputs, self.size)
+
+
+class SaturationBlock(Schema):
+    """y = u within limits."""
+
+    minimum: float = Field(description="[-]")
+    maximum: float = Field(description="[-]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        if not self.minimum <= self.maximum:
+            raise ConfigError(f"saturation: minimum {self.minimum} is above maximum {self.maximum}")
+        return Saturation(min_value=[self.minimum] * self.size, max_value=[self.maximum] * self.size)
+
+
+class LowPassBlock(Schema):
+    """First-order low-pass, time constant in seconds; continuous, so it costs an integrator."""
+
+    time_constant: Duration = Field(gt=0.0, description="[s]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return FirstOrderLowPassFilter(time_constant=self.time_constant, size=self.size)
+
+
+class DelayBlock(Schema):
+    """The input, `delay` seconds late, sampled every `period`."""
+
+    delay: Duration = Field(gt=0.0, description="[s]")
+    period: Period = Field(0.02, gt=0.0, description="[s]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        steps = max(1, round(self.delay / self.period))
+        return DiscreteTimeDelay(self.period, steps, self.size)
+
+
+class HoldBlock(Schema):
+    """The input, sampled every `period` and held."""
+
+    period: Period = Field(gt=0.0, description="[s]")
+    size: int = Field(1, ge=1, description="elements [-]")
+
+    def make(self) -> System:
+        """The system."""
+        return ZeroOrderHold(self.period, self.size)
+
+
+class PidBlock(Schema):
+    """A discrete PID controller; ports as in :class:`mirdrake.DiscretePid`."""
+
+    kp: float = Field(description="[-]")
+    ki: float = Field(0.0, description="[-]")
+    kd: float = Field(0.0, description="[-]")
+    filter_time: Duration = Field(0.0, ge=0.0, description="[s]")
+    period: Period = Field(0.02, gt=0.0, description="[s]")
+    minimum: float | None = Field(None, description="[-]")
+    maximum: float | None = Field(None, description="[-]")
+    rate: float | None = Field(None, gt=0.0, description="largest change per second [-]")
+
+    def make(self) -> System:
+        """The system."""
+        limits = PidLimits(
+            minimum=-inf if self.minimum is None else self.minimum,
+            maximum=inf if self.maximum is None else self.maximum,
+            rate=inf if self.rate is None else self.rate,
+        )
+        gains = PidGains(self.kp, self.ki, self.kd, filter_time=self.filter_time)
+        return DiscretePid(gains, period=self.period, limits=limits)
+
+
+BLOCKS: dict[str, type[Schema]] = {
+    "adder": AdderBlock,
+    "constant": ConstantBlock,
+    "delay": DelayBlock,
+    "gain": GainBlock,
+    "hold": HoldBlock,
+    "low_pass": LowPassBlock,
+    "pid": PidBlock,
+    "saturation": SaturationBlock,
+    "sine": SineBlock,
+}
+
+
+def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, folder: Path | None = None) -> System:
+    """A system by kind.
+
+    Args:
+        kind: a name in :data:`BLOCKS`, or ``module:Class`` of the user's.
+        parameters: its parameters.
+        source: where they were written, for error messages.
+        folder: where a user's module may lie, besides the import path and the working directory.
+
+    Raises:
+        ConfigError: unknown kind, module, class or parameter, or the class refuses its parameters.
+    """
+    where = source.where("kind")
+    if ":" in kind:
+        return make_own_system(kind, parameters, where=where, folder=folder)
+    if kind not in BLOCKS:
+        words = did_you_mean(kind, BLOCKS)
+        raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")
+    spec = validate(dict(parameters), BLOCKS[kind], source)
+    try:
+        system: System = spec.make()  # type: ignore[attr-defined]
+    except ConfigError as error:
+        raise ConfigError(f"{source.where()}: {error}") from None
+    return system

@@ -1,0 +1,212 @@
+"""From a diagram spec to a Drake Diagram: make the systems, wire them by name, check the wiring.
+
+Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every port can be reached as
+``<vehicle>.<port>`` or ``<system>.<port>``. Per vehicle the chain is
+
+::
+
+    ego.driver ─ ego.command ─ ego.split ─ ego.speed_command    ─► ego.speed_reference    ─ ego.join ─ ego.control
+                                           ego.steering_command ─► ego.steering_reference
+                                           ego.command_stamp    ─► ego.reference_stamp
+
+and a connection of the user's to an input replaces the one drawn here. A vehicle that is driven by pedals also has
+``ego.pedals ─► ego.pedals_reference ─ ego.powertrain ─ ego.wheel_torque ─► ego.tyres``; a driver with an output
+``pedals`` presses them itself. Sensors are ``<vehicle>.<sensor>``, and so is what they measure; a camera's pictures are
+``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.assembly.parts`.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+
+from mirdrake.assembly.blocks import make_block
+from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.assembly.parts.forces import add_outer_forces, add_rolling_resistance, add_tyres
+from mirdrake.assembly.parts.places import check_starts, find_start
+from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
+from mirdrake.assembly.parts.taps import Tap, add_taps
+from mirdrake.assembly.parts.vehicles import add_vehicle_systems
+from mirdrake.assembly.scene import Scene, make_scene
+from mirdrake.assembly.wiring import Wiring
+from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
+from mirdrake.core.signals import Signal
+from mirdrake.core.yaml_io import Source, where
+from mirdrake.plant.plant import PlantParts, make_plant, set_start
+from mirdrake.sensors import Camera, Lidar
+from mirdrake.sensors.perception import add_cloud_overlays
+from mirdrake.tyres import WheelTyres
+from mirdrake.worlds import Start
+
+__all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
+
+DRAWING_PERIOD = 1.0 / 32.0
+"""Simulated time between two pictures of a live view [s]."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A built diagram with what is needed to run it and to read its logs.
+
+    Attributes:
+        spec: what it was made from.
+        diagram: the Drake Diagram.
+        parts: plant, world and vehicles.
+        starts: where each vehicle starts.
+        taps: the logged vectors.
+        tracks: track that each vehicle follows or is measured against; None in a world without tracks.
+        unread: outputs that nothing reads, by name.
+        meshcat: shows the run, if it was given; a run draws in it outside of the diagram.
+        cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
+        arrays: sensors whose samples are arrays and shall be recorded, by name.
+        tyres: tyre models of the vehicles that have one, by name of the vehicle.
+        outputs: names and units of the elements of all ports that `connect` may name first; None: they have no names.
+        inputs: the same of those that it may name second.
+    """
+
+    spec: DiagramSpec
+    diagram: Diagram
+    parts: PlantParts
+    starts: dict[str, Start]
+    taps: dict[str, Tap]
+    tracks: dict[str, str | None]
+    unread: tuple[str, ...] = ()
+    meshcat: Meshcat | None = None
+    cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
+    arrays: dict[str, System] = field(default_factory=dict)
+    tyres: dict[str, WheelTyres] = field(default_factory=dict)
+    outputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
+    inputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The world and the vehicles."""
+        return Scene(self.parts.world, {name: part.vehicle for name, part in self.parts.vehicles.items()})
+
+    def user_systems(self) -> dict[str, System]:
+        """The user's own systems, those written as ``module:Class``, by name."""
+        own = {name for name, entry in self.spec.systems.items() if ":" in entry.kind}
+        return {system.get_name(): system for system in self.diagram.GetSystems() if system.get_name() in own}
+
+    def make_context(self) -> Any:
+        """A new Context with every vehicle at its start."""
+        context = self.diagram.CreateDefaultContext()
+        plant = self.parts.plant
+        plant_context = plant.GetMyMutableContextFromRoot(context)
+        for name, part in self.parts.vehicles.items():
+            start = self.starts[name]
+            set_start(plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
+        self.parts.props.reset(plant, plant_context)
+        return context
+
+
+def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None) -> Diagram:
+    """An ordinary Drake Diagram from a diagram spec, its data or its name.
+
+    A vehicle without an entry under ``control`` gets its ports exported as inputs ``<name>.speed_reference`` [m/s],
+    ``<name>.steering_reference`` [rad] and ``<name>.reference_stamp`` [s]; the state of every vehicle is exported as
+    output ``<name>.state``, and so are its sensors. A camera whose pictures nothing reads or records is left out, as
+    rendering takes longer than all the rest.
+
+    Raises:
+        ConfigError, ModelError, WorldError, DiagramError: what is wrong, on one line each.
+    """
+    return assemble(spec, meshcat=meshcat, drawing_period=DRAWING_PERIOD).diagram
+
+
+def assemble(
+    spec: DiagramSpec | Mapping[str, Any] | str,
+    *,
+    meshcat: Meshcat | None = None,
+    scene: Scene | None = None,
+    drawing_period: float | None = None,
+) -> Assembly:
+    """Return the diagram of :func:`make_diagram` with the handles that a run needs.
+
+    Args:
+        spec: see :func:`make_diagram`.
+        meshcat: see :func:`make_diagram`.
+        scene: of this spec, if it is made already; see :func:`mirdrake.assembly.scene.make_scene`.
+        drawing_period: simulated time between the drawings of a MeshcatVisualizer in the diagram [s]. None adds no
+            MeshcatVisualizer: an exception of Meshcat within a step, or at the start, would end the simulation.
+    """
+    if isinstance(spec, str):
+        spec = load_diagram(spec)
+    elif isinstance(spec, Mapping):
+        spec = make_spec(spec)
+
+    # World and vehicles.
+    scene = make_scene(spec) if scene is None else scene
+    world, vehicles = scene.world, scene.vehicles
+    starts = {name: find_start(spec, name, world) for name in spec.vehicles}
+    check_starts(spec, vehicles, starts)
+    for key in ("control", "sensors"):
+        for name in getattr(spec, key):
+            if name not in vehicles:
+                raise ConfigError(f"{where(spec, key, name)}: no vehicle '{name}'; {did_you_mean(name, vehicles)}")
+    check_sensors(spec, vehicles)
+
+    # The plant, and per vehicle its control unit, driver, ground truth and sensors.
+    builder = DiagramBuilder()
+    parked = {name for name, entry in spec.vehicles.items() if entry.parked}
+    parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
+    wiring = Wiring(builder, spec)
+    rolling = add_rolling_resistance(wiring, parts, spec)
+    tracks = {}
+    for part in parts.vehicles.values():
+        tracks[part.name] = add_vehicle_systems(wiring, parts, part, spec, starts[part.name])
+        add_sensors(wiring, parts, part, spec)
+    tyres = add_tyres(wiring, parts, rolling)
+    add_outer_forces(wiring, parts, rolling, spec)
+
+    # The user's own blocks, then all connections.
+    folder = Path(spec.folder) if spec.folder is not None else None
+    for name, entry in spec.systems.items():
+        source = entry._source or Source("diagram", {}, ("systems", name))
+        wiring.add(name, make_block(entry.kind, entry.parameters(), source=source, folder=folder))
+    wiring.connect()
+
+    if meshcat is not None and drawing_period is not None:
+        params = MeshcatVisualizerParams(publish_period=drawing_period, delete_on_initialization_event=False)
+        MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
+    if meshcat is not None:
+        lidars = {name: system for name, system in wiring.systems.items() if isinstance(system, Lidar)}
+        add_cloud_overlays(builder, meshcat, lidars)
+    taps = add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
+    unread = wiring.export(parts)
+    idle = [f"{vehicle}.{sensor}" for vehicle, sensor in cameras_of(spec, vehicles)]
+    unread = (*unread, *(f"{name}.color_image" for name in idle if name not in wiring.systems))
+    try:
+        diagram = builder.Build()
+    except RuntimeError as error:
+        raise DiagramError(f"{where(spec, 'connect')}: {_build_fault(error)}") from None
+    diagram.set_name(spec.name)
+    cameras = {
+        f"{vehicle}.{sensor}": (wiring.systems[f"{vehicle}.{sensor}"], vehicle)
+        for vehicle, sensor in cameras_of(spec, vehicles)
+        if spec.record.cameras
+    }
+    arrays = {
+        name: wiring.systems[name]
+        for name in sensors_of(spec)
+        if spec.record.arrays and how_recorded(wiring, name) == "array"
+    }
+    outputs, inputs = ({name: entry[1] for name, entry in ports.items()} for ports in (wiring.sources, wiring.sinks))
+    return Assembly(
+        spec, diagram, parts, starts, taps, tracks, unread, meshcat, cameras, arrays, tyres, outputs, inputs
+    )
+
+
+def _build_fault(error: Exception) -> str:
+    """What Drake says when it cannot build a diagram, on one line; an algebraic loop as the ports it runs through."""
+    text = str(error).strip()
+    if "algebraic loop" not in text:
+        return f"the blocks cannot be built together: {text.splitlines()[0]}"
+    ports = re.findall(r"putPort\[\d+\] \((.*?)\) of System (?:\S*::)?(\S+) \(", text)
+    circle = " → ".join(f"{system}.{port}" for port, system in ports)
+    return f"algebraic loop {circle}: put a block with memory into it, for example kind: hold or delay"

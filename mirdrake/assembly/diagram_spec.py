@@ -1,0 +1,230 @@
+"""The diagram file: vehicles, world, control, sensors and a user's own blocks, as data.
+
+A diagram file replaces a launch file. It names things and sets numbers; what it does not say has a default.
+"""
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from datetime import date, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field, field_validator
+
+from mirdrake.controllers.drivers import DriverSpec
+from mirdrake.controllers.spec import ScheduleSpec
+from mirdrake.core.paths import find, resolved
+from mirdrake.core.recording.pictures import parse_start
+from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate
+from mirdrake.plant.plant import PlantSpec
+from mirdrake.vehicles.vehicle import VARIANT_MARK
+from mirdrake.worlds import World, load_world
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="letters, digits and _ [-]")]
+
+
+class Place(Schema):
+    """A place on the ground of the world."""
+
+    x: Length = Field(0.0, description="of the rear axle's centre [m]")
+    y: Length = Field(0.0, description="the same, to the left [m]")
+    yaw: Angle = Field(0.0, description="heading, positive to the left [rad]")
+
+
+class VehicleEntry(Schema):
+    """A vehicle in the world."""
+
+    model: str = Field(description="name of a folder in models/, or a path; with @ and a variant behind it [-]")
+    start: str | Place | None = Field(
+        None, description="a start of the world, or {x, y, yaw}; the world's first one if left out [-]"
+    )
+    speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
+    arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
+    mounts: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="keys of its sensors.yaml to change, say {front_camera: {rate: 25}, gps: {preset: rtk_gps}} [-]",
+    )
+    control: dict[str, Any] = Field(
+        default_factory=dict, description="laid over its control.yaml, say {wheel_speed: {kp: 3}} [-]"
+    )
+    parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
+
+
+class SystemEntry(Schema):
+    """A block of the user's: a kind of ours, or a class of theirs as ``module:Class``; the rest are its parameters."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+    kind: str = Field(description="a kind of ours, or module:Class [-]")
+
+    def parameters(self) -> dict[str, Any]:
+        """What was written beside the kind."""
+        return dict(self.model_extra or {})
+
+
+class RecordSpec(Schema):
+    """What a run writes down."""
+
+    signals: bool = Field(True, description="signals.parquet [-]")
+    rate: Frequency = Field(50.0, gt=0.0, le=2000.0, description="samples of the signals per second [Hz]")
+    cameras: bool = Field(False, description="pictures of the cameras in use, with a driving log [-]")
+    arrays: bool = Field(True, description="scans of the laser scanners and lidars in use [-]")
+    start_time: str | None = Field(
+        None, description="date and time that pictures are named after, as 2026-05-31 12:00; 1970-01-01 if left out [-]"
+    )
+    meshcat: bool = Field(True, description="recording.html [-]")
+    frames: Frequency = Field(20.0, gt=0.0, le=120.0, description="frames of the recording per second [Hz]")
+    report: bool = Field(True, description="report.html [-]")
+
+    @field_validator("start_time", mode="before")
+    @classmethod
+    def _is_a_time(cls, value: Any) -> Any:
+        text = value.isoformat() if isinstance(value, date) else value  # YAML knows dates of its own
+        if isinstance(text, str):
+            parse_start(text)
+        return text
+
+    @property
+    def start(self) -> datetime:
+        """Date and time of the start."""
+        return parse_start(self.start_time)
+
+
+class WorldEntry(Schema):
+    """A world with values of its own."""
+
+    name: str = Field(description="name of a world, or a path [-]")
+    seed: int | None = Field(None, description="instead of the file's [-]")
+    params: dict[str, float | int | str] = Field(default_factory=dict, description="instead of the file's [-]")
+
+    def load(self, *, where: str = "") -> World:
+        """The world.
+
+        Args:
+            where: ``file:line: path`` of this entry, for errors.
+
+        Raises:
+            ConfigError, WorldError: there is none of that name, it has faults, or it cannot be laid out.
+        """
+        seed = [] if self.seed is None else [f"seed={self.seed}"]
+        values = [f"params.{key}={json.dumps(value)}" for key, value in self.params.items()]
+        return load_world(self.name, where=where, overrides=seed + values)
+
+
+def _named(value: Any) -> Any:
+    """A bare name stands for the world as its file has it."""
+    return {"name": value} if isinstance(value, str) else value
+
+
+class DiagramSpec(Schema):
+    """A diagram file."""
+
+    world: Annotated[WorldEntry, BeforeValidator(_named)] = Field(
+        description="name of a world, or a path; or {name, seed, params} [-]"
+    )
+    vehicles: dict[Name, VehicleEntry] = Field(min_length=1, description="vehicles by name [-]")
+    control: dict[Name, DriverSpec] = Field(default_factory=dict, description="who drives which vehicle [-]")
+    sensors: dict[Name, list[str]] = Field(default_factory=dict, description="sensors in use, per vehicle [-]")
+    systems: dict[Name, SystemEntry] = Field(default_factory=dict, description="the user's own blocks [-]")
+    connect: list[tuple[str, str]] = Field(default_factory=list, description="[output port, input port] pairs [-]")
+    plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact [-]")
+    record: RecordSpec = Field(default_factory=RecordSpec, description="what is written down [-]")
+    duration: Duration = Field(10.0, gt=0.0, le=1e6, description="simulated time [s]")
+    laps: float | None = Field(None, gt=0.0, description="stop after so many laps of the first vehicle [-]")
+    seed: int = Field(0, ge=0, description="of every random stream [-]")
+
+    folder: str | None = Field(
+        None, description="where modules of the user's own blocks lie; the file's folder if left out [-]"
+    )
+    provenance: dict[str, Any] | None = Field(None, description="written into spec.yaml by a run; not read [-]")
+    name: str = Field("diagram", description="name in run folders; the file's own if left out [-]")
+
+    @field_validator("name")
+    @classmethod
+    def _inside_the_folder(cls, value: str) -> str:
+        if "/" in value or "\\" in value or not value.isprintable():
+            raise ValueError("a name is part of the name of a run folder; it must have no '/', '\\' or line break")
+        return value
+
+    @field_validator("connect", mode="before")
+    @classmethod
+    def _pairs(cls, value: Any) -> Any:
+        if isinstance(value, list):
+            for entry in value:
+                if not (isinstance(entry, list | tuple) and len(entry) == 2):
+                    raise ValueError("a connection is a pair: [system.output, system.input]")
+        return value
+
+
+def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
+    """Return a diagram without the user's own systems and drivers, and what was left out, a line each.
+
+    A system that gets an input from one of them is left out, too.
+
+    Args:
+        spec: is not changed.
+    """
+    systems = {name: entry.kind for name, entry in spec.systems.items() if ":" in entry.kind}
+    found = bool(systems)
+    while found:  # a system without one of its inputs is a fault
+        fed = [(source.split(".")[0], sink.split(".")[0]) for source, sink in spec.connect]
+        found = False
+        for source, sink in fed:
+            if source in systems and sink in spec.systems and sink not in systems:
+                systems[sink], found = f"an input is from {source}", True
+    drivers = {name: entry.kind for name, entry in spec.control.items() if ":" in entry.kind}
+    rest = spec.model_copy()
+    rest.systems = {name: entry for name, entry in spec.systems.items() if name not in systems}
+    rest.control = {name: entry for name, entry in spec.control.items() if name not in drivers}
+    rest.connect = [pair for pair in spec.connect if not any(end.split(".")[0] in systems for end in pair)]
+    lost = len(spec.connect) - len(rest.connect)
+    left_out = [f"systems.{name} ({kind})" for name, kind in systems.items()]
+    left_out += [f"control.{name} ({kind})" for name, kind in drivers.items()]
+    return rest, left_out + ([f"{lost} connections of these systems"] if lost else [])
+
+
+def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
+    """A diagram file, checked.
+
+    Args:
+        name: a name below diagrams/, or a path.
+        overrides: ``"dotted.path=value"`` texts, applied over the file.
+
+    Raises:
+        ConfigError: no such file, or it has faults.
+    """
+    path = find("diagrams", name)
+    spec = load_yaml(path, DiagramSpec, overrides=overrides)
+    if "name" not in spec.model_fields_set:
+        spec.name = path.stem
+    if spec.folder is None and any(":" in entry.kind for entry in (*spec.systems.values(), *spec.control.values())):
+        spec.folder = str(path.parent)
+    spec.world.name = _absolute(spec.world.name, path.parent)
+    for entry in spec.vehicles.values():
+        model, mark, variant = entry.model.partition(VARIANT_MARK)
+        entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"
+    for driver in spec.control.values():
+        if isinstance(driver, ScheduleSpec) and driver.file is not None:
+            beside = path.parent / driver.file
+            driver.file = str(resolved(beside if beside.exists() else Path(driver.file)))
+    return spec
+
+
+def _absolute(name: str, folder: Path) -> str:
+    """A path as an absolute one, taken from the folder if it leads somewhere there; a bare name as it is."""
+    if os.sep not in name and not name.endswith((".yaml", ".yml")):
+        return name
+    for path in (folder / name, Path(name)):
+        if path.exists():
+            return str(resolved(path))
+    return name
+
+
+def make_spec(data: Mapping[str, Any]) -> DiagramSpec:
+    """A diagram from a plain mapping, as :meth:`DiagramSpec.model_dump` gives it; the twin of :func:`load_diagram`.
+
+    Raises:
+        ConfigError: it has faults.
+    """
+    return validate(dict(data), DiagramSpec, Source("diagram", {}))

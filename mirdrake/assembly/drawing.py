@@ -1,0 +1,134 @@
+"""A diagram as a picture: blocks, and what flows between them.
+
+Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks
+of a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is no Python package; without it there is
+the text in its language.
+"""
+
+import html
+import re
+import shutil
+import subprocess
+from collections import defaultdict
+
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.assembly.wiring import JOIN, SPLIT
+from mirdrake.core.errors import MissingDependencyError
+
+_COLOURS = {"plant": "#dbe7f3", "other": "#eceff1", "user": "#fdebd0", "vehicle": "#e3f1e4"}
+_SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn to the right of the plant
+
+_ELEMENTS = {name: name.split("_")[0] for name in (*SPLIT[:2], *JOIN[:2])} | {SPLIT[2]: "stamp", JOIN[2]: "stamp"}
+_NUMBERED = re.compile(r"[uy][0-9]*")  # a port whose name says nothing
+
+_HEAD = """\
+digraph {
+  graph [rankdir=LR, nodesep=0.35, ranksep=0.7, fontname="Helvetica", fontsize=12, bgcolor="transparent"];
+  node [shape=box, style="rounded,filled", fontname="Helvetica", fontsize=12, margin="0.18,0.10", color="#607d8b"];
+  edge [fontname="Helvetica", fontsize=10, color="#607d8b", fontcolor="#37474f", arrowsize=0.7];
+"""
+
+
+def write_dot(assembly: Assembly) -> str:
+    """The blocks of a diagram in Graphviz' language; log sinks are left out.
+
+    Arrows are labelled with the output's name, and with the input's where that says more. The bars that split a command
+    and join it again are drawn as bars.
+    """
+    diagram = assembly.diagram
+    systems = {system.get_name(): system for system in diagram.GetSystems()}
+    shown = {name: system for name, system in systems.items() if not name.startswith("log/")}
+    lines = [_HEAD]
+    for vehicle in assembly.parts.vehicles:
+        lines.append(f'  subgraph "cluster_{vehicle}" {{')
+        lines.append(f'    label=<<b>{vehicle}</b>>; labeljust=l; style="rounded,dashed"; color="#90a4ae";')
+        lines += [f"  {_node(name, shown[name], assembly)}" for name in shown if _vehicle_of(name, assembly) == vehicle]
+        lines.append("  }")
+    lines += [_node(name, shown[name], assembly) for name in shown if _vehicle_of(name, assembly) is None]
+
+    edges: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for (sink, sink_index), (source, source_index) in diagram.connection_map().items():
+        tail, head = source.get_name(), sink.get_name()
+        if tail in shown and head in shown:
+            output, given = source.get_output_port(source_index).get_name(), sink.get_input_port(sink_index).get_name()
+            edges[tail, head].append(_edge_label(_bar_port(tail, output), _bar_port(head, given)))
+    lines += [_edge(tail, head, labels) for (tail, head), labels in edges.items()]
+    for index in range(diagram.num_input_ports()):
+        port = diagram.get_input_port(index)
+        (system, _), *_ = diagram.GetInputPortLocators(port.get_index())
+        lines.append(f'  "in/{port.get_name()}" [label="{port.get_name()}", shape=plaintext, style=""];')
+        lines.append(f'  "in/{port.get_name()}" -> "{system.get_name()}" [style=dashed];')
+    lines.append("}")
+    return "\n".join(lines) + "\n"
+
+
+def draw_svg(assembly: Assembly) -> str:
+    """The same as an SVG picture.
+
+    Raises:
+        MissingDependencyError: Graphviz is not installed.
+    """
+    return run_dot(write_dot(assembly), purpose="drawing a diagram")
+
+
+def run_dot(text: str, *, purpose: str) -> str:
+    """A text in Graphviz' language as SVG.
+
+    Raises:
+        MissingDependencyError: Graphviz is not installed; `purpose` says what it is needed for.
+    """
+    dot = shutil.which("dot")
+    if dot is None:
+        raise MissingDependencyError(
+            f"{purpose} needs Graphviz: install your system's package 'graphviz' (Debian: apt install graphviz)"
+        )
+    done = subprocess.run([dot, "-Tsvg"], input=text, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise MissingDependencyError(f"Graphviz' dot failed: {done.stderr.strip().splitlines()[0]}")
+    return done.stdout[done.stdout.index("<svg") :]
+
+
+def _vehicle_of(name: str, assembly: Assembly) -> str | None:
+    """The vehicle whose frame a system stands in."""
+    vehicle, dot, _ = name.partition(".")
+    return vehicle if dot and vehicle in assembly.parts.vehicles else None
+
+
+def _node(name: str, system: object, assembly: Assembly) -> str:
+    """A block; a bar for what splits or joins a command."""
+    vehicle = _vehicle_of(name, assembly)
+    if vehicle and name.endswith((".split", ".join")):
+        return f'  "{name}" [label="", style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
+    title = name.removeprefix(f"{vehicle}.") if vehicle else name
+    kind = html.escape(type(system).__name__.split("_")[0])
+    group = (
+        "user" if name in assembly.spec.systems else "vehicle" if vehicle else "plant" if name == "plant" else "other"
+    )
+    label = f'<<b>{html.escape(title)}</b><br/><font point-size="9">{kind}</font>>'
+    return f'  "{name}" [label={label}, fillcolor="{_COLOURS[group]}"];'
+
+
+def _edge(tail: str, head: str, labels: list[str]) -> str:
+    """All connections from one block to another as one arrow; measurements run back and do not order the blocks."""
+    text = "\\n".join(dict.fromkeys(label for label in labels if label))
+    if {tail, head} == {"plant", "scene_graph"}:
+        text = "poses" if tail == "plant" else "contact"
+    if tail == "scene_graph" or (head == "plant" and tail in _SERVANTS):
+        return f'  "{head}" -> "{tail}" [label="{text}", dir=back];'
+    back = tail == "plant" and head not in _SERVANTS
+    return f'  "{tail}" -> "{head}" [label="{text}"{", constraint=false" if back else ""}];'
+
+
+def _bar_port(system: str, port: str) -> str:
+    """The name a port has in diagram files, for the numbered ports of the bars; others keep their own."""
+    kind, number = system.rpartition(".")[2], port[1:]
+    names = {"split": SPLIT, "join": JOIN}.get(kind)
+    return names[int(number)] if names and number.isdigit() and port[0] == {"split": "y", "join": "u"}[kind] else port
+
+
+def _edge_label(output: str, given: str) -> str:
+    """Names of both ends, or of one where the other adds nothing, such as a numbered port or one that ends alike."""
+    names = [_ELEMENTS.get(name, name) for name in (output, given) if not _NUMBERED.fullmatch(name)]
+    if len(names) == 2 and names[1].endswith(names[0]):
+        names.pop()
+    return " → ".join(names)

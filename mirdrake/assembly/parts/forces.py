@@ -1,0 +1,81 @@
+"""What acts on the plant from outside: rolling resistance, tyres, air, anti-roll bars, and their sum."""
+
+from pydrake.systems.framework import OutputPort
+from pydrake.systems.primitives import Adder
+
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.wiring import Wiring
+from mirdrake.core.signals import signals_of
+from mirdrake.plant.plant import PlantParts
+from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.tyres import LOAD_PERIOD, RollingResistance, WheelTyres, make_rolling_wheels, make_wheel_tyres
+from mirdrake.tyres.aerodynamics import AirForces, feels_air
+
+
+def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
+    """One system for all wheels, so that contact results are read once."""
+    plant = parts.plant
+    rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
+    wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
+    raw = spec.plant.rolling_resistance == "raw"
+    cancel = not raw and spec.plant.contact == "hydroelastic"
+    tyre_models = any(part.tyre_model for part in parts.vehicles.values())
+    system = RollingResistance(
+        plant,
+        [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
+        ground=parts.ground,
+        scenery=parts.props.owners,
+        bumps=parts.props.bumps,
+        period=1.0 / rate if cancel or tyre_models else LOAD_PERIOD,
+        cancel_numerical=cancel,
+        machine_code=tyre_models or spec.plant.machine_code,
+    )
+    wiring.add("rolling_resistance", system)
+    wiring.link(plant.get_contact_results_output_port(), system.contact_results)
+    wiring.link(plant.get_state_output_port(), system.plant_state)
+    return system
+
+
+def add_tyres(wiring: Wiring, parts: PlantParts, rolling: RollingResistance) -> dict[str, WheelTyres]:
+    """Tyre models of the vehicles that have one; a powertrain drives and brakes their wheels."""
+    plant, found = parts.plant, {}
+    for index, (name, part) in enumerate(parts.vehicles.items()):
+        first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
+        tyres = make_wheel_tyres(plant, part, loads=loads, first=first, friction=parts.world.road_mu)
+        if tyres is None:
+            continue
+        wiring.add(f"{name}.tyres", tyres)
+        wiring.link(plant.get_state_output_port(), tyres.plant_state)
+        wiring.link(rolling.wheel_load, tyres.wheel_load)
+        wiring.sinks[f"{name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
+        wiring.sources[f"{name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
+        if f"{name}.wheel_torque" in wiring.sources:
+            wiring.defaults.append((f"{name}.wheel_torque", f"{name}.wheel_torque"))
+        found[name] = tyres
+    return found
+
+
+def add_outer_forces(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> None:
+    """Air and anti-roll bars, and the sum of all that acts on the plant from outside."""
+    plant = parts.plant
+    forces: list[OutputPort] = [rolling.generalized_force]
+    for name, part in parts.vehicles.items():
+        tyres = wiring.systems.get(f"{name}.tyres")
+        if isinstance(tyres, WheelTyres):
+            forces.append(tyres.generalized_force)
+        anti_roll = make_anti_roll(plant, part)
+        if anti_roll is not None:
+            wiring.add(f"{name}.anti_roll", anti_roll)
+            wiring.link(plant.get_state_output_port(part.instance), anti_roll.get_input_port())
+            forces.append(anti_roll.get_output_port())
+        if feels_air(part, spec.plant.air_density):
+            air = AirForces(plant, part, density=spec.plant.air_density, wind=spec.plant.wind)
+            wiring.add(f"{name}.aerodynamics", air)
+            wiring.link(plant.get_state_output_port(), air.plant_state)
+            wiring.sources[f"{name}.air_force"] = (air.air_force, signals_of(air.air_force))
+            forces.append(air.generalized_force)
+    total = Adder(len(forces), plant.num_velocities())
+    wiring.add("generalized_forces", total)
+    for index, port in enumerate(forces):
+        wiring.link(port, total.get_input_port(index))
+    wiring.link(total.get_output_port(), plant.get_applied_generalized_force_input_port())

@@ -1,0 +1,36 @@
+"""Where the vehicles of a diagram start."""
+
+from collections.abc import Mapping
+from itertools import combinations
+from math import hypot
+
+from mirdrake.assembly.diagram_spec import DiagramSpec, Place
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
+from mirdrake.vehicles import Vehicle
+from mirdrake.worlds import Start, World
+
+
+def find_start(spec: DiagramSpec, name: str, world: World) -> Start:
+    """Where a vehicle starts: at a place of its own, at a start of the world, or at the origin."""
+    entry = spec.vehicles[name]
+    if isinstance(entry.start, Place):
+        start = Start(entry.start.x, entry.start.y, entry.start.yaw)
+        world.ground.check_place(start.x, start.y, where=where(spec, "vehicles", name, "start"))
+    elif entry.start is None and not world.starts:
+        start = Start(0.0, 0.0, 0.0)
+    else:
+        start = world.start(entry.start or next(iter(world.starts)), where=where(spec, "vehicles", name, "start"))
+    speed = start.speed if entry.speed is None else entry.speed
+    return Start(start.x, start.y, start.yaw, speed, start.track, start.s)
+
+
+def check_starts(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], starts: Mapping[str, Start]) -> None:
+    """Refuse vehicles that start inside one another: nearer than a track width, however they are turned."""
+    for (first, a), (second, b) in combinations(starts.items(), 2):
+        width = min(vehicles[name].geometry.rear_track for name in (first, second))
+        if hypot(a.x - b.x, a.y - b.y) < width:
+            raise ConfigError(
+                f"{where(spec, 'vehicles', second, 'start')}: '{second}' starts where '{first}' stands, at "
+                f"({b.x:g}, {b.y:g}) m; give each vehicle a start of its own"
+            )

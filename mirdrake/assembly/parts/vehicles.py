@@ -1,0 +1,131 @@
+"""What every vehicle of a diagram gets: control unit, ground truth, driver, powertrain."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
+
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.wiring import JOIN, SPLIT, Wiring
+from mirdrake.controllers import VehicleControl
+from mirdrake.controllers.drivers import OwnDriverSpec
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import signals_of
+from mirdrake.core.vectors import COMMAND
+from mirdrake.core.yaml_io import where
+from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.plant.powertrain import PEDALS, Powertrain
+from mirdrake.sensors import GroundTruth
+from mirdrake.sensors.range_scan import PropPoses, RangeScan
+from mirdrake.worlds import Start
+from mirdrake.worlds.tracks import Track
+
+
+def _track_at(start: Start, tracks: Mapping[str, Track]) -> str | None:
+    """The track that a vehicle is measured against if its driver names none: the one it starts on or nearest to."""
+    if start.track is not None or not tracks:
+        return start.track
+    return min(tracks, key=lambda name: abs(float(tracks[name].project(start.x, start.y)[1])))
+
+
+def add_vehicle_systems(
+    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, start: Start
+) -> str | None:
+    """Control unit, ground truth and driver of one vehicle; returns the track it is measured against."""
+    plant, name, tracks = parts.plant, part.name, parts.world.tracks
+    driver_spec = spec.control.get(name)
+    track = getattr(driver_spec, "track", None) or _track_at(start, tracks)
+    control = VehicleControl(plant, part, machine_code=spec.plant.machine_code)
+    truth = GroundTruth(plant, part, track=tracks.get(track or ""))
+    split, join = Demultiplexer(len(COMMAND), 1), Multiplexer(len(COMMAND))
+    wiring.add(f"{name}.control", control)
+    wiring.add(f"{name}.truth", truth)
+    wiring.add(f"{name}.join", join)
+    wiring.link(plant.get_state_output_port(), truth.plant_state)
+    wiring.link(control.desired_state, plant.get_desired_state_input_port(part.instance))
+    wiring.link(join.get_output_port(), control.command)
+    between = (  # where blocks of the user's may stand: noise of the sensors, delay of the actuators
+        ("plant_state", plant.get_state_output_port(), "measured_state", control.plant_state),
+        ("torque_command", control.actuation, "torque_reference", plant.get_actuation_input_port(part.instance)),
+    )
+    for source, output, sink, port in between:
+        wiring.sources[f"{name}.{source}"], wiring.sinks[f"{name}.{sink}"] = (output, None), (port, None)
+        wiring.defaults.append((f"{name}.{source}", f"{name}.{sink}"))
+    for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
+        wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
+    for port in (*(truth.get_output_port(index) for index in range(truth.num_output_ports())), control.status):
+        wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+    torques = plant.get_net_actuation_output_port(part.instance)
+    wiring.sources[f"{name}.joint_torques"] = (torques, None)
+    powertrain = _add_powertrain(wiring, parts, part, control)
+
+    if driver_spec is None:
+        return track
+    place = where(spec, "control", name)
+    if isinstance(driver_spec, OwnDriverSpec):
+        folder = Path(spec.folder) if spec.folder is not None else None
+        driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
+    else:
+        driver = driver_spec.make_system(part.vehicle, parts.world, where=place)
+    wiring.add(f"{name}.driver", driver)
+    if driver.HasInputPort("ranges"):
+        _add_range_scan(wiring, parts, part, truth)
+    wiring.add(f"{name}.split", split)
+    wiring.link(driver.GetOutputPort("command"), split.get_input_port())
+    wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)
+    for index, (port, signal) in enumerate(zip(SPLIT, COMMAND, strict=True)):
+        wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
+        wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
+    if driver.HasOutputPort("pedals"):  # a foot of its own
+        if powertrain is None:
+            raise ConfigError(
+                f"{place}: this driver presses pedals, but {part.vehicle.name} has none; take a vehicle with a "
+                "wheel_speed of kind pedals in control.yaml, and not parked"
+            )
+        wiring.sources[f"{name}.driver_pedals"] = (driver.GetOutputPort("pedals"), PEDALS)
+        wiring.defaults.insert(0, (f"{name}.driver_pedals", f"{name}.pedals_reference"))
+    for index in range(driver.num_output_ports()):
+        port = driver.get_output_port(index)
+        wiring.sources.setdefault(f"{name}.{port.get_name()}", (port, signals_of(port)))
+    for index in range(driver.num_input_ports()):
+        port = driver.get_input_port(index)
+        wiring.sinks[f"{name}.driver_{port.get_name()}"] = (port, signals_of(port))
+        if f"{name}.{port.get_name()}" in wiring.sources:
+            wiring.defaults.append((f"{name}.{port.get_name()}", f"{name}.driver_{port.get_name()}"))
+    return track
+
+
+def _add_powertrain(
+    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: VehicleControl
+) -> Powertrain | None:
+    """Powertrain and brakes of a vehicle that is driven by pedals; the tyres take its torques."""
+    name = part.name
+    if not control.HasOutputPort("pedals"):
+        return None
+    powertrain = Powertrain(parts.plant, part)
+    wiring.add(f"{name}.powertrain", powertrain)
+    wiring.link(parts.plant.get_state_output_port(), powertrain.plant_state)
+    wiring.sources[f"{name}.pedals"] = (control.pedals, PEDALS)
+    wiring.sinks[f"{name}.pedals_reference"] = (powertrain.pedals, PEDALS)
+    wiring.defaults.append((f"{name}.pedals", f"{name}.pedals_reference"))
+    for port in (powertrain.wheel_torque, powertrain.powertrain_status):
+        wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+    return powertrain
+
+
+def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:
+    """The stated ground-truth range sensor of one vehicle, for a driver that looks."""
+    others = {name: other for name, other in parts.vehicles.items() if name != part.name}
+    scan = RangeScan(parts.world, part.vehicle, vehicles={name: other.vehicle for name, other in others.items()})
+    wiring.add(f"{part.name}.scan", scan)
+    wiring.link(truth.state, scan.state)
+    if scan.prop_poses is not None:
+        props = scan.movable[: len(scan.movable) - len(others)]
+        bodies = [parts.props.bodies[name].index() for name in props] + [
+            other.base.index() for other in others.values()
+        ]
+        poses = PropPoses(bodies, scan.movable)
+        wiring.add(f"{part.name}.prop_poses", poses)
+        wiring.link(parts.plant.get_body_poses_output_port(), poses.body_poses)
+        wiring.link(poses.prop_poses, scan.prop_poses)
+    wiring.sources[f"{part.name}.ranges"] = (scan.ranges, signals_of(scan.ranges))

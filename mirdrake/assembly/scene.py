@@ -1,0 +1,293 @@
+"""What a diagram is driven with: the world that is laid out and the vehicles that are loaded.
+
+::
+
+    DiagramSpec ── make_scene ──► Scene ── assemble ──► Assembly
+                                    │
+                                    └─ write_scene ──► RUN/scene/ ── read_scene ──► Scene
+
+A scene is made once. A run folder carries it, so that whatever reads the run (report, recording, replay, export) shows
+the world, the vehicles and the mounted sensors as they were, even if their files have changed since::
+
+    RUN/scene/world.lock     all that was settled in the world, with a hash
+    RUN/scene/ego.urdf       the vehicle ego, xacro arguments applied
+    RUN/scene/scene.json     the world and the vehicles as data, and the meshes: their files and the hashes of these
+
+Only meshes are read from where they are; :attr:`Scene.changes` lists those that have changed or gone.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+from xml.dom import minidom
+from xml.parsers.expat import ExpatError
+
+from pydrake.geometry import Convex
+
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.core.errors import MirdrakeError, RunError
+from mirdrake.core.paths import data_root
+from mirdrake.core.recording.files import write_file
+from mirdrake.core.yaml_io import Source, shown, validate, where
+from mirdrake.core.yaml_tree import lay_over
+from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.mounts import change_mounts
+from mirdrake.vehicles.spec import ControlSpec
+from mirdrake.vehicles.stored import read_vehicle, vehicle_data
+from mirdrake.vehicles.vehicle import check_pedals
+from mirdrake.worlds import World
+from mirdrake.worlds.lock import lock_text, mesh_files
+from mirdrake.worlds.scenery import scenery_file
+from mirdrake.worlds.stored import read_world, world_data
+
+FOLDER, FILE, LOCK = "scene", "scene.json", "world.lock"
+FORMAT = "scene/1"
+
+_DAMAGE = (
+    OSError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    RuntimeError,  # of Drake
+    ExpatError,
+)
+"""What reading damaged data raises."""
+
+_DATA = "mirdrake://"  # begins a reference to a file that is shipped with mirdrake
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A world and the vehicles in it.
+
+    Attributes:
+        world: laid out.
+        vehicles: by their names in the diagram, with the diagram's changes to control and mounted sensors.
+        changes: of a scene that was read from a run folder: the meshes that have changed or gone since, one line each.
+    """
+
+    world: World
+    vehicles: dict[str, Vehicle]
+    changes: tuple[str, ...] = field(default=(), compare=False)
+
+    @cached_property
+    def files(self) -> dict[str, str | bytes]:
+        """The files of a scene in a run folder: their contents by name.
+
+        Raises:
+            WorldError: a file of a prop cannot be read.
+        """
+        data = {
+            "mirdrake": FORMAT,
+            "world": world_data(self.world, _reference),
+            "vehicles": {
+                name: vehicle_data(vehicle)
+                | {"packages": {key: _reference(Path(path)) for key, path in vehicle.packages.items()}}
+                for name, vehicle in self.vehicles.items()
+            },
+            "meshes": {_reference(path): _digest_of(path) for path in _meshes(self)},
+        }
+        urdfs = {f"{name}.urdf": vehicle.urdf for name, vehicle in self.vehicles.items()}
+        return {FILE: json.dumps(data, indent=1) + "\n", LOCK: lock_text(self.world), **urdfs}
+
+
+# --- from a diagram ------------------------------------------------------------------------------------------------
+
+
+def make_scene(spec: DiagramSpec) -> Scene:
+    """Lay out the world of a diagram and load its vehicles.
+
+    Raises:
+        ConfigError, ModelError, WorldError: what is wrong, on one line each.
+    """
+    world = spec.world.load(where=where(spec, "world"))
+    return Scene(world, {name: _load_by_name(spec, name) for name in spec.vehicles})
+
+
+def _load_by_name(spec: DiagramSpec, name: str) -> Vehicle:
+    """The vehicle of one entry of ``vehicles``, with the diagram's changes to its control and mounted sensors."""
+    entry = spec.vehicles[name]
+    vehicle = load_vehicle(entry.model, arguments=entry.arguments, where=where(spec, "vehicles", name, "model"))
+    source = entry._source or Source("diagram", {}, ("vehicles", name))
+    if entry.control:
+        place = source._replace(prefix=(*source.prefix, "control"))
+        control = change_control(vehicle.control, entry.control, source=place)
+        check_pedals(vehicle.spec, control)
+        vehicle = replace(vehicle, control=control)
+    if not entry.mounts:
+        return vehicle
+    source = source._replace(prefix=(*source.prefix, "mounts"))
+    return replace(vehicle, sensors=change_mounts(vehicle.sensors, entry.mounts, source=source))
+
+
+def change_control(control: ControlSpec, changes: Mapping[str, Any], *, source: Source) -> ControlSpec:
+    """Gains and limits with some entries changed; an entry of another kind is replaced as a whole.
+
+    Args:
+        control: of a vehicle.
+        changes: a part of control.yaml.
+        source: where the changes were written, for errors.
+
+    Raises:
+        ConfigError: no such entry, or a value out of range.
+    """
+    below = (control._source or Source("control", {}))._replace(prefix=())
+    data, places = lay_over(control.model_dump(exclude_unset=True), below, dict(changes), source)
+    return validate(data, ControlSpec, places)
+
+
+# --- in a run folder -----------------------------------------------------------------------------------------------
+
+
+def write_scene(scene: Scene, folder: Path) -> None:
+    """Write a scene into a run folder.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    place = folder / FOLDER
+    for name, content in scene.files.items():
+        place.mkdir(exist_ok=True)
+        write_file(place / name, content)
+
+
+def read_scene(folder: Path) -> Scene:
+    """Return the scene of a run folder.
+
+    Raises:
+        RunError: the folder carries no scene, or a damaged one.
+    """
+    path = folder / FOLDER / FILE
+    if not path.is_file():
+        raise RunError(
+            f"{folder}: carries no scene (no file {FOLDER}/{FILE}), so it cannot be drawn; run its spec.yaml again"
+        )
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data["mirdrake"] != FORMAT:
+            raise RunError(f"{shown(path)}: format {data['mirdrake']!r} is not known; known: {FORMAT}")
+        return _read(data, path.parent)
+    except MirdrakeError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        ArithmeticError,
+        RuntimeError,
+        ExpatError,
+    ) as error:
+        reason = (str(error).splitlines() or [""])[0][:200]
+        raise RunError(f"{shown(path)}: damaged: {type(error).__name__}: {reason}") from None
+
+
+def changed_files(scene: Scene, folder: Path) -> list[str]:
+    """Return what differs from the scene that a run folder carries, if any: ``the world`` and meshes."""
+    place = folder / FOLDER
+    try:
+        lock = (place / LOCK).read_text(encoding="utf-8")
+        meshes = dict(json.loads((place / FILE).read_text(encoding="utf-8"))["meshes"])
+        paths = {_resolve(reference): digest for reference, digest in meshes.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return []
+    changed = [path for path, digest in paths.items() if not path.is_file() or _digest_of(path) != digest]
+    return ["the world"] * (lock != lock_text(scene.world)) + [shown(path) for path in changed]
+
+
+def _read(data: Mapping[str, Any], place: Path) -> Scene:
+    changes = []
+    for reference, digest in data["meshes"].items():
+        mesh = _resolve(reference)
+        now = _digest_of(mesh) if mesh.is_file() else None
+        if now is None:
+            changes.append(f"{shown(mesh)}: is missing; the run is shown without it")
+        elif now != digest:
+            changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
+    world = read_world(data["world"], _find, place=shown(place / FILE))
+    world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
+    vehicles = {}
+    for name, entry in data["vehicles"].items():
+        packages = {key: str(_resolve(reference)) for key, reference in entry["packages"].items()}
+        urdf = (place / f"{name}.urdf").read_text(encoding="utf-8")
+        known = {key: folder for key, folder in packages.items() if Path(folder).is_dir()}
+        vehicles[name] = read_vehicle(
+            entry, urdf=_without_missing(urdf, packages), packages=known, place=shown(place / FILE)
+        )
+    return Scene(world, vehicles, tuple(changes))
+
+
+# --- meshes --------------------------------------------------------------------------------------------------------
+
+
+def _reference(path: Path) -> str:
+    """A file or folder as text: relative to the shipped data if it is one of these, else its absolute path."""
+    path = Path(os.path.abspath(path))
+    root = data_root()
+    return f"{_DATA}{path.relative_to(root).as_posix()}" if path.is_relative_to(root) else str(path)
+
+
+def _resolve(reference: str) -> Path:
+    """The path of a reference."""
+    return data_root() / reference.removeprefix(_DATA) if reference.startswith(_DATA) else Path(reference)
+
+
+def _find(reference: str) -> Path | None:
+    """The file of a reference, if it is there."""
+    path = _resolve(reference)
+    return path if path.is_file() else None
+
+
+def _meshes(scene: Scene) -> list[Path]:
+    """All mesh files of a scene, with the buffers and pictures that they name; those that exist."""
+    roots: list[Path] = []
+    for vehicle in scene.vehicles.values():
+        document = minidom.parseString(vehicle.urdf)
+        addresses = [mesh.getAttribute("filename") for mesh in document.getElementsByTagName("mesh")]
+        roots += [_mesh_path(address, vehicle.packages) for address in addresses]
+    roots += [scenery_file(scene.world, mesh) for mesh in scene.world.spec.scenery]
+    for prop in dict.fromkeys(placed.prop for placed in scene.world.props):
+        roots += [prop.visual] if prop.visual is not None else []
+        roots += [Path(solid.shape.source().path()) for solid in prop.solids if isinstance(solid.shape, Convex)]
+    files = [file for root in dict.fromkeys(roots) if root.is_file() for file in mesh_files(root)]
+    return sorted({Path(os.path.abspath(file)) for file in files if file.is_file()})
+
+
+def _mesh_path(address: str, packages: Mapping[str, str]) -> Path:
+    """The file of an address in a rendered URDF."""
+    for scheme in ("package://", "model://"):
+        if address.startswith(scheme):
+            package, _, rest = address.removeprefix(scheme).partition("/")
+            return Path(packages.get(package, os.devnull)) / rest
+    return Path(address.removeprefix("file://"))
+
+
+def _without_missing(urdf: str, packages: Mapping[str, str]) -> str:
+    """A URDF without the visual and collision elements whose mesh is missing; the same text if all are there."""
+    document: Any = minidom.parseString(urdf)
+    changed = False
+    for mesh in document.getElementsByTagName("mesh"):
+        if not _mesh_path(mesh.getAttribute("filename"), packages).is_file():
+            element = mesh.parentNode.parentNode  # mesh in geometry in visual or collision
+            element.parentNode.removeChild(element)
+            changed = True
+    return document.toxml() if changed else urdf
+
+
+def _digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    status = path.stat()
+    return _digest(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=4096)
+def _digest(path: Path, _changed: int, _size: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

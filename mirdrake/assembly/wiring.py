@@ -1,0 +1,218 @@
+"""The ports of a diagram under construction by name, and their connections."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
+
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.signals import Signal, signals_of
+from mirdrake.core.yaml_io import where
+from mirdrake.plant.plant import PlantParts
+
+SPLIT = ("speed_command", "steering_command", "command_stamp")
+JOIN = ("speed_reference", "steering_reference", "reference_stamp")
+"""What the ports between a driver and a vehicle's control unit are called, where a user's blocks may stand."""
+
+_RESERVED = {"plant", "scene_graph", "meshcat_visualizer"}  # Drake gives its own systems these names
+
+_Source = tuple[OutputPort, tuple[Signal, ...] | None]
+_Sink = tuple[InputPort, tuple[Signal, ...] | None]
+
+
+@dataclass
+class Wiring:
+    """The ports of a diagram under construction by name, and their connections."""
+
+    builder: DiagramBuilder
+    spec: DiagramSpec
+    sources: dict[str, _Source] = field(default_factory=dict)
+    sinks: dict[str, _Sink] = field(default_factory=dict)
+    defaults: list[tuple[str, str]] = field(default_factory=list)
+    systems: dict[str, System] = field(default_factory=dict)
+    read: set[str] = field(default_factory=set)
+
+    def add(self, name: str, system: System) -> None:
+        """Add a system under a name; the ports of a user's own become known as ``name.port``."""
+        if name in self.systems or name in self.spec.vehicles or name in _RESERVED:
+            place = where(self.spec, "systems", name)
+            raise ConfigError(f"{place}: the name '{name}' is taken; choose another")
+        system.set_name(name)
+        self.builder.AddSystem(system)
+        self.systems[name] = system
+        if name in self.spec.systems:
+            outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
+            inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+            self.sources |= {f"{name}.{_short(port, outputs)}": (port, signals_of(port)) for port in outputs}
+            self.sinks |= {f"{name}.{_short(port, inputs)}": (port, signals_of(port)) for port in inputs}
+
+    def link(self, source: OutputPort, sink: InputPort) -> None:
+        """Connect two ports of ours."""
+        self.builder.Connect(source, sink)
+
+    def connect(self) -> None:
+        """Make the user's connections, then those of the defaults whose input is still free."""
+        taken: dict[str, str] = {}
+        for index, (source, sink) in enumerate(self.spec.connect):
+            place = where(self.spec, "connect", index)
+            output, given = self._find(source, self.sources, self.sinks, place, "output", "write it second")
+            port, wanted = self._find(sink, self.sinks, self.sources, place, "input", "write it first")
+            # A whole port and its elements exclude each other.
+            other = next((one for one in taken if one == sink or sink == port == _port_of(one, self.sinks)), None)
+            other = port if other is None and wanted is not None and port in taken else other
+            if other is not None:
+                raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[other]}'; remove one of the two")
+            self._check(source, (output, given), sink, (port, wanted), place)
+            taken[sink] = source
+        fed = {_port_of(sink, self.sinks) for sink in taken}
+        for source, sink in self.defaults:
+            if sink not in fed:
+                taken.setdefault(sink, source)
+        elements: dict[str, dict[str, str]] = {}
+        for sink, source in taken.items():
+            port = _port_of(sink, self.sinks)
+            if port == sink:
+                self.link(self._output(source), self.sinks[sink][0])
+            else:
+                elements.setdefault(port, {})[sink.removeprefix(f"{port}.")] = source
+        for port, given_elements in elements.items():
+            self._join(port, given_elements)
+
+    def _find(
+        self, name: str, ports: Mapping[str, Any], others: Mapping[str, Any], place: str, kind: str, advice: str
+    ) -> tuple[str, str | None]:
+        """The port that a name in `connect` means, and the element of it, if it names one."""
+        port = _port_of(name, ports)
+        if port == name:
+            return port, None
+        if port:
+            element, contents = name.removeprefix(f"{port}."), ports[port][1]
+            names = [signal.name for signal in contents or ()]
+            if element in names:
+                return port, element
+            if not names:
+                raise ConfigError(f"{place}: the elements of '{port}' have no names; connect the whole port")
+            listed = ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents)
+            raise ConfigError(f"{place}: '{port}' has no element '{element}'; its elements: {listed}")
+        if _port_of(name, others):
+            other = {"output": "an input", "input": "an output"}[kind]
+            raise ConfigError(f"{place}: '{name}' is {other}; {advice}")
+        owner = name.split(".", maxsplit=1)[0]
+        own = [one for one in ports if one.startswith(f"{owner}.")]
+        listed = f"; {kind}s of '{owner}': {', '.join(sorted(own))}" if own else ""
+        near = get_close_matches(name, ports, n=1) if own else []
+        hint = f"; did you mean '{near[0]}'?" if near else f"; {did_you_mean(name, ports)}" if not own else ""
+        raise ConfigError(f"{place}: unknown {kind} '{name}'{hint}{listed}")
+
+    def _output(self, source: str) -> OutputPort:
+        """The port of a source; that of an element comes from a demultiplexer, one for each port."""
+        name = _port_of(source, self.sources)
+        self.read.add(name)
+        port, contents = self.sources[name]
+        if name == source:
+            return port
+        full = f"{name}.elements"
+        if full not in self.systems:
+            split = self.builder.AddNamedSystem(full, Demultiplexer(port.size(), 1))
+            self.systems[full] = split
+            self.link(port, split.get_input_port())
+        names = [signal.name for signal in contents or ()]
+        return self.systems[full].get_output_port(names.index(source.removeprefix(f"{name}.")))
+
+    def _join(self, name: str, given: Mapping[str, str]) -> None:
+        """Feed an input by elements; those that are not given come from its default.
+
+        Raises:
+            ConfigError: an element is not given, and the input has no default.
+        """
+        port, contents = self.sinks[name]
+        names = [signal.name for signal in contents or ()]
+        default = next((source for source, sink in self.defaults if sink == name), None)
+        missing = [element for element in names if element not in given]
+        if missing and default is None:
+            raise ConfigError(
+                f"{where(self.spec, 'connect')}: input '{name}' has no value for {', '.join(missing)}; connect them"
+            )
+        join = self.builder.AddNamedSystem(f"{name}.elements", Multiplexer(len(names)))
+        self.systems[f"{name}.elements"] = join
+        for index, element in enumerate(names):
+            source = given.get(element)
+            if source is None:
+                known = [signal.name for signal in self.sources[str(default)][1] or ()]
+                source = f"{default}.{known[index]}"
+            self.link(self._output(source), join.get_input_port(index))
+        self.link(join.get_output_port(), port)
+
+    def _check(
+        self,
+        source: str,
+        output: tuple[str, str | None],
+        sink: str,
+        taker: tuple[str, str | None],
+        place: str,
+    ) -> None:
+        """Sizes, types and units of a connection."""
+        port, contents, size = _part(self.sources[output[0]], output[1])
+        taking, wanted, taken_size = _part(self.sinks[taker[0]], taker[1])
+        if port.get_data_type() != taking.get_data_type():
+            kinds = {PortDataType.kVectorValued: "a vector", PortDataType.kAbstractValued: "an abstract value"}
+            given, taken = kinds[port.get_data_type()], kinds[taking.get_data_type()]
+            raise ConfigError(f"{place}: '{source}' gives {given}, '{sink}' takes {taken}")
+        if port.get_data_type() == PortDataType.kVectorValued and size != taken_size:
+            hint = ""
+            if taken_size == 1 and contents:
+                hint = f"; connect one of them, as '{source}.{contents[0].name}'"
+            raise ConfigError(f"{place}: '{source}' has {size} elements, '{sink}' takes {taken_size}{hint}")
+        for have, want in zip(contents or (), wanted or (), strict=False):
+            if have.unit != want.unit and have.unit and want.unit:
+                raise ConfigError(
+                    f"{place}: '{source}' gives {have.name} in {have.unit}, '{sink}' takes {want.name} in {want.unit}"
+                )
+
+    def export(self, parts: PlantParts) -> tuple[str, ...]:
+        """Export what the outside may need, refuse inputs that are open, name the outputs that nothing reads."""
+        for name in parts.vehicles:
+            self.builder.ExportOutput(self.sources[f"{name}.state"][0], f"{name}.state")
+            for port in JOIN:
+                sink = self.sinks[f"{name}.{port}"][0]
+                if not self.builder.IsConnectedOrExported(sink):
+                    self.builder.ExportInput(sink, f"{name}.{port}")
+        for sink, (port, _) in self.sinks.items():
+            system = sink.split(".", maxsplit=1)[0]
+            optional = getattr(self.systems.get(system, port.get_system()), "optional_inputs", ())
+            if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
+                place = where(self.spec, "systems", system)
+                choices = ", ".join(sorted(self.sources))
+                raise ConfigError(
+                    f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices})"
+                )
+        return tuple(
+            source for source in self.sources if source.split(".")[0] in self.spec.systems and source not in self.read
+        )
+
+
+def _port_of(name: str, ports: Mapping[str, Any]) -> str:
+    """The port that a name begins with: the name itself, or that of which it is an element; "" if there is none."""
+    parts = name.split(".")
+    for count in range(len(parts), 1, -1):
+        if (port := ".".join(parts[:count])) in ports:
+            return port
+    return ""
+
+
+def _part(entry: tuple[Any, tuple[Signal, ...] | None], element: str | None) -> tuple[Any, tuple[Signal, ...], int]:
+    """A port with the names and the number of its elements, or of one of them."""
+    port, contents = entry
+    if element is not None:
+        return port, tuple(signal for signal in contents or () if signal.name == element), 1
+    return port, contents or (), port.size()
+
+
+def _short(port: InputPort | OutputPort, ports: Sequence[InputPort | OutputPort]) -> str:
+    """The name of a port in diagram files: u or y where it is the only one, and Drake has no word for it."""
+    name: str = port.get_name()
+    return {"u0": "u", "y0": "y", "delayed_u": "y"}.get(name, name) if len(ports) == 1 else name

@@ -1,0 +1,47 @@
+"""Checks of settings given from Python; settings from files are checked by their schema."""
+
+import math
+
+from mirdrake.core.errors import ConfigError
+
+
+def check_number(
+    owner: str,
+    name: str,
+    value: float,
+    *,
+    unit: str = "",
+    at_least: float = -math.inf,
+    above: float = -math.inf,
+    at_most: float = math.inf,
+    infinite: bool = False,
+) -> float:
+    """The value as a float, if it is a number in the allowed range.
+
+    Args:
+        owner: what the setting belongs to, for the message.
+        name: name of the setting.
+        value: what was given.
+        unit: unit of the setting, for the message.
+        at_least: smallest allowed value.
+        above: the value must be larger than this.
+        at_most: largest allowed value.
+        infinite: whether plus or minus infinity is allowed.
+
+    Raises:
+        ConfigError: not a number, not finite, or out of range.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{owner}: {name} must be a number, got {value!r}") from None
+    good = number >= at_least and number > above if above > -math.inf else number >= at_least
+    if math.isnan(number) or not good or number > at_most or (math.isinf(number) and not infinite):
+        limits = [f">= {at_least:g}"] if at_least > -math.inf else []
+        limits += [f"> {above:g}"] if above > -math.inf else []
+        limits += [f"<= {at_most:g}"] if at_most < math.inf else []
+        limits += [] if infinite else ["finite"]
+        allowed = " and ".join(limits) or "a number"
+        shown = f"{number:g} {unit}".strip()
+        raise ConfigError(f"{owner}: {name} must be {allowed}{f' [{unit}]' if unit else ''}, got {shown}")
+    return number

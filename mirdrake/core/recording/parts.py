@@ -1,0 +1,129 @@
+"""A Parquet table that grows on disk: a folder of finished parts, and in the end one file.
+
+pandas and pyarrow read both alike. Whatever kills the process, all parts written so far can be read.
+"""
+
+import os
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.recording.files import reading, told
+
+FLUSH_AFTER = 0.25
+"""Time for which rows stay in memory before they are written [s]: what a kill can lose."""
+
+
+class PartedTable:
+    """Writes a table part by part.
+
+    How the parts were cut does not show in the file that they become: equal rows give equal bytes.
+
+    Args:
+        path: of the table; a folder at first.
+        rows: of a row group of the final file.
+        options: of the Parquet writer.
+    """
+
+    def __init__(self, path: Path, *, rows: int, **options: Any) -> None:
+        self.path = path
+        self._rows, self._options = rows, options
+        self._parts = 0
+        self._pending: list[pa.Table] = []
+        self._flushed = time.monotonic()
+
+    def add(self, table: pa.Table) -> None:
+        """Add rows; they are on disk within a quarter of a second."""
+        self._pending.append(table)
+        self.flush_if_due()
+
+    def flush_if_due(self) -> None:
+        """Write the rows that have been in memory for long."""
+        if self._pending and time.monotonic() - self._flushed > FLUSH_AFTER:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the rows that are still in memory, as a part of their own."""
+        self._flushed = time.monotonic()
+        if not self._pending:
+            return
+        part = self.path / f"part-{self._parts:06d}.parquet"
+        temporary = self.path / f".{part.name}.tmp"
+        with told(part):
+            self.path.mkdir(exist_ok=True)
+            pq.write_table(pa.concat_tables(self._pending), temporary, **self._options)
+            os.replace(temporary, part)
+        self._parts += 1
+        self._pending = []
+
+    def finish(self) -> None:
+        """Make it one file."""
+        self.flush()
+        if not self.path.is_dir():
+            return
+        whole, aside = self.path.with_name(f".{self.path.name}.tmp"), _aside(self.path)
+        parts = stored(self.path)
+        with told(self.path):
+            with pq.ParquetWriter(whole, pq.read_schema(parts[0]), **self._options) as writer:
+                for table in _regroup(parts, self._rows):
+                    writer.write_table(table)
+            os.replace(self.path, aside)
+            os.replace(whole, self.path)
+            shutil.rmtree(aside)
+
+
+def _aside(path: Path) -> Path:
+    """Where the parts are between two renames."""
+    return path.with_name(f".{path.name}.parts")
+
+
+def stored(path: Path) -> list[Path]:
+    """The Parquet files that hold a table: one, or the parts of a run that did not end; none if there is none."""
+    if path.is_file():
+        return [path]
+    return sorted((path if path.is_dir() else _aside(path)).glob("part-*.parquet"))  # or killed between two renames
+
+
+def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """A Parquet file, read in this thread: the reader's own pool would keep some ten megabytes for good."""
+    with reading(path), pq.ParquetFile(path) as file:
+        return file.read(columns=columns, use_threads=False)
+
+
+def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+    """A stored table, a row group at a time.
+
+    Args:
+        path: of the table.
+        columns: only these.
+    """
+    for part in stored(path):
+        with reading(part):
+            file = pq.ParquetFile(part)
+        with file:
+            for index in range(file.num_row_groups):
+                with reading(part):
+                    group = file.read_row_group(index, columns=columns, use_threads=False)
+                    missing = sorted(set(columns or ()) - set(group.column_names))
+                    if missing:
+                        raise ConfigError(f"{part}: has no column '{missing[0]}'")
+                yield group
+
+
+def _regroup(parts: Sequence[Path], rows: int) -> Iterator[pa.Table]:
+    """The rows of many files in groups of the same size, few at a time in memory."""
+    rest: pa.Table | None = None
+    for part in parts:
+        table = read_part(part)
+        rest = table if rest is None else pa.concat_tables([rest, table])
+        while rest.num_rows >= rows:
+            yield rest.slice(0, rows).combine_chunks()
+            rest = rest.slice(rows)
+    if rest is not None and rest.num_rows:
+        yield rest.combine_chunks()

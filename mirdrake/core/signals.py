@@ -1,0 +1,87 @@
+"""Named vectors with units, shared by systems, wiring checks and logs.
+
+A port of a LeafSystem that is declared through :func:`declare_vector_input` or :func:`declare_vector_output` remembers
+the name and unit of each element. :func:`signals_of` gives them back for any port; ports of other systems have none,
+and are then checked by size only.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from pydrake.systems.framework import BasicVector, InputPort, OutputPort, System
+
+from mirdrake.core.errors import DiagramError
+from mirdrake.core.leaf_system import LeafSystem
+
+
+class Signal(NamedTuple):
+    """One scalar: name, SI unit ("" for a pure number) and meaning."""
+
+    name: str
+    unit: str
+    description: str = ""
+
+
+Signals = tuple[Signal, ...]
+
+
+def signals(*entries: tuple[str, str] | tuple[str, str, str]) -> Signals:
+    """A named vector from (name, unit[, meaning]) tuples.
+
+    Raises:
+        DiagramError: two elements have one name.
+    """
+    vector = tuple(Signal(*entry) for entry in entries)
+    repeated = {signal.name for signal in vector if sum(other.name == signal.name for other in vector) > 1}
+    if repeated:
+        raise DiagramError(f"two signals of one vector are called '{min(repeated)}'; each needs its own name")
+    return vector
+
+
+def declare_vector_input(system: LeafSystem, name: str, contents: Sequence[Signal]) -> InputPort:
+    """A vector input port whose elements have names and units."""
+    port = system.DeclareVectorInputPort(name, len(contents))
+    _remember(system, "input", name, contents)
+    return port
+
+
+def declare_vector_output(
+    system: LeafSystem,
+    name: str,
+    contents: Sequence[Signal],
+    calc: Callable[..., None],
+    *,
+    prerequisites: Iterable[Any] | None = None,
+) -> OutputPort:
+    """A vector output port whose elements have names and units."""
+    arguments = {} if prerequisites is None else {"prerequisites_of_calc": set(prerequisites)}
+    port = system.DeclareVectorOutputPort(name, BasicVector(len(contents)), calc, **arguments)
+    _remember(system, "output", name, contents)
+    return port
+
+
+def declare_state_output(system: LeafSystem, name: str, contents: Sequence[Signal], state_index: Any) -> OutputPort:
+    """An output port that is a discrete state vector: evaluated in C++, never in Python."""
+    port = system.DeclareStateOutputPort(name, state_index)
+    _remember(system, "output", name, contents)
+    return port
+
+
+def signals_of(port: InputPort | OutputPort) -> Signals | None:
+    """Names and units of a port's elements, or None if the system did not say."""
+    direction = "input" if isinstance(port, InputPort) else "output"
+    book: dict[tuple[str, str], Signals] = getattr(port.get_system(), "_mirdrake_signals", {})
+    return book.get((direction, port.get_name()))
+
+
+def copy_signals(source: OutputPort, target: OutputPort) -> None:
+    """Give an exported output port of a Diagram the names and units of the port behind it."""
+    contents = signals_of(source)
+    if contents is not None:
+        _remember(target.get_system(), "output", target.get_name(), contents)
+
+
+def _remember(system: System, direction: str, name: str, contents: Sequence[Signal]) -> None:
+    book: dict[tuple[str, str], Signals] = getattr(system, "_mirdrake_signals", {})
+    book[(direction, name)] = tuple(contents)
+    system._mirdrake_signals = book

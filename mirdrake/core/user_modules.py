@@ -1,0 +1,99 @@
+"""Code of the user's own: what stands in a module of his, named ``module:name``."""
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from mirdrake.core.errors import ConfigError, did_you_mean
+
+__all__ = ["import_own_module", "load_own_function", "without_own_code"]
+
+_FOREIGN: set[str] = set()  # modules that were imported here
+_SKIPPED: ContextVar[list[str] | None] = ContextVar("skipped", default=None)
+
+
+@contextmanager
+def without_own_code() -> Iterator[list[str]]:
+    """While inside, no module of the user's is imported; yields the names of those that were asked for.
+
+    A function is replaced by one that cannot be called, a system is a :class:`ConfigError`.
+    """
+    skipped: list[str] = []
+    token = _SKIPPED.set(skipped)
+    try:
+        yield skipped
+    finally:
+        _SKIPPED.reset(token)
+
+
+def import_own_module(name: str, *, folder: str | Path | None = None) -> ModuleType:
+    """A module by its name.
+
+    Args:
+        name: of the module, dotted.
+        folder: where it may lie, besides the working directory and the import path.
+
+    Raises:
+        ConfigError: there is none, or it fails on import.
+    """
+    skipped = _SKIPPED.get()
+    if skipped is not None:
+        skipped.append(name)
+        raise ConfigError(f"module '{name}' is not executed; --trust does")
+    folders = [Path(path) for path in (folder, Path.cwd()) if path is not None]
+    extra = [str(path) for path in folders if str(path) not in sys.path]
+    sys.path[:0] = extra
+    _forget_namesake(name, folders)
+    try:
+        module = importlib.import_module(name)
+        _FOREIGN.add(name)
+    except ImportError as error:
+        raise ConfigError(f"module '{name}' cannot be imported: {error}") from None
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"module '{name}' fails on import: {type(error).__name__}: {error}") from None
+    finally:
+        for path in extra:
+            sys.path.remove(path)
+    return module
+
+
+def load_own_function(name: str, *, folder: str | Path | None = None) -> Callable[..., Any]:
+    """A function ``module:name``.
+
+    Args:
+        name: of the module and the function.
+        folder: where the module may lie, besides the working directory and the import path.
+
+    Raises:
+        ConfigError: there is no such module or function.
+    """
+    skipped = _SKIPPED.get()
+    if skipped is not None:
+        skipped.append(name)
+        return _not_executed
+    module_name, _, function_name = name.partition(":")
+    module = import_own_module(module_name, folder=folder)
+    function = getattr(module, function_name, None)
+    if not callable(function):
+        known = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
+        raise ConfigError(f"no function '{function_name}' in {module_name}; {did_you_mean(function_name, known)}")
+    return function  # type: ignore[no-any-return]
+
+
+def _not_executed(*_: Any, **__: Any) -> Any:
+    """Stand for a function of the user's that was not loaded."""
+    raise ConfigError("a function of the user's is not executed; --trust does")
+
+
+def _forget_namesake(name: str, folders: list[Path]) -> None:
+    """Let a module be imported anew if the one of that name was imported for a file in another folder."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    wanted = [path for folder in folders if (path := folder / f"{name.replace('.', '/')}.py").is_file()]
+    if name in _FOREIGN and file and wanted and not Path(file).samefile(wanted[0]):
+        del sys.modules[name]
+        importlib.invalidate_caches()

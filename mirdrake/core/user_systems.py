@@ -1,0 +1,70 @@
+"""Systems of the user's own: a class in a file of his, named ``module:Class``."""
+
+import inspect
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydrake.systems.framework import System
+
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.user_modules import import_own_module
+
+
+def make_own_system(
+    kind: str,
+    parameters: Mapping[str, Any],
+    *,
+    where: str,
+    folder: Path | None = None,
+    offered: Mapping[str, Any] | None = None,
+) -> System:
+    """A system from ``module:Class``.
+
+    Args:
+        kind: ``module:Class``; the class is a Drake system.
+        parameters: for its constructor.
+        where: ``file:line: path`` of the entry, for errors.
+        folder: where the module may lie, besides the import path and the working directory.
+        offered: further arguments, which it gets if its constructor names them.
+
+    Raises:
+        ConfigError: no such module or class, or it refuses its parameters.
+    """
+    maker, offered = _load_class(kind, where=where, folder=folder), offered or {}
+    arguments = dict(parameters)
+    try:
+        named = tuple(inspect.signature(maker).parameters.values())
+    except ValueError:  # a class of C++ has no signature to look into
+        named = ()
+    allowed = [p.name for p in named if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    if named and not any(p.kind is p.VAR_KEYWORD for p in named):
+        for name in arguments:
+            if name not in allowed:
+                known = [own for own in allowed if own not in offered]
+                raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, known)}")
+    arguments = {name: value for name, value in offered.items() if name in allowed} | arguments
+    try:
+        return maker(**arguments)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+    except (Exception, SystemExit) as error:
+        text = str(error).splitlines()[0] if str(error) else ""
+        raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None
+
+
+def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
+    """The class ``module:Class``; the module may lie in the folder or in the working directory."""
+    module_name, _, class_name = kind.partition(":")
+    try:
+        module = import_own_module(module_name, folder=folder)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+    maker = getattr(module, class_name, None)
+    if not isinstance(maker, type) or not issubclass(maker, System):
+        own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
+        classes = [name for name, value in own.items() if isinstance(value, type) and issubclass(value, System)]
+        raise ConfigError(
+            f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}"
+        )
+    return maker

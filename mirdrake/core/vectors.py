@@ -1,0 +1,70 @@
+"""Named vectors that the controllers exchange with each other, with vehicles and with logs.
+
+Units are SI, angles in radians; x forward, y left, z up (ISO 8855); positive steering turns left. ``steering`` is
+always the angle of an ideal bicycle wheel at the centre of the front axle, never the angle of a real wheel.
+"""
+
+from typing import NamedTuple
+
+from mirdrake.core.signals import signals
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+"""Names of the wheels, in the order of every vector of four."""
+
+COMMAND = signals(
+    ("speed", "m/s", "wanted speed of the rear axle centre, forward"),
+    ("steering", "rad", "wanted bicycle steering angle, positive to the left"),
+    ("stamp", "s", "time at which the message was made; -inf: there was none yet"),
+)
+"""A message of a driver, human or not."""
+
+SETPOINT = signals(
+    ("speed", "m/s", "speed that the vehicle shall have, forward"),
+    ("steering", "rad", "bicycle steering angle that the vehicle shall have, positive to the left"),
+)
+"""A command that has passed the dead-man and the limits."""
+
+STATE = signals(
+    ("x", "m"),
+    ("y", "m"),
+    ("z", "m"),
+    ("roll", "rad"),
+    ("pitch", "rad"),
+    ("yaw", "rad"),
+    ("vx", "m/s"),
+    ("vy", "m/s"),
+    ("vz", "m/s"),
+    ("wx", "rad/s"),
+    ("wy", "rad/s"),
+    ("wz", "rad/s"),
+)
+"""Pose X_WB of the vehicle frame, velocity of its origin and angular velocity, both expressed in B."""
+
+WHEEL_SPEEDS = signals(*((name, "rad/s") for name in WHEELS))
+"""Spin rates of the wheels, positive when rolling forward."""
+
+STEERING_ANGLES = signals(("left", "rad"), ("right", "rad"))
+"""Angles of the two front wheels about their kingpins, positive to the left."""
+
+PATH_ERROR = signals(
+    ("lateral", "m", "offset of the rear axle centre from the centre line, positive to the left"),
+    ("heading", "rad", "yaw minus the direction of the centre line, in (-pi, pi]"),
+    ("progress", "m", "arc length of the nearest point of the centre line, in [0, length)"),
+    ("laps", "", "distance covered along the centre line since the start, over its length"),
+)
+"""Where a vehicle is on its track."""
+
+
+class Command(NamedTuple):
+    """A message in the order of :data:`COMMAND`."""
+
+    speed: float
+    steering: float
+    stamp: float
+
+
+class Setpoint(NamedTuple):
+    """A checked command in the order of :data:`SETPOINT`."""
+
+    speed: float
+    steering: float

@@ -1,0 +1,397 @@
+"""Set single values in a YAML text and leave every other byte of it as it is: comments, order, layout, line ends.
+
+:func:`edit_yaml` finds the places by the marks of PyYAML's events and cuts there; the text is never written anew. What
+comes out is read again and compared with what was wanted, so an edit either changes the wanted values alone or is
+refused with ``file:line``.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NoReturn
+
+import yaml
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_tree import dotted, parse_tree
+
+Scalar = bool | int | float | str | None
+Value = Scalar | tuple[Scalar, ...]
+
+
+class _Removed:
+    def __repr__(self) -> str:
+        return "REMOVED"
+
+
+REMOVED: Final = _Removed()
+"""As the value of an :class:`Edit`: the key is taken out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """One value to set.
+
+    Attributes:
+        path: dotted path, or the keys one by one where a key has a dot in it; a number is the index of a list item.
+        value: text, number, true, false or None; a tuple of these, written as a list in brackets; or :data:`REMOVED`.
+        comment: a line to stand above the key, without ``#``.
+        replaces: a comment line directly above that begins so gives way to the new one.
+    """
+
+    path: str | tuple[str, ...]
+    value: Value | _Removed
+    comment: str = ""
+    replaces: str = ""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys one by one."""
+        return tuple(self.path.split(".")) if isinstance(self.path, str) else self.path
+
+
+def edit_yaml(text: str, edits: Iterable[Edit], *, name: str = "<text>") -> str:
+    """A YAML text with some values changed.
+
+    A key that is missing is added at the end of its mapping, and so is a mapping that is missing. A value that is
+    already there, or a key to remove that is not, leaves the text as it is, but for the comment.
+
+    Args:
+        text: the text, line ends as they are in the file.
+        edits: applied in their order.
+        name: what error messages call the text, normally the file name.
+
+    Raises:
+        ConfigError: the text is not YAML, a path leads through something that is no mapping, a list or mapping stands
+            where the value should go, an alias or anchor stands there, or the value cannot be written.
+    """
+    for edit in edits:
+        text = _Editor(text, edit, name).edited()
+    return text
+
+
+def value_at(data: Any, keys: Sequence[str]) -> Any:
+    """What stands at a path of plain data; :data:`REMOVED` if nothing does."""
+    for key in keys:
+        if isinstance(data, dict) and key in data:
+            data = data[key]
+        elif isinstance(data, list) and key.isdecimal() and int(key) < len(data):
+            data = data[int(key)]
+        else:
+            return REMOVED
+    return data
+
+
+def _value_text(value: Value) -> str:
+    return f"[{', '.join(map(scalar_text, value))}]" if isinstance(value, tuple) else scalar_text(value)
+
+
+def scalar_text(value: Scalar) -> str:
+    """A value in YAML that versions 1.1 and 1.2 read alike.
+
+    Raises:
+        ConfigError: a number that is not finite.
+    """
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, int):
+        return str(int(value))
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise ConfigError(f"{value} cannot be written; a finite number is needed")
+        digits, mark, power = repr(float(value)).partition("e")
+        return f"{digits if '.' in digits else f'{digits}.0'}{mark}{power}" if mark else digits
+    plain = re.fullmatch(r"[A-Za-z_](?:[A-Za-z0-9_./()%+=*-]| (?! )(?![#:]))*", value) and not value.endswith(" ")
+    if plain and value.lower() not in _WORDS:
+        return value
+    quoted = json.dumps(value, ensure_ascii=False)
+    return "".join(c if c.isprintable() and c != "\ufeff" else _escaped(c) for c in quoted)
+
+
+# --- the inner parts --------------------------------------------------------------------------------------------------
+
+_WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n", "nan", "inf"}
+_BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
+
+
+def _escaped(character: str) -> str:
+    code = ord(character)
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+@dataclass(slots=True)
+class _Node:
+    """A part of the text: characters start to end; of a block collection, up to the end of its last value.
+
+    Attributes:
+        kind: scalar, alias, mapping or list.
+        column: of the first character.
+        flow: written in braces or brackets.
+        keys, values: of a mapping; of a list only values.
+    """
+
+    kind: str
+    start: int
+    end: int
+    column: int
+    line: int
+    flow: bool = False
+    style: str | None = None
+    text: str = ""
+    keys: "list[_Node]" = field(default_factory=list)
+    values: "list[_Node]" = field(default_factory=list)
+
+
+class _Editor:
+    """One edit on one text."""
+
+    def __init__(self, text: str, edit: Edit, name: str) -> None:
+        self.text, self.edit, self.name = text, edit, name
+        self.data, self.source = parse_tree(text, name)
+        self.root = _tree(text)
+        match = _BREAK.search(text)
+        self.newline = match.group() if match else "\n"
+
+    def edited(self) -> str:
+        """The text with the edit made.
+
+        Raises:
+            ConfigError: it cannot be made.
+        """
+        keys, value = self.edit.keys, self.edit.value
+        if not keys or not all(keys):
+            raise ConfigError(f"{self.name}: '{dotted(keys)}' is no path; write for example speed.kp")
+        before = value_at(self.data, keys)
+        wanted: Any = self.data
+        text = self.text
+        if not _same(before, value):
+            text = self._remove(keys) if isinstance(value, _Removed) else self._set(keys, value)
+            wanted = _with(self.data, keys, value)
+        if self.edit.comment and not isinstance(value, _Removed):
+            text = _commented(text, self.edit)
+        try:
+            after, _ = parse_tree(text, self.name)
+        except ConfigError:
+            after = REMOVED
+        if _canonical(after) != _canonical(wanted):
+            self._refuse(keys, "cannot be changed without changing something else; edit the file by hand")
+        return text
+
+    def _set(self, keys: Sequence[str], value: Value) -> str:
+        written = _value_text(value)
+        if self.root is None:
+            return _appended(self.text, _block(keys, written, "", self.newline), self.newline)
+        node = self.root
+        for depth, key in enumerate(keys):
+            self._check_container(node, keys[:depth])
+            found = _child(node, key)
+            if found is None:
+                if node.kind == "list":
+                    self._refuse(keys[:depth], f"is a list of {len(node.values)}; '{key}' is not an index of it")
+                return self._add(node, keys[depth:], written)
+            node = found[1]
+            if depth + 1 < len(keys) and node.kind == "scalar" and value_at(self.data, keys[: depth + 1]) is None:
+                inner = "".join(f"{{{scalar_text(one)}: " for one in keys[depth + 1 :])
+                return self._put(node, f"{inner}{written}{'}' * (len(keys) - depth - 1)}")
+        if isinstance(value, tuple) and node.kind == "list":
+            if not node.flow:
+                self._refuse(keys, "is a list in lines; write it in brackets, or take it out")
+            return self._put(node, written)
+        if node.kind not in {"scalar", "alias"}:
+            self._refuse(keys, f"is a {node.kind}; a single value is expected")
+        if node.style in {"|", ">"}:
+            self._refuse(keys, "is a text of several lines; edit it by hand")
+        return self._put(node, written)
+
+    def _put(self, node: _Node, written: str) -> str:
+        """The new text in the place of a scalar, which may be empty."""
+        space = " " if node.start == node.end and self.text[node.start - 1 : node.start] not in {" ", ""} else ""
+        return f"{self.text[: node.start]}{space}{written}{self.text[node.end :]}"
+
+    def _add(self, node: _Node, keys: Sequence[str], written: str) -> str:
+        """A new entry at the end of a mapping."""
+        if node.flow:
+            inner = "".join(f"{scalar_text(key)}: {{" for key in keys[:-1])
+            entry = f"{inner}{scalar_text(keys[-1])}: {written}{'}' * (len(keys) - 1)}"
+            at = node.values[-1].end if node.values else node.start + 1
+            return f"{self.text[:at]}{', ' if node.values else ''}{entry}{self.text[at:]}"
+        lines = _block(keys, written, " " * node.column, self.newline)
+        at = _line_end(self.text, node.end)
+        if not self.text[:at]:
+            return f"{lines}{self.newline}{self.text}"
+        return f"{self.text[:at]}{self.newline}{lines}{self.text[at:]}"
+
+    def _remove(self, keys: Sequence[str]) -> str:
+        node, parent, place = self.root, None, 0
+        for key in keys:
+            found = _child(node, key) if node is not None else None
+            if node is None or found is None:
+                self._refuse(keys, "comes from an alias or a merge; edit the file by hand")
+            parent, (place, node) = node, found
+        assert parent is not None
+        assert node is not None
+        if parent.kind == "list":
+            self._refuse(keys, "is an item of a list; edit the file by hand")
+        text, key_node = self.text, parent.keys[place]
+        if parent.flow:
+            if place + 1 < len(parent.keys):
+                return text[: key_node.start] + text[parent.keys[place + 1].start :]
+            begin = parent.values[place - 1].end if place else key_node.start
+            return text[:begin] + text[node.end :]
+        begin = _line_start(text, key_node.start)
+        if text[begin : key_node.start].strip(" "):
+            self._refuse(keys, "shares its line with something else; edit the file by hand")
+        end = _line_end(text, node.end)
+        match = _BREAK.match(text, end)
+        if match:
+            return text[:begin] + text[match.end() :]
+        last = text[:begin]
+        for match in _BREAK.finditer(text, 0, begin):
+            last = text[: match.start()]
+        return last + text[end:]
+
+    def _check_container(self, node: _Node, keys: Sequence[str]) -> None:
+        if node.kind == "alias":
+            self._refuse(keys, "is an alias of what stands elsewhere; write it out")
+        if node.kind == "scalar":
+            self._refuse(keys, "is a single value; a mapping (key: value) is expected")
+
+    def _refuse(self, keys: Sequence[str], what: str) -> NoReturn:
+        raise ConfigError(f"{self.source.where(*_typed(self.data, keys))}: {what}")
+
+
+def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
+    """The keys with the indices of lists as numbers, as :class:`Source` has them."""
+    for key in keys:
+        yield int(key) if isinstance(data, list) and key.isdecimal() else key
+        data = value_at(data, (key,))
+
+
+def _same(before: Any, value: Any) -> bool:
+    if isinstance(before, list) and isinstance(value, tuple):
+        return len(before) == len(value) and all(map(_same, before, value))
+    numbers = all(isinstance(one, int | float) and not isinstance(one, bool) for one in (before, value))
+    return (numbers and before == value) or (type(before) is type(value) and before == value)
+
+
+def _with(data: Any, keys: Sequence[str], value: Any) -> Any:
+    """The data with a value set or removed; nothing is changed in place, so aliases part."""
+    key, rest = keys[0], keys[1:]
+    if isinstance(data, list):
+        return [_into(item, rest, value) if str(place) == key else item for place, item in enumerate(data)]
+    data = dict(data or {})
+    if not rest and isinstance(value, _Removed):
+        data.pop(key, None)
+        return data
+    return {**data, key: _into(data.get(key), rest, value)}
+
+
+def _into(data: Any, rest: Sequence[str], value: Any) -> Any:
+    return _with(data, rest, value) if rest else value
+
+
+def _canonical(data: Any) -> str:
+    return json.dumps(data, sort_keys=True, default=repr)
+
+
+def _tree(text: str) -> _Node | None:
+    """The events of a text as a tree with places; None: nothing in it."""
+    events: Iterator[Any] = yaml.parse(text, Loader=yaml.SafeLoader)
+    for event in events:
+        if isinstance(event, yaml.DocumentStartEvent):
+            root = _compose(next(events), events, text)
+            return None if root.kind == "scalar" and root.start == root.end else root
+    return None
+
+
+def _compose(event: Any, events: Iterator[Any], text: str) -> _Node:
+    start, end = event.start_mark, event.end_mark
+    node = _Node("", start.index, end.index, start.column, start.line)
+    if isinstance(event, yaml.AliasEvent):
+        node.kind = "alias"
+    elif isinstance(event, yaml.ScalarEvent):
+        node.kind, node.style, node.text = "scalar", event.style, event.value
+        if node.style in {"|", ">"}:
+            node.end = node.start + len(text[node.start : node.end].rstrip())
+    else:
+        node.kind, node.flow = ("mapping" if isinstance(event, yaml.MappingStartEvent) else "list"), event.flow_style
+        while not isinstance(closing := next(events), yaml.CollectionEndEvent):
+            child = _compose(closing, events, text)
+            if node.kind == "mapping":
+                node.keys.append(child)
+                child = _compose(next(events), events, text)
+            node.values.append(child)
+        last: Any = closing.end_mark
+        if node.flow:
+            node.end = last.index
+        else:
+            node.end = max([node.end, *(child.end for child in node.values)])
+            node.column = node.keys[0].column if node.keys else node.column
+    return node
+
+
+def _child(node: _Node, key: str) -> tuple[int, _Node] | None:
+    """Place and value of a key or list item; None if it has none."""
+    if node.kind == "list":
+        place = int(key) if key.isdecimal() and len(key) < 7 else -1
+        return (place, node.values[place]) if 0 <= place < len(node.values) else None
+    for place, (known, value) in enumerate(zip(node.keys, node.values, strict=True)):
+        if known.text == key:
+            return place, value
+    return None
+
+
+def _block(keys: Sequence[str], written: str, indent: str, newline: str) -> str:
+    """Lines of a new entry, each level of keys two spaces deeper."""
+    lines = [f"{indent}{'  ' * depth}{scalar_text(key)}:" for depth, key in enumerate(keys)]
+    return f"{newline.join(lines)} {written}"
+
+
+def _appended(text: str, lines: str, newline: str) -> str:
+    """Lines at the end of a text that has nothing but comments."""
+    between = newline if text and not _BREAK.search(text[-1]) else ""
+    return f"{text}{between}{lines}{newline}"
+
+
+def _line_start(text: str, at: int) -> int:
+    found = 0
+    for match in _BREAK.finditer(text, 0, at):
+        found = match.end()
+    return found
+
+
+def _line_end(text: str, at: int) -> int:
+    """End of the line, after its comment."""
+    match = _BREAK.search(text, at)
+    return match.start() if match else len(text)
+
+
+def _commented(text: str, edit: Edit) -> str:
+    """The comment above the line of the key; a key in braces has it above the line where its entry begins."""
+    if not edit.comment.isprintable():
+        raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
+    root = _tree(text)
+    assert root is not None
+    node, at = root, root.start
+    for key in edit.keys:
+        found = _child(node, key)
+        if found is None:
+            break
+        if node.kind == "mapping" and not node.flow:
+            at = node.keys[found[0]].start
+        node = found[1]
+    begin = _line_start(text, at)
+    line = text[begin : _line_end(text, begin)]
+    indent = line[: len(line) - len(line.lstrip(" "))]
+    breaks = list(_BREAK.finditer(text, 0, begin))
+    newline = breaks[-1].group() if breaks else (match.group() if (match := _BREAK.search(text)) else "\n")
+    if breaks:
+        above = breaks[-2].end() if len(breaks) > 1 else 0
+        stands = text[above : breaks[-1].start()].strip(" ")
+        if stands == f"# {edit.comment}":
+            return text
+        if edit.replaces and stands.startswith(f"# {edit.replaces}"):
+            return f"{text[:above]}{indent}# {edit.comment}{text[breaks[-1].start() :]}"
+    return f"{text[:begin]}{indent}# {edit.comment}{newline}{text[begin:]}"

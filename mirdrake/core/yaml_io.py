@@ -1,0 +1,413 @@
+"""YAML files into pydantic models, with errors that name file, line and key.
+
+Every file format of mirdrake is a pydantic model derived from :class:`Schema`. :func:`load_yaml` reads a file,
+:func:`parse_yaml` a text. Both keep the line of every key, so that later stages can still point into the file
+with :func:`where`.
+
+Numbers may carry a unit (``90 deg``, ``8 m/s``, ``36 km/h``, ``20 ms``): annotate the field with one of
+:data:`Angle`, :data:`Length`, :data:`Speed`, :data:`Duration` and so on; the value becomes SI.
+"""
+
+import math
+import re
+from collections.abc import Hashable, Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
+
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_tree import Key as Key  # with `as`: also public here
+from mirdrake.core.yaml_tree import Source as Source
+from mirdrake.core.yaml_tree import dotted, in_file, lay_over
+from mirdrake.core.yaml_tree import parse_tree as parse_tree
+
+SchemaT = TypeVar("SchemaT", bound="Schema")
+
+MOST_FAULTS = 50
+"""Faults of one file that are reported."""
+
+SHORTEST_PERIOD = 1e-5
+"""Shortest step or period that a file may ask for [s]."""
+
+
+class Schema(BaseModel):
+    """Base of every file format: unknown keys, NaN and infinity are refused; so is, in a file, `true` for a number.
+
+    Two models are equal when their fields are, wherever they were read from.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, validate_default=False)
+
+    _source: Source | None = PrivateAttr(default=None)
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.__dict__ == other.__dict__
+
+
+def where(spec: Schema, *path: Hashable) -> str:
+    """``file:line: dotted.path`` of a key of a loaded spec, for error messages of later stages."""
+    source = spec._source or Source(type(spec).__name__, {})
+    return source.where(*path)
+
+
+# --- numbers with units ------------------------------------------------------------------------------------------
+
+_UNITS: dict[str, dict[str, float]] = {
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "m/s": {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704},
+    "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": 2.0 * math.pi / 60.0},
+    "kg": {"kg": 1.0, "lb": 0.45359237, "t": 1000.0},
+    "N": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
+    "N m": {"N m": 1.0, "Nm": 1.0, "kN m": 1e3, "kNm": 1e3},
+    "W": {"W": 1.0, "kW": 1e3, "hp": 745.6998715822702},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "kg m²": {"kg m²": 1.0, "kg m^2": 1.0},
+    "-": {},
+    "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "g": GRAVITY},
+}
+_NUMBER = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
+
+
+def to_si(value: Any, unit: str) -> Any:
+    """A number or a text such as ``"90 deg"`` as a number in the SI unit given; anything else unchanged.
+
+    Raises:
+        ValueError: the text has a unit that does not fit.
+    """
+    if not isinstance(value, str):
+        return value
+    match = _NUMBER.fullmatch(value.strip())
+    if match is None:
+        return value
+    number, given = float(match.group(1)), match.group(2)
+    if not given:
+        return number
+    scale = _UNITS[unit].get(given)
+    if scale is None:
+        allowed = ", ".join(_UNITS[unit]) or "none"
+        raise ValueError(f"unit {_shown_value(given)} does not fit; allowed: {allowed}")
+    return number * scale
+
+
+def any_to_si(value: str) -> float | str:
+    """A text such as ``"90 deg"`` as a number in the SI unit of its kind; any other text unchanged."""
+    match = _NUMBER.fullmatch(value.strip())
+    for known in _UNITS.values():
+        if match is not None and match.group(2) in known:
+            return float(match.group(1)) * known[match.group(2)]
+    return value
+
+
+def _quantity(unit: str) -> BeforeValidator:
+    def convert(value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError(f"a number in {unit} is expected, not {str(value).lower()}")
+        return to_si(value, unit)
+
+    return BeforeValidator(convert, json_schema_input_type=float | str)
+
+
+def _long_enough(value: float) -> float:
+    """Reject a period so short that a run would not end; the field itself rejects zero and negative ones."""
+    if 0.0 < value < SHORTEST_PERIOD:
+        raise ValueError(
+            f"{value:g} s is too short; at least {SHORTEST_PERIOD:g} s, which is already "
+            f"{1.0 / SHORTEST_PERIOD:.0f} steps per simulated second"
+        )
+    return value
+
+
+Angle = Annotated[float, _quantity("rad")]
+Length = Annotated[float, _quantity("m")]
+Speed = Annotated[float, _quantity("m/s")]
+Duration = Annotated[float, _quantity("s")]
+Period = Annotated[Duration, AfterValidator(_long_enough)]
+AngularRate = Annotated[float, _quantity("rad/s")]
+Mass = Annotated[float, _quantity("kg")]
+Force = Annotated[float, _quantity("N")]
+Torque = Annotated[float, _quantity("N m")]
+Power = Annotated[float, _quantity("W")]
+Frequency = Annotated[float, _quantity("Hz")]
+Acceleration = Annotated[float, _quantity("m/s^2")]
+
+
+# --- reading -----------------------------------------------------------------------------------------------------
+
+
+def parse_yaml(text: str, schema: type[SchemaT], *, name: str = "<text>", overrides: Iterable[str] = ()) -> SchemaT:
+    """A YAML text as a checked model.
+
+    Args:
+        text: the YAML text; empty means all defaults.
+        schema: the pydantic model of the format.
+        name: what error messages call the text, normally the file name.
+        overrides: ``"dotted.path=value"`` texts, applied over the file in their order; the value is YAML, a number in
+            the path is the index of a list item, as in ``connect.0=[a.y, b.u]``.
+
+    Raises:
+        ConfigError: one line per fault, each ``name:line: dotted.path: what is wrong``.
+    """
+    data, source = _overridden(text, name, overrides)
+    return validate(data, schema, source)
+
+
+def read_tree(path: Path, *, overrides: Iterable[str] = ()) -> tuple[Any, Source]:
+    """A YAML file as plain data with its places, overrides applied; see :func:`parse_yaml`.
+
+    Raises:
+        ConfigError: the file cannot be read, is not YAML, or an override is wrong.
+    """
+    return _overridden(read_text(path), shown(path), overrides)
+
+
+def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
+    """Plain data as a checked model that remembers its source.
+
+    Args:
+        data: what :func:`parse_tree` gives, or a part of it.
+        schema: the pydantic model of the format.
+        source: where the data stand; its prefix is the place of `data` in the file.
+
+    Raises:
+        ConfigError: one line per fault.
+    """
+    try:
+        spec = schema.model_validate(data)
+    except ValidationError as error:
+        # Each line costs a search for similar names: a file of another kind may have thousands of unknown keys.
+        entries = error.errors()
+        faults = dict.fromkeys(_fault(entry, schema, source) for entry in entries[:MOST_FAULTS])
+        if len(entries) > MOST_FAULTS:
+            faults[f"{source.where()}: {len(entries) - MOST_FAULTS} more faults; correct these first"] = None
+        raise ConfigError("\n".join(faults)) from None
+    truths = list(_truth_for_number(spec, data, ()))
+    if truths:
+        raise ConfigError("\n".join(f"{source.where(*path)}: {word} is not a number" for path, word in truths))
+    _attach(spec, source, source.prefix)
+    return spec
+
+
+def load_yaml(
+    path: Path, schema: type[SchemaT], *, overrides: Iterable[str] = (), over: tuple[Any, Source] | None = None
+) -> SchemaT:
+    """A YAML file as a checked model; see :func:`parse_yaml`.
+
+    Args:
+        path: the file.
+        schema: the pydantic model of the format.
+        overrides: ``"dotted.path=value"`` texts.
+        over: a partial tree and its places, laid over the file; see :func:`mirdrake.core.yaml_tree.lay_over`.
+
+    Raises:
+        ConfigError: the file cannot be read, or has faults.
+    """
+    text, name = read_text(path), shown(path)
+    if over is None:
+        return parse_yaml(text, schema, name=name, overrides=overrides)
+    data, source = lay_over(*parse_tree(text, name), *over)
+    return validate(data, schema, source)
+
+
+def read_text(path: Path) -> str:
+    """A text file.
+
+    Raises:
+        ConfigError: it cannot be read, or is not UTF-8.
+    """
+    name = shown(path)
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{name}: no such file") from None
+    except IsADirectoryError:
+        raise ConfigError(f"{name}: is a folder; a YAML file is expected") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{name}: not UTF-8 text (byte {error.start})") from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise ConfigError(f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def shown(path: Path) -> str:
+    """A path as people like to read it: relative to the working directory when it lies below it."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except (OSError, RuntimeError, ValueError):  # no working directory, a loop of links, somewhere else
+        return str(path)
+
+
+# --- the inner parts ---------------------------------------------------------------------------------------------
+
+
+def _shown_value(value: Any) -> str:
+    """A value as a user would write it in YAML, cut when long."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, dict | list | Schema):
+        return "a list" if isinstance(value, list) else "a mapping"
+    text = repr(value[:80] if isinstance(value, str) else value)
+    return text if len(text) <= 60 else f"{text[:56]} …{text[-1]}"
+
+
+_NOT_NUMBERS = {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}
+
+
+def _fault(entry: Any, schema: type[Schema], source: Source) -> str:
+    """One pydantic error as ``file:line: dotted.path: what is wrong``."""
+    location = tuple(entry["loc"])
+    path = in_file(location, source)
+    kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
+    message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.removeprefix("Input should be ")
+    if kind == "extra_forbidden":
+        if path[-1:] != (str(location[-1]),):
+            path = (*path, location[-1])
+        message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(schema, location[:-1]))}"
+    elif kind == "missing":
+        path = (*path, location[-1])
+        message = "is missing"
+    elif kind == "union_tag_invalid":
+        tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
+        path = (*path, "kind")
+        message = f"unknown kind {_shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
+    elif kind == "union_tag_not_found":
+        message = (
+            "needs a 'kind'" if isinstance(given, dict) else f"{_shown_value(given)} is not a mapping with a 'kind'"
+        )
+    elif kind == "literal_error":
+        message = f"{_shown_value(given)} is not allowed; allowed: {context['expected']}"
+    elif kind in {"model_type", "model_attributes_type", "dict_type", "list_type", "tuple_type"}:
+        message = f"{_shown_value(given)} is not a {'list' if kind[0] in 'lt' else 'mapping (key: value)'}"
+    elif kind in _NOT_NUMBERS:
+        message = f"{_shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
+    elif kind in {"too_long", "too_short"}:
+        allowed = context.get("max_length", context.get("min_length"))
+        message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"
+    elif kind == "finite_number":
+        message = f"{given} is not a finite number"
+    elif kind not in {"value_error", "assertion_error"}:
+        message = f"{_shown_value(given)} is not allowed; it should be {message[:1].lower() + message[1:]}"
+    return f"{source.where(*path)}: {' '.join(message.split())}"
+
+
+def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
+    """The keys a mapping at this location may have, read from the JSON schema."""
+    root = schema.model_json_schema()
+    nodes = [root]
+
+    def resolve(node: dict[str, Any]) -> list[dict[str, Any]]:
+        if "$ref" in node:
+            return resolve(root["$defs"][node["$ref"].rsplit("/", 1)[1]])
+        for word in ("anyOf", "oneOf", "allOf"):
+            if word in node:
+                return [leaf for option in node[word] for leaf in resolve(option)]
+        return [node]
+
+    for step in location:
+        following: list[dict[str, Any]] = []
+        for node in (leaf for candidate in nodes for leaf in resolve(candidate)):
+            if isinstance(step, int) and "items" in node:
+                following.append(node["items"])
+            elif step in node.get("properties", {}):
+                following.append(node["properties"][step])
+            elif isinstance(node.get("additionalProperties"), dict):
+                following.append(node["additionalProperties"])
+            else:  # a mapping whose keys must match a pattern
+                following += node.get("patternProperties", {}).values()
+        if following:  # a step that is not in the schema is the tag of a union: keep the candidates with that tag
+            nodes = following
+        else:
+            tagged = [
+                leaf
+                for candidate in nodes
+                for leaf in resolve(candidate)
+                if leaf.get("properties", {}).get("kind", {}).get("const") == step
+            ]
+            nodes = tagged or nodes
+    return sorted({key for candidate in nodes for leaf in resolve(candidate) for key in leaf.get("properties", {})})
+
+
+def _overridden(text: str, name: str, overrides: Iterable[str]) -> tuple[Any, Source]:
+    """A text as plain data with overrides applied."""
+    data, source = parse_tree(text, name)
+    data = {} if data is None else data
+    if isinstance(data, dict):  # anything else is refused by the schema
+        for override in overrides:
+            data, source = _apply_override(data, override, source)
+    return data, source
+
+
+def _apply_override(data: dict[str, Any], override: str, source: Source) -> tuple[dict[str, Any], Source]:
+    """Data and source with one ``dotted.path=value`` set; containers on the way are copied, not changed.
+
+    Raises:
+        ConfigError: not of that form, not YAML, or a list index that does not exist.
+    """
+    printable = override if override.isprintable() else repr(override)
+    told = f"--set {printable}" if len(printable) <= 80 else f"--set {printable[:79]}…"
+    path, separator, text = override.partition("=")
+    keys = [key.strip() for key in path.split(".")]
+    if not separator or not all(keys):
+        raise ConfigError(f"{told}: expected KEY.PATH=VALUE, for example control.ego.speed=8")
+    value, inner = parse_tree(text, told)
+    result = dict(data)
+    node: Any = result
+    full: Key = ()
+    replaced = len(keys)  # from this depth on, what stands there comes from the override
+    for depth, key in enumerate(keys, start=1):
+        step: Any = key
+        if isinstance(node, list):
+            if not (key.isdecimal() and len(key) < 7 and int(key) < len(node)):
+                raise ConfigError(f"{told}: {dotted(full)} is a list of {len(node)}; '{key}' is not an index of it")
+            step = int(key)
+        full = (*full, step)
+        if depth == len(keys):
+            node[step] = value if inner.lines else None
+            break
+        child = node[step] if isinstance(node, list) else node.get(step)
+        if not isinstance(child, dict | list):
+            replaced = min(replaced, depth)
+        node[step] = list(child) if isinstance(child, list) else dict(child) if isinstance(child, dict) else {}
+        node = node[step]
+    gone = full[:replaced]
+    lines = {key: line for key, line in source.lines.items() if key[:replaced] != gone}
+    overrides = {key: text for key, text in source.overrides.items() if key[:replaced] != gone}
+    overrides |= {full[:length]: told for length in range(replaced, len(full))}
+    overrides |= {(*full, *key): told for key in ((), *inner.lines)}
+    return result, source._replace(lines=lines, overrides=overrides)
+
+
+def _truth_for_number(value: Any, data: Any, path: Key) -> Iterator[tuple[Key, str]]:
+    """Places where the data say true or false and the model holds a number: pydantic reads true as 1.0."""
+    if isinstance(data, bool) and isinstance(value, int | float) and not isinstance(value, bool):
+        yield path, str(data).lower()
+    elif isinstance(data, dict) and isinstance(value, Schema):
+        for name, field in type(value).model_fields.items():
+            key = field.alias or name
+            yield from _truth_for_number(getattr(value, name), data.get(key), (*path, key))
+    elif isinstance(data, dict) and isinstance(value, dict):
+        for key, item in value.items():
+            yield from _truth_for_number(item, data.get(key), (*path, key))
+    elif isinstance(data, list) and isinstance(value, list | tuple):
+        for index, (item, given) in enumerate(zip(value, data, strict=False)):
+            yield from _truth_for_number(item, given, (*path, index))
+
+
+def _attach(value: Any, source: Source, path: Key) -> None:
+    """Tell every nested model its own place in the source."""
+    if isinstance(value, Schema):
+        value._source = source._replace(prefix=path)
+        for name, field in type(value).model_fields.items():
+            item = getattr(value, name)
+            if isinstance(item, Schema) and item is field.default:  # pydantic shares frozen defaults between specs
+                item = value.__dict__[name] = item.model_copy(deep=True)
+            _attach(item, source, (*path, field.alias or name))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            _attach(item, source, (*path, key))
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            _attach(item, source, (*path, index))

@@ -1,0 +1,111 @@
+"""Many calls through an executor, each of which may be lost without the others."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.execution.job import one_line
+from mirdrake.execution.workers import InProcess, WorkerLostError, Workers
+
+AHEAD = 256
+"""Calls that are handed to a foreign executor before their forerunners have come back."""
+
+LOOK = 0.5
+"""Wall time between two looks at what else there is to do while calls go on [s]."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A call that gave nothing.
+
+    Attributes:
+        reason: one line: what it raised, or how its process ended.
+    """
+
+    reason: str
+
+
+@contextmanager
+def open_executor(
+    executor: Executor | None, workers: int | None, *, calls: int, limit: float
+) -> Iterator[tuple[Executor, int]]:
+    """An executor, and how many calls to hand to it ahead; processes of our own end with the block.
+
+    Args:
+        executor: the user's; it is not shut down.
+        workers: number of processes if no executor is given; 0: this process; None: as many as cores.
+        calls: number of calls there are to make; no more processes than that are started.
+        limit: wall time that a call may take in processes of our own [s].
+
+    Raises:
+        ConfigError: a negative number of workers.
+    """
+    if workers is not None and workers < 0:
+        raise ConfigError(f"workers: {workers} is not allowed; it must be 0 or more")
+    count = min(os.cpu_count() or 1 if workers is None else workers, calls)
+    if executor is not None:
+        yield executor, AHEAD
+    elif count == 0:
+        yield InProcess(), 1
+    else:
+        own = Workers(count, limit=limit)
+        try:
+            yield own, 2 * count
+        finally:
+            own.shutdown(cancel_futures=True)
+
+
+def call_all(
+    executor: Executor,
+    function: Callable[..., Any],
+    arguments: Iterable[tuple[Any, ...]],
+    *,
+    ahead: int,
+    idle: Callable[[], None] | None = None,
+) -> Iterator[tuple[int, Any]]:
+    """Call a function with each of the arguments; yields position and result, or :class:`Lost`, as they come.
+
+    Args:
+        executor: makes the calls.
+        function: can be pickled, as can its arguments, unless the executor stays in this process.
+        arguments: taken one by one, as far ahead as needed.
+        ahead: calls that are handed in at a time.
+        idle: called every now and then while calls go on.
+
+    Raises:
+        RunError: the executor gave up, or worker processes cannot start.
+    """
+    rest = enumerate(arguments)
+    waiting: dict[Future[Any], int] = {}
+    try:
+        while True:
+            while len(waiting) < ahead and (entry := next(rest, None)) is not None:
+                waiting[executor.submit(function, *entry[1])] = entry[0]
+            if not waiting:
+                return
+            done, _ = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield waiting.pop(future), _result(future)
+            if idle is not None:
+                idle()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _result(future: Future[Any]) -> Any:
+    """What a call gave, also if its process did not survive it."""
+    try:
+        return future.result()
+    except (BrokenExecutor, CancelledError) as error:
+        raise RunError(f"the executor gave up ({one_line(error)}); resume with another one") from None
+    except RunError:  # its processes cannot start
+        raise
+    except WorkerLostError as error:
+        return Lost(str(error))
+    except Exception as error:
+        return Lost(one_line(error))

@@ -1,0 +1,125 @@
+"""Knobs: numbers of a built diagram that a run may change in its Context, so that nothing is built anew.
+
+==============================  ======  =============================================================================
+``<vehicle>.speed.kp``, ``ki``  1, 1/s  trim of the speed loop; not of a vehicle with pedals
+``<vehicle>.wheel_speed.*``     own     wheel loops of kind pid: kp, ki, kd; of kind pedals: kp, ki
+``<vehicle>.steering.*``        own     steering loops of kind pid: kp, ki, kd
+``<vehicle>.mass_scale``        1       mass and inertia of all its bodies, times this; its controllers do not know
+``road.friction``               1       coefficient of the whole road, where it is the same everywhere
+==============================  ======  =============================================================================
+
+A new knob is a line in :func:`find_knobs`. Gains of servos are no knobs: Drake keeps them in the plant, not in the
+Context. Nor are gains that control.yaml schedules over speed.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from pydrake.geometry import ProximityProperties, RoleAssign
+from pydrake.multibody.plant import CoulombFriction
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import Context
+
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.core.errors import ConfigError
+from mirdrake.plant.plant import matched_friction
+from mirdrake.vehicles import WHEELS, Vehicle
+from mirdrake.worlds import World
+
+GAINS = ("kp", "ki", "kd")
+_WHEEL_UNITS = ("N m s/rad", "N m/rad", "N m s²/rad")
+_STEERING_UNITS = ("N m/rad", "N m/(rad s)", "N m s/rad")
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One knob.
+
+    Attributes:
+        name: as in the table above.
+        unit: of its value.
+        turn: changes a new Context of the assembly's diagram.
+        positive: whether its value must be above zero.
+    """
+
+    name: str
+    unit: str
+    turn: Callable[[Assembly, Context, float], None]
+    positive: bool = False
+
+
+def find_knobs(vehicles: Mapping[str, Vehicle], world: World) -> dict[str, Knob]:
+    """The knobs of a diagram, by name.
+
+    Args:
+        vehicles: of the diagram, by name.
+        world: of the diagram.
+    """
+    knobs: list[Knob] = []
+    for name, vehicle in vehicles.items():
+        control = vehicle.control
+        if control.wheel_speed.kind == "pedals":
+            knobs += _loop(name, "wheel_speed", 1, ("1/s", "1/s²"))
+        else:
+            knobs += _loop(name, "speed", 0, ("1", "1/s"))
+        if control.wheel_speed.kind == "pid":
+            knobs += _loop(name, "wheel_speed", 1, _WHEEL_UNITS)
+        if control.steering.kind == "pid":
+            knobs += _loop(name, "steering", 2, _STEERING_UNITS)
+        fixed = {f"{name}.{path}" for path in control.scheduled_gains()}
+        knobs = [knob for knob in knobs if knob.name not in fixed]
+        knobs.append(Knob(f"{name}.mass_scale", "1", partial(_scale_mass, name), positive=True))
+    if len({world.ground.mu, *(mu for _, mu in world.friction_areas)}) == 1:
+        knobs.append(Knob("road.friction", "1", _set_friction, positive=True))
+    return {knob.name: knob for knob in knobs}
+
+
+def _loop(vehicle: str, loop: str, group: int, units: tuple[str, ...]) -> list[Knob]:
+    return [
+        Knob(f"{vehicle}.{loop}.{gain}", unit, partial(_set_gain, vehicle, group, GAINS.index(gain)))
+        for gain, unit in zip(GAINS, units, strict=False)
+    ]
+
+
+def _set_gain(vehicle: str, group: int, index: int, assembly: Assembly, context: Context, value: float) -> None:
+    control = assembly.diagram.GetSubsystemByName(f"{vehicle}.control")
+    control.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(group).SetAtIndex(index, value)
+
+
+def _scale_mass(vehicle: str, assembly: Assembly, context: Context, value: float) -> None:
+    plant = assembly.parts.plant
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    for index in plant.GetBodyIndices(assembly.parts.vehicles[vehicle].instance):
+        body = plant.get_body(index)
+        inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
+        mass: Any = inertia.get_mass()
+        if mass > 0.0:
+            scaled = SpatialInertia(value * mass, inertia.get_com(), inertia.get_unit_inertia())
+            body.SetSpatialInertiaInBodyFrame(plant_context, scaled)
+
+
+def _set_friction(assembly: Assembly, context: Context, value: float) -> None:
+    parts = assembly.parts
+    scene_graph, plane = parts.scene_graph, parts.world.road_mu
+    scene_context = scene_graph.GetMyMutableContextFromRoot(context)
+    for name, part in parts.vehicles.items():
+        model = assembly.tyres.get(name)
+        for wheel in range(len(WHEELS)):
+            if model is not None:
+                model.set_friction(model.GetMyMutableContextFromRoot(context), wheel, value)
+                continue
+            tyre = part.tyres[wheel]
+            properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+            mu = _on_plane(part.tyre_mu[wheel], value, plane)
+            properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(mu, mu))
+            source = parts.plant.get_source_id()
+            scene_graph.AssignRole(scene_context, source, tyre, properties, RoleAssign.kReplace)
+
+
+def _on_plane(tyre: float, road: float, plane: float) -> float:
+    """Friction of a tyre's shape for which the pair with the plane has that of tyre or road, the smaller one."""
+    if min(tyre, road) > 1.9 * plane:  # Drake's mean with the plane stays below twice the plane's
+        raise ConfigError(f"road.friction {road:g} is out of reach; with this world it may be at most {1.9 * plane:g}")
+    return matched_friction(tyre, road, plane=plane)

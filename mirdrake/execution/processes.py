@@ -1,0 +1,114 @@
+"""Worker processes: how they start, how they are ended, and why one is lost."""
+
+import faulthandler
+import os
+import re
+import signal
+import threading
+import time
+from dataclasses import dataclass, field
+from multiprocessing import connection, parent_process
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from mirdrake.core.yaml_io import shown
+
+STARTING = 120.0
+"""Wall time that a worker may take to start [s]."""
+
+_LAST_WORDS = re.compile(r"Failure at |Fatal Python error|terminate called|what\(\):|Assertion .* failed|Error: ")
+_FRAME = re.compile(r'\s*File "(?P<file>.*)", line (?P<line>\d+) in (?P<name>.*)')
+
+
+@dataclass
+class WorkerProcess:
+    """A process that takes work through a pipe.
+
+    Attributes:
+        process: the process.
+        pipe: work in, results out.
+        log: file that takes everything it prints.
+        since: when its work began, by ``time.monotonic``.
+        deadline: when it is given up.
+        offset: length of the log when its work began.
+    """
+
+    process: BaseProcess
+    pipe: connection.Connection
+    log: Path
+    since: float = field(default_factory=time.monotonic)
+    deadline: float = field(default_factory=lambda: time.monotonic() + STARTING)
+    offset: int = 0
+
+    def begin(self, limit: float) -> None:
+        """Its work begins, and may take so long [s]."""
+        self.since = time.monotonic()
+        self.deadline = self.since + limit
+        self.offset = self.log.stat().st_size if self.log.exists() else 0
+
+    def kill(self) -> None:
+        """End it."""
+        self.pipe.close()
+        if self.process.is_alive():
+            self.process.kill()
+        self.process.join()
+        self.process.close()
+
+    def why_lost(self) -> str:
+        """Why it does not answer, in one line: it hangs, with the place where, or it has ended."""
+        late = time.monotonic() >= self.deadline
+        if not late:
+            self.process.join(timeout=5.0)
+        return self._hung() if late and self.process.is_alive() else self.why_ended()
+
+    def why_ended(self) -> str:
+        """Why it ended: its signal or exit code, and its last words."""
+        code = self.process.exitcode
+        name = signal.Signals(-code).name if code is not None and code < 0 else ""
+        ended = f"the process was ended by {name}" if name else f"the process ended with exit code {code}"
+        words = [line.strip() for line in self._said() if line.strip()]
+        told = next((line for line in words if _LAST_WORDS.search(line)), "")
+        return f"{ended}: {told[:300]}" if told else ended
+
+    def _hung(self) -> str:
+        waited = f"no end after {self.deadline - self.since:g} s of wall time"
+        if self.process.pid is not None and hasattr(signal, "SIGUSR1"):
+            os.kill(self.process.pid, signal.SIGUSR1)
+            time.sleep(0.2)
+        frames = [match for match in map(_FRAME.match, self._said()) if match]
+        if not frames:
+            return waited
+        return f"{waited}; it was in {frames[0]['name']} of {shown(Path(frames[0]['file']))}:{frames[0]['line']}"
+
+    def _said(self) -> list[str]:
+        """The lines that it printed since its work began."""
+        try:
+            with self.log.open("rb") as file:
+                file.seek(self.offset)
+                return file.read(200_000).decode(errors="replace").splitlines()
+        except OSError:
+            return []
+
+
+def settle_in(log: str) -> None:
+    """Make this process a worker: it prints into a file, tells where it hangs when asked, and ends with its parent.
+
+    Args:
+        log: file that takes everything that is printed, so that the last words of a crash can be read.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
+    stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for number in (1, 2):
+        os.dup2(stream, number)
+    os.close(stream)
+    faulthandler.enable(all_threads=False)
+    if hasattr(signal, "SIGUSR1"):
+        faulthandler.register(signal.SIGUSR1, all_threads=False)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)

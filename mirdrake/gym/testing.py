@@ -1,0 +1,386 @@
+"""Unit tests of your own systems in three lines: drive the inputs, read the outputs, compare with a closed form.
+
+::
+
+    from math import exp
+    from mirdrake.gym.testing import assert_follows, drive
+
+    response = drive(Lag(time_constant=0.5), inputs={"u": 1.0}, duration=3.0)
+    assert_follows(response["y"], lambda t: 1.0 - exp(-t / 0.5), atol=1e-6)
+
+:func:`drive` takes a system or a whole diagram file with vehicles; :func:`evaluate` looks at one moment. Ports go by
+their names, and by ``port.element`` where a vector has names. Equal calls give equal bits.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    PortDataType,
+    System,
+)
+
+from mirdrake.assembly.diagram import DiagramSpec, assemble, load_diagram, make_spec
+from mirdrake.assembly.wiring import JOIN
+from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import signals_of
+from mirdrake.runs.simulation import Simulation
+
+Array = NDArray[np.float64]
+Input = Any
+"""A constant; a function of time [s]; a pandas Series or DataFrame over time, or (times, values): linear in between."""
+
+_TIGHT = 1e-8  # relative accuracy of the integrator of systems with continuous state
+_ENDS = 1e-9  # [s]
+_BEFORE = 1.0 - 4.0 * float(np.finfo(float).eps)  # a sample comes before the update of its time, however both round
+
+
+def drive(
+    system: System | DiagramSpec | Mapping[str, Any] | str,
+    *,
+    inputs: Mapping[str, Input] | None = None,
+    duration: float = 1.0,
+    outputs: Sequence[str] | None = None,
+    period: float | None = None,
+    prepare: Callable[[Context], None] | None = None,
+) -> pd.DataFrame:
+    """Drive the inputs of a system for a time and read its outputs.
+
+    Of a sampled system a row shows what is there before the update of its own time, as logs in Drake do.
+
+    Args:
+        system: a system, which can be driven again and again; or a diagram's name, file, spec or data. Of a diagram
+            file the vehicles without a driver are driven: ``ego.speed_reference`` [m/s], ``ego.steering_reference``
+            [rad]. Their time stamp is always fresh, unless you drive it too.
+        inputs: by name of the port, or ``port.element``; constants, functions of time, tables. A single port of Drake's
+            own systems is called ``u``. Any object, of an abstract port.
+        duration: simulated time [s]; 0 shows the start.
+        outputs: names of ports or ``port.element``; all vectors if left out. Of a diagram file, signals of a run.
+        period: from row to row [s]; a hundredth of the duration if left out, of a diagram file what it says.
+        prepare: changes the Context of the system before the start, for example its state.
+
+    Returns:
+        one row a sample, index ``time`` [s]; a column a port, or an element ``port.element`` where there are several.
+        ``attrs["units"]`` has the units, as far as the system told them.
+
+    Raises:
+        DiagramError: an unknown or missing input or output, a size that does not fit.
+        ConfigError: an unknown file, or times that make no sense.
+    """
+    if not (isfinite(duration) and duration >= 0.0):
+        raise ConfigError(f"duration {duration} s is not allowed; it must be 0 or more")
+    if period is not None and not (isfinite(period) and period > 0.0):
+        raise ConfigError(f"period {period} s is not allowed; it must be above 0")
+    if not isinstance(system, System):
+        return _drive_file(system, inputs or {}, duration, outputs, period, prepare)
+    bench = _bench(system, inputs or {})
+    step = period or (duration / 100.0 if duration else 1.0)
+    context = bench.diagram.CreateDefaultContext()
+    if prepare is not None:
+        prepare(system.GetMyMutableContextFromRoot(context))
+    simulator = Simulator(bench.diagram, context)
+    if context.num_continuous_states():
+        simulator.get_mutable_integrator().set_target_accuracy(_TIGHT)
+    simulator.Initialize()
+    columns = _columns(system, outputs)
+    times = np.arange(int(np.floor(duration / step + 1e-6)) + 1) * step
+    rows = []
+    for time in times:
+        if time > 0.0:  # to advance to the start would make its update
+            simulator.AdvanceTo(time * _BEFORE)
+        inner = system.GetMyContextFromRoot(context)
+        rows.append([_read(port, element, inner) for _, port, element, _ in columns])
+    frame = pd.DataFrame(rows, columns=[name for name, *_ in columns], index=pd.Index(times, name="time"))
+    frame.attrs["units"] = {name: unit for name, _, _, unit in columns}
+    return frame
+
+
+def evaluate(system: System, inputs: Mapping[str, Input] | None = None, **options: Any) -> dict[str, Any]:
+    """The outputs of a system at its start, for laws without memory.
+
+    Args:
+        system: a system.
+        inputs: as of :func:`drive`.
+        **options: ``outputs`` and ``prepare`` of :func:`drive`.
+
+    Returns:
+        values by name, as the columns of :func:`drive`.
+    """
+    frame = drive(system, inputs=inputs, duration=0.0, **options)
+    values = {str(name): frame[name].iloc[0] for name in frame}
+    return {name: float(value) if isinstance(value, np.floating) else value for name, value in values.items()}
+
+
+def assert_follows(
+    actual: pd.Series,
+    expected: Callable[[float], float] | Sequence[float] | Array | pd.Series | float,
+    *,
+    atol: float,
+    rtol: float = 0.0,
+    after: float = 0.0,
+) -> None:
+    """Fail unless samples follow a closed form.
+
+    Args:
+        actual: samples over time, a column of :func:`drive` or of a run's signals.
+        expected: a function of time [s]; as many numbers as there are samples; or one number for all of them.
+        atol: largest difference, in the unit of the samples.
+        rtol: the same relative to what is expected; both add up.
+        after: samples before this time do not count [s].
+
+    Raises:
+        AssertionError: where the difference is largest, how large, and how many samples are outside.
+        ConfigError: a tolerance that everything meets, no samples, or another number of them.
+    """
+    if not (isfinite(atol) and atol >= 0.0 and isfinite(rtol) and rtol >= 0.0):
+        raise ConfigError(f"atol {atol} and rtol {rtol}: tolerances are numbers of 0 or more")
+    times = np.asarray(actual.index, dtype=float)
+    have = np.asarray(actual, dtype=float)
+    if callable(expected):
+        want = np.array([float(expected(float(time))) for time in times])
+    else:
+        want = np.asarray(expected, dtype=float)
+        want = np.full(have.shape, float(want)) if want.ndim == 0 else want
+    if want.shape != have.shape:
+        raise ConfigError(f"{want.size} numbers are expected of {have.size} samples; give as many, or a function")
+    counts = times >= after - _ENDS
+    if not counts.any():
+        raise ConfigError(f"no samples after {after:g} s; the last one is at {times[-1] if times.size else 0.0:g} s")
+    times, have, want = times[counts], have[counts], want[counts]
+    excess = np.abs(have - want) - (atol + rtol * np.abs(want))
+    outside = ~(excess <= 0.0)  # no number is outside, too
+    if not outside.any():
+        return
+    worst = int(np.argmax(np.where(np.isfinite(excess), excess, np.inf)))
+    name = actual.name if actual.name is not None else "the signal"
+    raise AssertionError(
+        f"{name} is {have[worst]:.9g} at t = {times[worst]:g} s where {want[worst]:.9g} is expected: "
+        f"{abs(have[worst] - want[worst]):.3g} apart, {atol + rtol * abs(want[worst]):.3g} is allowed; "
+        f"{int(outside.sum())} of {outside.size} samples are outside"
+    )
+
+
+# --- one system ----------------------------------------------------------------------------------------------------
+
+
+class _Source(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Feeds one input port with what a test wants; it can be told something else for the next drive."""
+
+    def __init__(self, port: InputPort) -> None:
+        super().__init__()
+        self.value: Callable[[float], Any]
+        if port.get_data_type() == PortDataType.kVectorValued:
+            self.DeclareVectorOutputPort("y", BasicVector(port.size()), self._calc_vector)
+        else:
+            self.DeclareAbstractOutputPort("y", port.Allocate, self._calc_value)
+
+    def _calc_vector(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.value(context.get_time()))
+
+    def _calc_value(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self.value(context.get_time()))
+
+
+class _Bench:
+    """A system between its sources; made once, as Drake lets a system join one diagram only."""
+
+    def __init__(self, system: System, driven: Sequence[str], ports: Mapping[str, InputPort]) -> None:
+        builder = DiagramBuilder()
+        builder.AddSystem(system)
+        self.sources: dict[str, _Source] = {}
+        for name in driven:
+            self.sources[name] = builder.AddSystem(_Source(ports[name]))
+            builder.Connect(self.sources[name].get_output_port(), ports[name])
+        try:
+            self.diagram: Diagram = builder.Build()
+        except RuntimeError:
+            raise DiagramError(
+                f"{_title(system)} is part of another diagram, or was driven with other inputs; make a new one"
+            ) from None
+
+
+def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
+    """The system with its inputs set."""
+    ports = _ports([system.get_input_port(index) for index in range(system.num_input_ports())])
+    wanted: dict[str, dict[str, Input]] = {}
+    for name, value in inputs.items():
+        port, _, element = (name, "", "") if name in ports else name.rpartition(".")
+        if port not in ports:
+            port, _, element = name.partition(".")
+        if port not in ports:
+            raise DiagramError(f"{_title(system)} has no input '{name}'; {did_you_mean(name, ports)}")
+        wanted.setdefault(port, {})[element] = value
+    optional = getattr(system, "optional_inputs", ())
+    missing = [name for name, port in ports.items() if name not in wanted and port.get_name() not in optional]
+    if missing:
+        raise DiagramError(
+            f"{_title(system)}: nothing drives its input {_quoted(missing)}; give inputs={{'{missing[0]}': ...}}"
+        )
+    functions = {name: _port_function(ports[name], name, parts) for name, parts in wanted.items()}
+    bench: _Bench | None = getattr(system, "_mirdrake_bench", None)
+    if bench is None or set(bench.sources) != set(functions):
+        bench = _Bench(system, list(functions), ports)
+        system._mirdrake_bench = bench
+    for name, function in functions.items():
+        bench.sources[name].value = function
+    return bench
+
+
+def _port_function(port: InputPort, name: str, parts: Mapping[str, Input]) -> Callable[[float], Any]:
+    """What an input port gets, as a function of time."""
+    if port.get_data_type() != PortDataType.kVectorValued:
+        (value,) = parts.values()
+        held: Callable[[float], Any] = value if callable(value) else _always(value)
+        return held
+    if "" in parts:
+        if len(parts) > 1:
+            raise DiagramError(f"input '{name}' is given as a whole and by element; give one of the two")
+        return _function(parts[""], name, port.size())
+    names = [signal.name for signal in signals_of(port) or ()] or [str(index) for index in range(port.size())]
+    for element in parts:
+        if element not in names:
+            raise DiagramError(f"input '{name}' has no element '{element}'; {did_you_mean(element, names)}")
+    if absent := [f"{name}.{element}" for element in names if element not in parts]:
+        raise DiagramError(f"nothing drives {_quoted(absent)}; give them, or the whole of '{name}'")
+    each = [_function(parts[element], f"{name}.{element}", 1) for element in names]
+    return lambda time: np.concatenate([function(time) for function in each])
+
+
+def _function(value: Input, name: str, size: int) -> Callable[[float], Array]:
+    """A constant, function or table as a function of time that gives `size` numbers."""
+
+    def checked(numbers: Any) -> Array:
+        vector = np.atleast_1d(np.asarray(numbers, dtype=float))
+        if vector.shape != (size,):
+            given = "a number" if vector.shape == (1,) else f"values of shape {vector.shape}"
+            raise DiagramError(f"input '{name}' takes {size} numbers, not {given}")
+        return vector
+
+    if callable(value):
+        checked(value(0.0))
+        return lambda time: checked(value(time))
+    if isinstance(value, pd.Series | pd.DataFrame):
+        value = (value.index.to_numpy(dtype=float), value.to_numpy(dtype=float))
+    if isinstance(value, tuple) and len(value) == 2 and np.ndim(value[0]) == 1:
+        times, values = np.asarray(value[0], dtype=float), np.asarray(value[1], dtype=float)
+        if len(times) != len(values) or not len(times) or (np.diff(times) <= 0.0).any():
+            raise DiagramError(f"input '{name}': a table has as many times, rising, as values")
+        columns = values.reshape(len(times), -1).T
+        checked(columns[:, 0])
+        return lambda time: np.array([np.interp(time, times, column) for column in columns])
+    return _always(checked(value))
+
+
+def _always(value: Any) -> Callable[[float], Any]:
+    return lambda _: value
+
+
+def _columns(system: System, outputs: Sequence[str] | None) -> list[tuple[str, OutputPort, int | None, str]]:
+    """Name, port, element and unit of every column."""
+    ports = _ports([system.get_output_port(index) for index in range(system.num_output_ports())])
+    every: dict[str, tuple[str, OutputPort, int | None, str]] = {}
+    whole: dict[str, list[str]] = {}
+    for name, port in ports.items():
+        if port.get_data_type() != PortDataType.kVectorValued:
+            every[name] = (name, port, None, "")
+            continue
+        known = signals_of(port) or ()
+        for index in range(port.size()):
+            element = known[index].name if known else str(index)
+            full = name if port.size() == 1 else f"{name}.{element}"
+            every[full] = (full, port, index, known[index].unit if known else "")
+            whole.setdefault(name, []).append(full)
+    if outputs is None:
+        return [column for column in every.values() if column[2] is not None]
+    chosen: list[tuple[str, OutputPort, int | None, str]] = []
+    for name in outputs:
+        if name not in every and name not in whole:
+            raise DiagramError(f"{_title(system)} has no output '{name}'; {did_you_mean(name, [*ports, *every])}")
+        chosen += [every[full] for full in whole.get(name, [name])]
+    return chosen
+
+
+def _read(port: OutputPort, element: int | None, context: Context) -> Any:
+    value = port.Eval(context)
+    return value if element is None else float(value[element])
+
+
+def _ports(ports: Sequence[Any]) -> dict[str, Any]:
+    """Ports by the names that diagram files have for them: u and y where Drake has no word for the only one."""
+    words = {"u0": "u", "y0": "y", "delayed_u": "y"} if len(ports) == 1 else {}
+    return {words.get(port.get_name(), port.get_name()): port for port in ports}
+
+
+def _title(system: System) -> str:
+    return system.get_name() or type(system).__name__
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
+
+
+# --- a diagram file ------------------------------------------------------------------------------------------------
+
+
+def _drive_file(
+    diagram: DiagramSpec | Mapping[str, Any] | str,
+    inputs: Mapping[str, Input],
+    duration: float,
+    outputs: Sequence[str] | None,
+    period: float | None,
+    prepare: Callable[[Context], None] | None,
+) -> pd.DataFrame:
+    """:func:`drive` of a diagram with vehicles: a run in memory, its open inputs held from step to step."""
+    spec = load_diagram(diagram) if isinstance(diagram, str) else diagram
+    spec = spec.model_copy(deep=True) if isinstance(spec, DiagramSpec) else make_spec(spec)
+    if period is not None:
+        spec.record.rate = 1.0 / period
+    spec.laps = None
+    assembly = assemble(spec)
+    system = assembly.diagram
+    ports = _ports([system.get_input_port(index) for index in range(system.num_input_ports())])
+    for name in inputs:
+        vehicle, _, port = name.partition(".")
+        if name not in ports and vehicle in spec.control and port in JOIN:
+            raise DiagramError(f"'{name}' is driven by control.{vehicle} of the file; remove one of the two")
+        if name not in ports:
+            raise DiagramError(f"{_title(system)} has no open input '{name}'; {did_you_mean(name, ports)}")
+    stamps = [name for name in ports if name.endswith(f".{JOIN[2]}") and name not in inputs]
+    wanted = {**inputs, **dict.fromkeys(stamps, lambda time: time)}
+    functions = {name: _function(value, name, ports[name].size()) for name, value in wanted.items()}
+    held: dict[str, Any] = {}
+
+    def start(context: Context) -> None:
+        for name, function in functions.items():
+            held[name] = ports[name].FixValue(context, function(0.0))
+        if prepare is not None:
+            prepare(context)
+
+    def follow(context: Context) -> None:
+        for name, function in functions.items():
+            held[name].GetMutableData().get_mutable_value().SetFromVector(function(context.get_time()))
+
+    run = Simulation(assembly).run(duration=duration, change=start, monitor=follow if functions else None)
+    reason = run.summary["stop_reason"]
+    if reason != "duration":
+        raise DiagramError(f"{_title(system)}: the run ended early: {reason}")
+    frame = run.signals
+    for name in outputs or ():
+        if name not in frame:
+            raise DiagramError(f"{_title(system)} has no signal '{name}'; {did_you_mean(name, map(str, frame))}")
+    frame = frame if outputs is None else frame[list(outputs)]
+    frame.attrs["units"] = {str(name): run.units.get(str(name), "") for name in frame}
+    return frame

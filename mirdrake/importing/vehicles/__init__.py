@@ -1,0 +1,179 @@
+"""Vehicles of ROS and Gazebo packages into vehicle folders of mirdrake.
+
+::
+
+    .urdf .xacro .sdf ── read_source ──► SourceModel    read.py, read_urdf.py, read_sdf.py, ...
+    SourceModel ── recognise ──► Roles                  recognise.py, round_shapes.py, kinematics.py, driven.py
+    Roles ── repair ──► Car, Changes                    repair.py: straighten.py, masses.py, limits.py, sensors.py, ...
+    Car ── write_car ──► folder                         write.py, shapes.py, report.py, templates/
+    all of it: import_vehicle ──► ImportResult          here; without the last step: plan_import ──► ImportPlan
+
+Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
+the README.md of the new folder.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.paths import staging
+from mirdrake.importing.vehicles.car import Car
+from mirdrake.importing.vehicles.check import check_loads
+from mirdrake.importing.vehicles.mesh_convex import CUT_TIME
+from mirdrake.importing.vehicles.model import Change, SourceModel
+from mirdrake.importing.vehicles.places import Places, shorten
+from mirdrake.importing.vehicles.read import read_source
+from mirdrake.importing.vehicles.recognise import recognise
+from mirdrake.importing.vehicles.repair import repair
+from mirdrake.importing.vehicles.write import write_car
+from mirdrake.vehicles.scaffold import check_name, vehicle_place
+from mirdrake.vehicles.spec import Drive
+from mirdrake.vehicles.vehicle import Vehicle, load_vehicle
+
+__all__ = ["Change", "ImportPlan", "ImportResult", "import_vehicle", "plan_import"]
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """What an import made.
+
+    Attributes:
+        folder: of the vehicle.
+        vehicle: loaded from it.
+        changes: everything that differs from the source.
+        warnings: what a person has to know first; sentences.
+    """
+
+    folder: Path
+    vehicle: Vehicle
+    changes: tuple[Change, ...]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ImportPlan:
+    """What an import would make.
+
+    Attributes:
+        folder: of the vehicle.
+        car: repaired; its meshes are not converted yet.
+        model: as read.
+        places: how files of the source are named.
+    """
+
+    folder: Path
+    car: Car
+    model: SourceModel
+    places: Places
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """Everything that would differ from the source, without the changes of meshes."""
+        return tuple(dict.fromkeys(map(self.places.change, self.car.changes)))
+
+
+def import_vehicle(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    folder: Path | str | None = None,
+    packages: Mapping[str, Path] | None = None,
+    arguments: Mapping[str, str] | None = None,
+    drive: Drive | None = None,
+    force: bool = False,
+    convex_time: float = CUT_TIME,
+    progress: Callable[[str], None] | None = None,
+    finish: Callable[[Path], None] | None = None,
+) -> ImportResult:
+    """Make a vehicle folder from a URDF, xacro or SDF file.
+
+    Args:
+        path: the file, or the folder of a package or model.
+        name: of the vehicle; that of the model if left out.
+        folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
+        packages: ROS package name -> folder, beside those found around the file.
+        arguments: values of xacro arguments.
+        drive: driven axle: front, rear or all; what the files say if left out.
+        force: replace a vehicle of that name.
+        convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
+        progress: called with what is being done.
+        finish: called with the complete folder before it takes its place.
+
+    Raises:
+        ConfigError: name, place or drive are not allowed.
+        ModelError: the files cannot be read, or describe no car; nothing is written then.
+        MissingDependencyError: a mesh format needs a package that is not installed.
+    """
+    say = progress or _say_nothing
+    if not convex_time >= 0.0:
+        raise ConfigError(f"convex_time {convex_time:g} is not allowed; seconds from 0 on")
+    plan = plan_import(
+        path,
+        name=name,
+        folder=folder,
+        packages=packages,
+        arguments=arguments,
+        drive=drive,
+        force=force,
+        progress=progress,
+    )
+    car, target = plan.car, plan.folder
+    with staging(target.parent) as stage:
+        building = stage.path / target.name
+        building.mkdir()
+        say("converting meshes")
+        write_car(car, plan.model, building, places=plan.places, convex_time=convex_time)
+        say("loading")
+        check_loads(building)
+        if finish is not None:
+            finish(building)
+        stage.publish()
+    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)), tuple(car.warnings))
+
+
+def plan_import(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    folder: Path | str | None = None,
+    packages: Mapping[str, Path] | None = None,
+    arguments: Mapping[str, str] | None = None,
+    drive: Drive | None = None,
+    force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> ImportPlan:
+    """Return what :func:`import_vehicle` would make with the same arguments; nothing is written or converted.
+
+    Raises:
+        ConfigError: name, place or drive are not allowed.
+        ModelError: the files cannot be read, or describe no car.
+    """
+    say = progress or _say_nothing
+    if drive is not None and drive not in get_args(Drive):
+        raise ConfigError(f"drive '{drive}' is not allowed; {did_you_mean(drive, get_args(Drive))}")
+    if name is not None:
+        check_name(name)
+        vehicle_place(name, folder=folder, force=force)
+    say("reading")
+    model = read_source(Path(path), packages=packages, arguments=arguments)
+    name = name or _plain(model.name)
+    target = vehicle_place(name, folder=folder, force=force)
+    places = shorten(model)
+    say("recognising wheels and steering")
+    roles = recognise(model, drive)
+    say("repairing")
+    car = repair(model, roles, name=name)
+    return ImportPlan(target, car, model, places)
+
+
+def _say_nothing(_text: str) -> None:
+    """Nobody listens."""
+
+
+def _plain(name: str) -> str:
+    """A folder's name from a model's."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
+    return plain if re.match(r"[a-z]", plain) else f"vehicle_{plain}"[:64].rstrip("_")

@@ -1,0 +1,162 @@
+"""The car that repairs make of a source model and that the writer writes: seven links in the frames of mirdrake."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from mirdrake.importing.vehicles.model import Change, Shape, Vector
+from mirdrake.importing.vehicles.round_shapes import Bounds
+from mirdrake.vehicles.estimates import Estimates
+from mirdrake.vehicles.spec import Drive
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Dimensions [m] of a straightened car, and where it lies in the source.
+
+    Attributes:
+        wheelbase: between the axles.
+        tracks: front and rear, between the wheels' middle planes.
+        kingpin_track: between the steering axes.
+        trail: steering axes ahead of the front wheels' centres.
+        radii: of the front and the rear wheels.
+        widths: of the front and the rear wheels.
+        X_MB: base_link in the frame of the source's root.
+        parts: pose in M of each part's frame as the source has it, by part: the wheels, left_knuckle, right_knuckle.
+    """
+
+    wheelbase: float
+    tracks: tuple[float, float]
+    kingpin_track: float
+    trail: float
+    radii: tuple[float, float]
+    widths: tuple[float, float]
+    X_MB: RigidTransform
+    parts: dict[str, RigidTransform]
+
+
+@dataclass
+class Mass:
+    """Mass [kg], centre of mass in a part's frame [m], and inertia about it along the part's axes [kg m²] (3 x 3)."""
+
+    mass: float = 0.0
+    com: Vector = field(default_factory=lambda: np.zeros(3))
+    inertia: Vector = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+@dataclass
+class Part:
+    """One of the seven links with mass; its frame has x ahead, y left, z up.
+
+    Attributes:
+        name: of the link.
+        links: of the source that it is made of.
+        X_MP: pose of the part's frame in the source.
+        mass: its mass, centre and inertia.
+        visuals: in the part's frame.
+        collisions: in the part's frame; of the body only, wheels get their cylinder.
+    """
+
+    name: str
+    links: list[str]
+    X_MP: RigidTransform
+    mass: Mass = field(default_factory=Mass)
+    visuals: list[Shape] = field(default_factory=list)
+    collisions: list[Shape] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A link without mass on a fixed joint: a frame of the source, or where a sensor sits."""
+
+    name: str
+    joint: str
+    parent: str
+    X_PF: RigidTransform
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of the car and where it is from: ``imported: <file:line>`` or ``estimated: how``."""
+
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class SpringSet:
+    """Springs, dampers and anti-roll bars, all at the wheel.
+
+    Attributes:
+        numbers: front_stiffness, front_damping, front_anti_roll and the same of the rear [N/m, N s/m, N/m].
+        rebound: lowest travel [m], below 0.
+        bump: highest travel [m].
+    """
+
+    numbers: dict[str, Number]
+    rebound: float
+    bump: float
+
+
+@dataclass
+class Car:
+    """Everything that the files of a vehicle folder say.
+
+    Attributes:
+        name: of folder, robot and package.
+        title: for people.
+        base: name of the base link.
+        layout: dimensions.
+        body: base link.
+        knuckles: left and right.
+        wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
+        wheel_joints: names, by the same.
+        steering_joints: names, left and right.
+        carriers: by the wheel's name, what moves up and down with it besides wheel and knuckle, in the frame of the
+            body; empty without springs.
+        spring_joints: names, by the wheel's name.
+        springs: of the suspension; None: the wheels do not move up and down.
+        drive: driven axle.
+        drive_source: where that is from.
+        numbers: all other numbers by key.
+        estimates: from mass and dimensions.
+        bounds: corners of the body in base_link, without its wheels.
+        frames: other links of the source.
+        mount_frames: links that sensors sit in.
+        mounts: sensors.yaml as data.
+        variant: variants/imported.yaml as data; None if there is none.
+        licence: as found.
+        changes: all of them.
+        warnings: what a person has to know first; sentences.
+    """
+
+    name: str
+    title: str
+    base: str
+    layout: Layout
+    body: Part
+    knuckles: tuple[Part, Part]
+    wheels: dict[str, Part]
+    wheel_joints: dict[str, str]
+    steering_joints: tuple[str, str]
+    drive: Drive
+    drive_source: str
+    numbers: dict[str, Number]
+    estimates: Estimates
+    bounds: Bounds
+    carriers: dict[str, Part] = field(default_factory=dict)
+    spring_joints: dict[str, str] = field(default_factory=dict)
+    springs: SpringSet | None = None
+    frames: list[Frame] = field(default_factory=list)
+    mount_frames: list[Frame] = field(default_factory=list)
+    mounts: dict[str, dict[str, object]] = field(default_factory=dict)
+    variant: dict[str, object] | None = None
+    licence: str = ""
+    changes: list[Change] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def parts(self) -> list[Part]:
+        """Body, knuckles, wheels and carriers."""
+        return [self.body, *self.knuckles, *self.wheels.values(), *self.carriers.values()]

@@ -1,0 +1,106 @@
+"""Which axle of a car is driven, from what the files say about its joints."""
+
+import re
+from collections.abc import Iterable, Mapping
+from math import isfinite
+
+from mirdrake.importing.vehicles.kinematics import source_name
+from mirdrake.importing.vehicles.model import Change, Plugin, SourceModel
+from mirdrake.vehicles.spec import Drive
+
+_MOVES = ("drive", "ackermann", "steer", "control", "motor", "wheel")
+_READS = ("state", "odom", "encoder", "slip")
+_TORQUE = re.compile("(?<!feed)(front|rear|back).*torque", re.IGNORECASE)
+_OTHER_TORQUE = re.compile("brak|steer", re.IGNORECASE)
+
+
+def find_drive(
+    model: SourceModel, wheels: Mapping[str, str], *, asked: Drive | None
+) -> tuple[Drive, str, list[Change]]:
+    """The driven axle of a car.
+
+    Args:
+        model: as read.
+        wheels: wheel joints by the names of :data:`mirdrake.vehicles.spec.WHEELS`.
+        asked: what the caller says; it counts before everything else.
+
+    Returns:
+        driven axle, where that is said, and a change if nothing says it.
+    """
+    if asked is not None:
+        return asked, "given", []
+    places = {joint: name for name, joint in wheels.items()}
+    interfaces = ("effort", "velocity")
+    moved = {
+        item.joint: item.where
+        for item in model.transmissions
+        if item.joint in places and any(word in interface for interface in item.interfaces for word in interfaces)
+    }
+    named = {item.joint: item.where for item in model.transmissions if item.joint in places}
+    if not moved and len(named) < len(places):  # without interfaces, but not simply all wheels
+        moved = named
+    commanded = {
+        joint: item.where
+        for item in model.controllers
+        if "state" not in item.kind.lower()
+        for joint in item.joints
+        if joint in places and (not moved or joint in moved)
+    }
+    plugged = {joint: item.where for item in model.plugins for joint in _moved_by(item, places)}
+    for found, kind in ((commanded, "controller"), (moved, "transmission")):
+        if found:
+            drive = _axle(places[joint] for joint in found)
+            return drive, f"imported: {kind}, {next(iter(found.values()))}", []
+    for plugin in model.plugins:  # a torque says more than that a joint is named
+        by_torque = _by_torque(plugin)
+        if by_torque is not None:
+            return by_torque, f"imported: torques of the plugin, {plugin.where}", []
+    if plugged:
+        drive = _axle(places[joint] for joint in plugged)
+        return drive, f"imported: plugin, {next(iter(plugged.values()))}", []
+    where = source_name(model)
+    why = "no transmission, controller or plugin says what drives"
+    return "rear", "", [Change(where, "driven axle", "not said", "rear", why)]
+
+
+def _axle(wheels: Iterable[str]) -> Drive:
+    ends = {name.split("_")[0] for name in wheels}
+    return "all" if len(ends) == 2 else "front" if "front" in ends else "rear"
+
+
+def _by_torque(plugin: Plugin) -> Drive | None:
+    """The axles to which a plugin gives a torque, if it has a number for each."""
+    torques: dict[str, float] = {}
+    for key, value in plugin.values.items():
+        leaf = key.rpartition(".")[2]
+        match = _TORQUE.search(leaf)
+        if match is not None and _OTHER_TORQUE.search(leaf) is None and _is_number(value):
+            end = "front" if match.group(1).lower() == "front" else "rear"
+            torques[end] = max(torques.get(end, 0.0), abs(float(value)))
+    driven = [end for end, torque in torques.items() if torque > 0.0]
+    return _axle(driven) if len(torques) == 2 and driven else None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _moved_by(plugin: Plugin, joints: Iterable[str]) -> list[str]:
+    """Wheel joints that a plugin moves; none if it names all of them, as it has to for other reasons as well."""
+    label = f"{plugin.name} {plugin.filename}".lower()
+    if not any(word in label for word in _MOVES) or any(word in label for word in _READS):
+        return []
+    known = list(joints)
+    named = {}
+    for key, value in plugin.values.items():
+        leaf = key.rpartition(".")[2].partition("[")[0].lower()
+        for joint in known:
+            if joint in value.replace(",", " ").split() and "steer" not in leaf:
+                named[joint] = leaf
+    if len(named) < len(known):
+        return list(named)
+    # gz-sim's Ackermann plugin lists what it drives, several times the same element: all four are driven then.
+    return list(named) if all(leaf in ("left_joint", "right_joint") for leaf in named.values()) else []

@@ -1,0 +1,143 @@
+"""What a URDF says in ``<gazebo>`` tags: surfaces, colours, sensors and plugins, which URDF parsers skip in silence."""
+
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.model import Change, Plugin, SensorTag, Shape, SourceModel, Surface
+from mirdrake.importing.vehicles.plugin_sensors import take_plugin
+from mirdrake.importing.vehicles.xml_lines import leaves, make_pose, read_number, read_numbers
+
+Where = Callable[[ElementTree.Element], str]
+
+COLOURS: dict[str, tuple[float, float, float, float]] = {
+    "Black": (0.05, 0.05, 0.05, 1.0), "White": (1.0, 1.0, 1.0, 1.0), "Grey": (0.7, 0.7, 0.7, 1.0),
+    "DarkGrey": (0.175, 0.175, 0.175, 1.0), "FlatBlack": (0.1, 0.1, 0.1, 1.0), "Red": (1.0, 0.0, 0.0, 1.0),
+    "Green": (0.0, 1.0, 0.0, 1.0), "Blue": (0.0, 0.0, 1.0, 1.0), "Yellow": (1.0, 1.0, 0.0, 1.0),
+    "Orange": (1.0, 0.5, 0.0, 1.0), "Purple": (1.0, 0.0, 1.0, 1.0), "Turquoise": (0.0, 1.0, 1.0, 1.0),
+    "Gold": (0.8, 0.65, 0.15, 1.0), "Indigo": (0.33, 0.0, 0.5, 1.0), "SkyBlue": (0.13, 0.44, 0.7, 1.0),
+    "Wood": (0.6, 0.4, 0.2, 1.0),
+}  # fmt: skip
+"""Diffuse colours of Gazebo's named materials, rounded."""
+
+SCRIPT = "a material script of Gazebo's is not read; colours of the mesh, or grey"
+
+_SURFACE = {"mu1": "mu", "mu": "mu", "mu2": "mu2", "kp": "stiffness", "kd": "damping"}
+_WITHOUT_EFFECT = {
+    "turnGravityOff", "selfCollide", "gravity", "self_collide", "provideFeedback", "implicitSpringDamper", "static",
+    "disableFixedJointLumping", "preserveFixedJoint", "dampingFactor", "maxContacts", "fdir1",
+}  # fmt: skip
+
+
+def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
+    """Take in one ``<gazebo>`` tag; what it says that has no place here becomes a Change.
+
+    Raises:
+        ModelError: a number is none.
+    """
+    name = element.get("reference", "")
+    link, joint = model.links.get(name), model.joints.get(name)
+    place = where(element)
+    for child in element:
+        tag, text = child.tag, (child.get("value") or child.text or "").strip()  # Gazebo takes either
+        if tag == "sensor":
+            model.sensors.append(read_sensor(child, name, where, model))
+        elif tag == "plugin":
+            plugin = Plugin(child.get("name", ""), child.get("filename", ""), leaves(child), where(child))
+            take_plugin(plugin, name, model)
+        elif link is not None and tag in _SURFACE:
+            link.surface = link.surface or Surface(where=place)
+            setattr(link.surface, _SURFACE[tag], read_number(text, where=where(child), what=f"<{tag}>"))
+        elif link is not None and tag in {"minDepth", "maxVel", "min_depth", "max_vel"}:
+            link.surface = link.surface or Surface(where=place)
+            link.surface.others[tag] = text
+        elif link is not None and tag == "material":
+            named = text or _script_name(child)
+            if not _paint(link.visuals, named):
+                model.changes.append(Change(where(child), f"link '{name}': material", named, "left out", SCRIPT))
+        elif joint is not None and tag in {"springStiffness", "stiffness"}:
+            joint.stiffness = read_number(text, where=where(child), what=f"<{tag}>")
+        elif link is not None and tag in {"visual", "collision"} and child.find("material") is not None:
+            _paint(link.visuals, _script_name(child.find("material")))
+        elif tag not in _WITHOUT_EFFECT or (name and link is None and joint is None):
+            about = f"<gazebo{f' reference={name!r}' if name else ''}>: <{tag}>"
+            why = "nothing here corresponds to it" if not name or link is not None or joint is not None else (
+                f"there is no link or joint '{name}'"
+            )  # fmt: skip
+            model.changes.append(Change(where(child), about, text[:80] or "…", "left out", why))
+
+
+def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
+    """A ``<drake:linear_spring_damper>`` between two links, which acts on the prismatic joint that connects them."""
+    values = {
+        child.tag.rpartition("_spring_damper_")[2]: (
+            child.get("name") or child.get("value") or child.text or ""
+        ).strip()
+        for child in element
+    }
+    ends = {values.get("body_A", ""), values.get("body_B", "")}
+    stiffness, damping = (
+        read_number(values.get(key), where=where(element), what=f"spring {key}") for key in ("stiffness", "damping")
+    )
+    for joint in model.joints.values():
+        if joint.kind == "prismatic" and {joint.parent, joint.child} == ends and stiffness is not None:
+            joint.stiffness, joint.damping = stiffness, joint.damping + (damping or 0.0)
+            return
+    was = " and ".join(sorted(ends))
+    why = "no prismatic joint connects its links"
+    model.changes.append(Change(where(element), "spring between links", was, "left out", why))
+
+
+def read_sensor(element: ElementTree.Element, link: str, where: Where, model: SourceModel) -> SensorTag:
+    """A ``<sensor>`` tag on a link, as SDF and ``<gazebo>`` tags have it; unreadable numbers become a Change."""
+    name = element.get("name", "") or element.get("type", "sensor")
+    values = leaves(element)
+
+    place, rate = np.zeros(6), None
+    rates = (values.get(key) for key in ("update_rate", "updateRate", "plugin.updateRate"))
+    try:
+        place = read_numbers(values.get("pose"), count=6, default=[0.0] * 6, where=where(element), what="<pose>")
+        if values.get("pose.degrees") in ("1", "true"):
+            place[3:] = np.radians(place[3:])
+    except ModelError as error:
+        model.changes.append(Change(where(element), f"sensor '{name}': place", _after(error), "at the link", "no pose"))
+    try:
+        rate = read_number(next(filter(None, rates), None), where=where(element), what="<update_rate>")
+    except ModelError as error:
+        model.changes.append(Change(where(element), f"sensor '{name}': rate", _after(error), "usual", "no rate"))
+    return SensorTag(
+        name=name,
+        kind=element.get("type", "").lower(),
+        link=link,
+        X_LS=make_pose(place[:3], place[3:]),
+        rate=rate,
+        values=values,
+        plugins=tuple(plugin.get("filename", "") for plugin in element.iter("plugin")),
+        where=where(element),
+    )
+
+
+def _after(error: ModelError) -> str:
+    """What an error says, without its place."""
+    return str(error).partition(": ")[2]
+
+
+def colour_of(name: str) -> tuple[float, float, float, float] | None:
+    """The colour of a material of Gazebo's, by its name; None for textures and unknown names."""
+    return COLOURS.get(name.rpartition("/")[2])
+
+
+def _paint(visuals: list[Shape], name: str) -> bool:
+    """Give visuals the colour of a material; whether that is known."""
+    colour = colour_of(name)
+    for shape in visuals:
+        if colour is not None and shape.texture is None:
+            shape.rgba = colour
+    return colour is not None or not name
+
+
+def _script_name(material: ElementTree.Element | None) -> str:
+    name = material.find("script/name") if material is not None else None
+    return (name.text or "").strip() if name is not None else ""

@@ -1,0 +1,167 @@
+"""What happens to the joints of a car beside straightening: held ones, actuators, gains."""
+
+from collections.abc import Iterable, Sequence
+from math import isfinite
+
+from mirdrake.importing.vehicles.limits import driven_wheels
+from mirdrake.importing.vehicles.model import Change, Controller, Joint, Plugin, SourceModel
+from mirdrake.importing.vehicles.recognise import Roles
+
+MOST_NUMBERS = 24
+"""Numbers of a plugin that a report names."""
+
+_SUSPENSION = "not each of the four wheels has a spring of its own; the suspension is held at the zero position"
+_WHY = {
+    "revolute": "it neither steers a front wheel nor turns a wheel",
+    "continuous": "it neither steers a front wheel nor turns a wheel",
+}
+
+
+def say_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]:
+    """One line for every joint that is held, becomes another kind, loses friction or gets an actuator.
+
+    Args:
+        roles: of the joints.
+        sprung: joints that become the suspension.
+    """
+    changes: list[Change] = []
+    wheels = [wheel.joint for wheel in roles.wheels.values()]
+    used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
+    said = {change.what for change in roles.changes if change.became == "fixed at zero"}
+    carrying = {joint.name for wheel in wheels for joint in roles.tree.path(wheel.child)}
+    for joint in roles.tree.above.values():
+        if joint.kind != "fixed" and all(joint is not other for other in (*used, *sprung)):
+            what = f"joint '{joint.name}'"
+            if what not in said:
+                springs = joint.kind == "prismatic" and joint.name in carrying
+                why = _SUSPENSION if springs else _WHY.get(joint.kind, "no joint of a car in mirdrake")
+                changes.append(Change(joint.where, what, _words(joint), "fixed at zero", why))
+    for joint in used:
+        changes += _of_used(joint, spins=any(joint is other for other in wheels))
+    for joint in sprung:
+        why = "springs of mirdrake act along the vertical; zero is the position of the loaded car at rest"
+        became = "prismatic, along the vertical: suspension"
+        changes.append(Change(joint.where, f"joint '{joint.name}'", _words(joint), became, why))
+    changes += _actuators(roles, used)
+    return changes
+
+
+def _words(joint: Joint) -> str:
+    words = [joint.kind]
+    low, high = joint.limits.lower, joint.limits.upper
+    unit, spring = ("m", "N/m") if joint.kind == "prismatic" else ("rad", "N m/rad")
+    if low is not None or high is not None:
+        words.append(f"{_number(low)} … {_number(high)} {unit}")
+    if joint.stiffness is not None:
+        words.append(f"stiffness {joint.stiffness:.4g} {spring}")
+    if joint.damping:
+        words.append(f"damping {joint.damping:.4g} {spring.replace('N m/rad', 'N m s/rad').replace('N/m', 'N s/m')}")
+    if joint.mimic:
+        words.append(f"follows '{joint.mimic}'")
+    return ", ".join(words)
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
+
+
+def _of_used(joint: Joint, *, spins: bool) -> list[Change]:
+    """Changes of a wheel's or a steering joint."""
+    changes = []
+    what = f"joint '{joint.name}'"
+    if joint.kind in ("universal", "revolute2"):
+        became = "a steering joint, a knuckle and a wheel joint"
+        changes.append(
+            Change(joint.where, what, f"{joint.kind}: steers and spins", became, "a joint has one motion here")
+        )
+    elif spins and joint.kind != "continuous":
+        changes.append(Change(joint.where, what, _words(joint), "continuous", "a wheel turns without end"))
+    if joint.mimic:
+        why = "the steering law sets each wheel's own angle" if not spins else "every wheel turns as the road asks"
+        changes.append(Change(joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", "left out", why))
+    if joint.damping or joint.friction:
+        was = f"damping {joint.damping:.4g} N m s/rad, friction {joint.friction:.4g} N m"
+        why = "rolling resistance is that of the tyre" if spins else "the steering servo has its own damping"
+        changes.append(Change(joint.where, f"{what}: losses", was, "left out", why))
+    return changes
+
+
+def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
+    """Joints that nothing moved in the source, and gear ratios."""
+    model = roles.tree.model
+    moved = {item.joint for item in model.transmissions}
+    missing = [joint for joint in used if joint.name not in moved]
+    changes = []
+    if missing:
+        names = ", ".join(f"'{joint.name}'" for joint in missing)
+        why = "every wheel has a brake, so every wheel has an actuator; the steering has two"
+        changes.append(Change(missing[0].where, f"actuators of {names}", "none", "added", why))
+    for item in model.transmissions:
+        if item.reduction != 1.0 and any(item.joint == joint.name for joint in used):
+            was = f"{item.reduction:g}"
+            why = "torques of mirdrake are those at the joint"
+            changes.append(Change(item.where, f"joint '{item.joint}': reduction", was, "left out", why))
+    for plugin in model.plugins:
+        what = f"plugin '{plugin.name or plugin.filename}'"
+        was = ", ".join([plugin.filename, *_numbers_of(plugin)])
+        changes.append(Change(plugin.where, what, was, "left out", "Gazebo's plugins do not run here"))
+    return changes
+
+
+def _numbers_of(plugin: Plugin) -> list[str]:
+    """The numbers that a plugin is given, as it names them: they are lost with it."""
+    found = []
+    for key, text in plugin.values.items():
+        try:
+            found.append(f"{key} {float(text):.6g}")
+        except ValueError:
+            continue
+    return found[:MOST_NUMBERS] + (["…"] if len(found) > MOST_NUMBERS else [])
+
+
+# --- gains -------------------------------------------------------------------------------------------------------
+
+
+def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> dict[str, object] | None:
+    """variants/imported.yaml with the source's PID gains, if it has them for wheels and steering."""
+    wheels = [roles.wheels[name].joint.name for name in driven_wheels(roles.drive)]
+    found = {"wheel_speed": _gains(model, wheels), "steering": _gains(model, [joint.name for joint in roles.steering])}
+    known = {part: item for part, item in found.items() if item is not None}
+    for part, (gains, controller) in known.items():
+        was = ", ".join(f"{key} {value:g}" for key, value in gains.items())
+        complete = len(known) == len(found)
+        became = "in variants/imported.yaml" if complete else "left out"
+        why = (
+            "estimated gains drive better; these are there for comparison"
+            if complete
+            else "gains of the rest are missing"
+        )
+        changes.append(Change(controller.where, f"gains of {part} ('{controller.name}')", was, became, why))
+    if len(known) < len(found):
+        return None
+    control = {part: _pid(gains) for part, (gains, _) in known.items()}
+    places = ", ".join(dict.fromkeys(controller.where for _, controller in known.values()))
+    return {"description": f"With the PID gains of the source ({places})", "control": control}
+
+
+def _gains(model: SourceModel, joints: Iterable[str]) -> tuple[dict[str, float], Controller] | None:
+    """Gains of the first of these joints that has any whose output is a torque."""
+    wanted = list(joints)
+    for controller in model.controllers:
+        kind = controller.kind.lower()
+        if kind and "effort" not in kind:
+            continue
+        for joint, gains in controller.gains.items():
+            mine = joint in wanted or (not joint and any(name in wanted for name in controller.joints))
+            good = all(isfinite(value) for value in gains.values()) and gains.get("p", 0.0) > 0.0
+            if mine and good and min(gains.get(key, 0.0) for key in ("p", "i", "d")) >= 0.0:
+                return gains, controller
+    return None
+
+
+def _pid(gains: dict[str, float]) -> dict[str, object]:
+    pid: dict[str, object] = {"kind": "pid", "kp": gains["p"], "ki": gains.get("i", 0.0), "kd": gains.get("d", 0.0)}
+    clamp = abs(gains.get("i_clamp", gains.get("i_clamp_max", 0.0)))
+    if clamp > 0.0:
+        pid["max_integral"] = clamp
+    return pid

@@ -1,0 +1,123 @@
+"""Where the links and joints of a source model are when every joint stands at zero."""
+
+from collections.abc import Container
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from mirdrake.core.errors import ModelError
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.vehicles.model import Change, Joint, SourceModel, Vector
+
+FREE = ("floating", "planar")
+"""Joints that let a whole model go: what hangs on them is a model of its own."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The links that hang on one root.
+
+    Attributes:
+        model: where they come from.
+        root: the link that hangs on none.
+        poses: of each link in the frame M of the model, z up, all joints at zero; parents come before their children.
+        above: the joint that carries a link; the root has none.
+    """
+
+    model: SourceModel
+    root: str
+    poses: dict[str, RigidTransform]
+    above: dict[str, Joint]
+
+    def path(self, link: str) -> list[Joint]:
+        """Joints from the root to a link, in this order."""
+        joints = []
+        while link in self.above:
+            joints.append(self.above[link])
+            link = joints[-1].parent
+        return joints[::-1]
+
+    def rigid_with(self, link: str, free: Container[str]) -> list[str]:
+        """A link and what hangs on it, but for what turns on a joint named in `free`."""
+        found = [link]
+        for name in self.poses:  # parents come first
+            if name in self.above and self.above[name].parent in found and self.above[name].name not in free:
+                found.append(name)
+        return found
+
+    def pose(self, joint: Joint) -> RigidTransform:
+        """Pose of a joint's frame J in M."""
+        return self.poses[joint.parent].multiply(joint.X_PJ)
+
+    def axis(self, joint: Joint, *, second: bool = False) -> Vector | None:
+        """Unit axis of a joint in M, or None if it has no direction."""
+        axis = joint.axis2 if second else joint.axis
+        length = 0.0 if axis is None else float(np.linalg.norm(axis))
+        if axis is None or not np.isfinite(length) or length < 1e-9:
+            return None
+        turned: Vector = self.pose(joint).rotation().matrix() @ (np.asarray(axis, dtype=float) / length)
+        return turned
+
+
+def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
+    """The largest tree of a model, and what was left out of it.
+
+    Raises:
+        ModelError: there is none.
+    """
+    place = source_name(model)
+    if not model.links:
+        raise ModelError(f"{place}: no links in it; give the file that describes the vehicle")
+    changes = []
+    above: dict[str, Joint] = {}
+    for joint in model.joints.values():
+        what, was = f"joint '{joint.name}'", f"{joint.kind}, {joint.parent} to {joint.child}"
+        if joint.parent == "world" or joint.kind in FREE:
+            if joint.parent == "world" and joint.kind == "fixed":
+                changes.append(
+                    Change(joint.where, what, was, "left out", "the car drives, so it is not fixed to the world")
+                )
+        elif joint.parent not in model.links or joint.child not in model.links:
+            lost = joint.parent if joint.parent not in model.links else joint.child
+            changes.append(Change(joint.where, what, was, "left out", f"there is no link '{lost}'"))
+        elif joint.child in above or joint.kind == "gearbox":
+            why = "it closes a loop; a vehicle is a tree of links"
+            changes.append(Change(joint.where, what, was, "left out", why))
+        else:
+            above[joint.child] = joint
+    roots = [name for name in model.links if name not in above and name != "world"]
+    if not roots:
+        raise ModelError(f"{place}: the joints go round in a circle, every link hangs on another")
+    trees = [_grow(model, root, above) for root in roots]
+    tree = max(trees, key=lambda tree: len(tree.poses))  # the first of equals
+    for name, link in model.links.items():
+        if name not in tree.poses and name != "world":
+            changes.append(Change(link.where, f"link '{name}'", "part of the model", "left out", "it hangs on nothing"))
+    return tree, changes
+
+
+def _grow(model: SourceModel, root: str, above: dict[str, Joint]) -> Tree:
+    children: dict[str, list[Joint]] = {}
+    for joint in above.values():
+        children.setdefault(joint.parent, []).append(joint)
+    poses = {root: model.links[root].X_ML or RigidTransform()}
+    waiting = [root]
+    while waiting:
+        link = waiting.pop(0)
+        for joint in children.get(link, []):
+            poses[joint.child] = poses[link].multiply(joint.X_PJ).multiply(joint.X_JC)
+            waiting.append(joint.child)
+    return Tree(model, root, poses, {name: joint for name, joint in above.items() if name in poses})
+
+
+def source_name(model: SourceModel) -> str:
+    """The main file, as messages name it."""
+    return shown(model.files[0]) if model.files else model.name
+
+
+def frame_about(origin: Vector, *, y: Vector, up: Vector) -> RigidTransform:
+    """The frame at a point with a given y axis whose z axis is as near to `up` as it can be."""
+    z = up - y * (y @ up)
+    z = z / np.linalg.norm(z)
+    return RigidTransform(RotationMatrix(np.column_stack([np.cross(y, z), y, z])), origin)

@@ -1,0 +1,371 @@
+"""Limits, torques and friction of a car: what a source states is kept unless it is impossible, the rest is estimated.
+
+Limits of joints and figures of drive plugins count alike: the tightest one acts.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import inf, isfinite, pi
+
+from mirdrake.importing.vehicles.car import Number
+from mirdrake.importing.vehicles.model import Change, Limits, Link, Surface
+from mirdrake.importing.vehicles.recognise import Roles, Wheel, turns_freely
+from mirdrake.importing.vehicles.stated import Stated, read_stated
+from mirdrake.vehicles.estimates import HOW, Estimates
+from mirdrake.vehicles.spec import Drive
+
+Given = tuple[float | None, str]
+"""A value of the source and its place; None where the source has none."""
+
+POWER_SHARE = 0.45
+"""Of the top speed up to which a powertrain has its full torque, as in :mod:`mirdrake.vehicles.estimates`."""
+
+STEERING_LIMIT = 0.6
+"""Of the inner wheel [rad], where a source has none: Bolt, Escape and Polaris GEM have 0.6 to 0.61."""
+
+FRICTION = (0.1, 2.0)
+"""Friction that a tyre on a road may have; Gazebo models have up to 1e7, meant as "does not slip"."""
+
+USUAL_LIMIT = (0.1, 1.2)
+"""Steering limits [rad] that need no check."""
+
+TORQUE = (0.1, 4.0)
+"""Drive torque of a source over the estimate that needs no check."""
+
+EFFORT = (0.3, 10.0)
+"""The same for the steering."""
+
+RATE = (0.2, 20.0)
+"""Steering rates [rad/s] that need no check."""
+
+SPEED = (1.5, 100.0)
+"""Maximum speeds [m/s] that need no check."""
+
+BRAKE = (0.2, 4.0)
+"""Brake torque of a source over the estimate that needs no check."""
+
+MOST_TORQUE, MOST_EFFORT, MOST_RATE, MOST_SPEED = 40.0, 100.0, 100.0, 150.0
+"""Above them a number means "no limit": a thrust of 20 g; a steering torque that moves 80 wheel loads at the wheel's
+radius; a rate [rad/s] of no servo; a speed [m/s] of no vehicle on wheels that roll."""
+
+
+def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
+    """The angle that the inner wheel reaches [rad]."""
+    inner: list[tuple[float, str]] = []
+    loose: list[tuple[float, str, str, str]] = []  # numbers at joints that have no limits
+    changes = []
+    for side, joint in zip(("left", "right"), roles.steering, strict=True):
+        axis = roles.tree.axis(joint)
+        up = axis is None or axis[2] >= 0.0
+        low, high = _range(joint.limits)
+        if not up:
+            low, high = -high, -low
+        reach, outer = (high, -low) if side == "left" else (-low, high)
+        what = f"joint '{joint.name}': limits"
+        was = f"{_text(joint.limits.lower)} … {_text(joint.limits.upper)} rad"
+        free = turns_freely(joint, joint.limits)
+        if free and 0.0 < reach < pi / 2.0 and 0.0 < outer < pi / 2.0:
+            loose.append((reach, joint.where, what, f"{joint.kind}, {was}"))
+        elif free:
+            changes.append(Change(joint.where, what, f"{joint.kind}, {was}", "those below", "steering has an end"))
+        elif not (reach > 0.0 and outer > 0.0):
+            changes.append(Change(joint.where, what, was, "those below", "a wheel that cannot turn to both sides"))
+        elif reach >= pi / 2.0:
+            changes.append(
+                Change(joint.where, what, was, "those below", "beyond a right angle a wheel rolls backwards")
+            )
+        else:
+            inner.append((reach, joint.where))
+            if abs(outer - reach) > 0.01 * reach:
+                why = "limits mean the inner wheel; the outer one follows from the steering law"
+                changes.append(Change(joint.where, what, was, f"±{reach:.4g} rad", why))
+    for reach, where, what, was in loose:
+        if inner:
+            changes.append(Change(where, what, was, "those below", "steering has an end"))
+        else:
+            why = "steering has an end; a continuous joint has none, but its numbers say where it was meant"
+            changes.append(Change(where, what, was, f"±{reach:.4g} rad", why))
+    inner = inner or [(reach, where) for reach, where, _, _ in loose]
+    stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
+    tight = min((item for item in stated if item.value > 0.0), key=lambda item: item.value, default=None)
+    if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):
+        was = f"±{min(inner)[0]:.4g} rad at the joints" if inner else "none at the joints"
+        why = f"{tight.key} of the plugin, taken for the inner wheel"
+        changes.append(Change(tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why))
+        changes += _check_usual("steering limit", "rad", tight.value, tight.where, USUAL_LIMIT)
+        return Number(tight.value, f"imported: plugin, {tight.where}"), changes
+    if not inner:
+        text = f"estimated: {STEERING_LIMIT:g} rad, as the Bolt; no usable limit in the source"
+        where = roles.steering[0].where
+        changes.append(Change(where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "as the Bolt"))
+        return Number(STEERING_LIMIT, text), changes
+    limit, where = min(inner)
+    if len(inner) == 2 and abs(inner[0][0] - inner[1][0]) > 0.01 * limit:
+        was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
+        changes.append(Change(where, "steering limit", was, f"±{limit:.4g} rad", "a car steers alike to both sides"))
+    changes += _check_usual("steering limit", "rad", limit, where, USUAL_LIMIT)
+    return Number(limit, f"imported: {where}"), changes
+
+
+def _range(limits: Limits) -> tuple[float, float]:
+    low = -inf if limits.lower is None else limits.lower
+    high = inf if limits.upper is None else limits.upper
+    return low, high
+
+
+def _text(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
+
+
+def collect_numbers(
+    roles: Roles, limit: Number, estimates: Estimates, tyres: tuple[Estimates, Estimates]
+) -> tuple[dict[str, Number], list[Change]]:
+    """All numbers of a car beside dimensions and masses, and what was not believed.
+
+    Args:
+        roles: of the joints.
+        limit: of the steering.
+        estimates: for the whole car.
+        tyres: the same with the radius and width of the front and of the rear wheels.
+    """
+    changes: list[Change] = []
+    numbers = {"steering_limit": limit}
+    steering, wheels = roles.steering, roles.wheels
+    stated = read_stated(roles.tree.model.plugins)
+    radius = min(wheel.shape.radius for wheel in wheels.values())
+
+    def plugins(figure: str, scale: float = 1.0) -> list[Given]:
+        found = [item for item in stated if item.figure == figure]
+        return [(item.value * scale, f"plugin, {item.where}") for item in found]
+
+    # Joints and plugins side by side.
+    rates = [(joint.limits.velocity, joint.where) for joint in steering]
+    numbers["steering_rate"] = _believe(
+        "steering rate",
+        "rad/s",
+        [*plugins("steering_rate"), *rates],
+        RATE,
+        MOST_RATE,
+        _estimate(estimates, "steering_rate"),
+        changes,
+    )
+    effort = estimates.steering_effort
+    efforts = [(joint.limits.effort, joint.where) for joint in steering]
+    numbers["steering_effort"] = _believe(
+        "steering torque",
+        "N m",
+        [*plugins("steering_effort"), *efforts],
+        (EFFORT[0] * effort, EFFORT[1] * effort),
+        MOST_EFFORT * effort,
+        _estimate(estimates, "steering_effort"),
+        changes,
+    )
+    speeds = [(_limits(wheel).velocity, wheel.joint.where) for wheel in wheels.values()]
+    numbers["wheel_speed_limit"] = _believe(
+        "speed limit of the wheels",
+        "rad/s",
+        [*plugins("max_speed", 1.0 / radius), *speeds],
+        (SPEED[0] / radius, SPEED[1] / radius),
+        MOST_SPEED / radius,
+        _estimate(estimates, "wheel_speed_limit"),
+        changes,
+    )
+    numbers["max_torque"] = _drive_torque(roles, stated, estimates, changes)
+    numbers["brake_torque"], numbers["brake_front_share"] = _brakes(stated, estimates, changes)
+    for field in ("rolling_resistance", "steering_ratio", "drag_area", "tyre_resolution", "tyre_dissipation"):
+        numbers[field] = _estimate(estimates, field)
+    ratio = next((item for item in stated if item.figure == "steering_ratio" and 1.0 <= item.value <= 100.0), None)
+    if ratio is not None:
+        numbers["steering_ratio"] = Number(ratio.value, f"imported: plugin, {ratio.where}")
+    # As estimates do it: full torque up to a part of the top speed.
+    top = min(numbers["wheel_speed_limit"].value, estimates.wheel_speed_limit)
+    limited = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
+    power = numbers["max_torque"].value * top * POWER_SHARE if limited else estimates.max_power
+    numbers["max_power"] = Number(power, HOW["max_power"])
+    for end, own in zip(("front", "rear"), tyres, strict=True):
+        pair = [wheels[f"{end}_{side}"] for side in ("left", "right")]
+        numbers[f"{end}_tyre_modulus"] = _estimate(own, "tyre_modulus")
+        numbers[f"{end}_tyre_stiffness"] = _estimate(own, "tyre_point_stiffness")
+        numbers[f"{end}_friction"] = _friction(roles, end, pair, changes)
+    _say_stiffness(roles, list(wheels.values()), numbers, changes)
+    return numbers, changes
+
+
+def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> Number:
+    """Torque of all driven wheels together [N m]."""
+    driven = driven_wheels(roles.drive)
+    share = estimates.max_torque / len(driven)
+    ends = {name.split("_")[0] for name in driven}
+    given: list[Given] = []
+    for item in stated:
+        if item.figure == "torque" and item.value > 0.0 and item.end in (*ends, ""):
+            per_wheel = item.end or "wheel" in item.key.lower() or item.value <= share * len(driven) ** 0.5
+            given.append((item.value if per_wheel else item.value / len(driven), f"plugin, {item.where}"))
+    given += [(_limits(roles.wheels[name]).effort, roles.wheels[name].joint.where) for name in driven]
+    torque = _believe(
+        "torque of a driven wheel",
+        "N m",
+        given,
+        (TORQUE[0] * share, TORQUE[1] * share),
+        MOST_TORQUE * share,
+        Number(share, HOW["max_torque"]),
+        changes,
+    )
+    by_end = {item.end: item for item in stated if item.figure == "torque" and item.end and item.value > 0.0}
+    total = torque.value * len(driven)
+    if roles.drive == "all" and len(by_end) == 2 and torque.source.startswith("imported: plugin"):
+        total = 2.0 * sum(item.value for item in by_end.values())
+    text = torque.source if torque.source.startswith("estimated") else f"{torque.source}, of {len(driven)} wheels"
+    return Number(total, text)
+
+
+def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> tuple[Number, Number]:
+    """Brake torque of all wheels together [N m], and the part of it in front [-]."""
+    found = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
+    estimate, share = _estimate(estimates, "brake_torque"), _estimate(estimates, "brake_front_share")
+    if not any(item.value > 0.0 for item in found):
+        return estimate, share
+    by_end = {item.end: item.value for item in found}
+    where = found[0].where
+    # Figures are of one wheel; without an axle also of all together: whichever is nearer to the estimate.
+    if "front" in by_end and "rear" in by_end:
+        total = 2.0 * (by_end["front"] + by_end["rear"])
+    elif "front" in by_end:
+        total = 2.0 * by_end["front"] / share.value
+    elif "rear" in by_end:
+        total = 2.0 * by_end["rear"] / (1.0 - share.value)
+    else:
+        total = by_end[""] if by_end[""] >= 0.5 * estimate.value else 4.0 * by_end[""]
+    allowed = (BRAKE[0] * estimate.value, BRAKE[1] * estimate.value)
+    total_number = _believe(
+        "brake torque", "N m", [(total, f"plugin, {where}")], allowed, MOST_TORQUE * estimate.value, estimate, changes
+    )
+    if "front" in by_end and "rear" in by_end and total_number is not estimate:
+        share = Number(2.0 * by_end["front"] / total, f"imported: plugin, {where}")
+    return total_number, share
+
+
+def driven_wheels(drive: Drive) -> tuple[str, ...]:
+    """Names of the driven wheels."""
+    front, rear = ("front_left", "front_right"), ("rear_left", "rear_right")
+    return {"front": front, "rear": rear, "all": front + rear}[drive]
+
+
+def _limits(wheel: Wheel) -> Limits:
+    return wheel.joint.limits2 if wheel.second else wheel.joint.limits
+
+
+def _estimate(estimates: Estimates, field: str) -> Number:
+    return Number(float(getattr(estimates, field)), HOW[field])
+
+
+def _believe(
+    what: str,
+    unit: str,
+    given: Sequence[Given],
+    usual: tuple[float, float],
+    most: float,
+    estimate: Number,
+    changes: list[Change],
+) -> Number:
+    """The smallest given value that is possible, else the estimate; an unusual one is kept with a change."""
+    known = [(value, where) for value, where in given if value is not None]
+    good = [(value, where) for value, where in known if isfinite(value) and 0.0 < value <= most]
+    how = estimate.source.removeprefix("estimated: ")
+    if good:
+        value, where = min(good, key=lambda item: item[0])  # the first of equals
+        changes += _check_usual(what, unit, value, where, usual)
+        return Number(value, f"imported: {where}")
+    if known:
+        value, where = known[0]
+        why = (
+            "zero or less, meant as no limit"
+            if value <= 0.0
+            else "not a number"
+            if value != value
+            else f"impossible, meant as no limit; at most {most:.3g} {unit} is possible"
+        )
+        became = f"{estimate.value:.4g} {unit}: {how}"
+        changes.append(Change(_place(where), what, f"{value:.4g} {unit}", became, why))
+    else:
+        where = given[0][1]
+        changes.append(Change(where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source"))
+    return estimate
+
+
+def _check_usual(what: str, unit: str, value: float, where: str, usual: tuple[float, float]) -> Iterator[Change]:
+    """A change for a value that is possible but unusual, and kept."""
+    if not usual[0] <= value <= usual[1]:
+        why = f"unusual: {usual[0]:.3g} to {usual[1]:.3g} {unit} is common"
+        yield Change(_place(where), what, f"{value:.4g} {unit}", "as it was: please check", why)
+
+
+def _place(where: str) -> str:
+    """``file:line`` of a source."""
+    return where.removeprefix("plugin, ")
+
+
+# --- contact -----------------------------------------------------------------------------------------------------
+
+
+def _wheel_links(roles: Roles, wheels: Sequence[Wheel]) -> list[Link]:
+    links = roles.tree.model.links
+    return [links[name] for wheel in wheels for name in roles.tree.rigid_with(wheel.joint.child, ())]
+
+
+def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Change]) -> Number:
+    """Friction of an axle's tyres; mu and mu2 act along two directions, a tyre here has one for both."""
+    surfaces = [link.surface for link in _wheel_links(roles, pair) if link.surface is not None]
+    given = [(value, item.where) for item in surfaces for value in (item.mu, item.mu2) if value is not None]
+    low, high = FRICTION
+    good = [value for value, _ in given if isfinite(value) and low <= value <= high]
+    what = f"friction of the {end} tyres"
+    if good and len(good) == len(given):
+        mean = sum(good) / len(good)
+        where = given[0][1]
+        if max(good) - min(good) > 1e-3 * mean:
+            was = ", ".join(f"{value:g}" for value in good)
+            why = "the same along and across, left and right"
+            changes.append(Change(where, what, was, f"{mean:.4g}", why))
+        return Number(mean, f"imported: {where}")
+    if given:
+        where = given[0][1]
+        was = ", ".join(dict.fromkeys(f"{value:g}" for value, _ in given))
+        why = f"tyres on roads have {low:g} to {high:g}; Gazebo's numbers mean that nothing slips"
+        changes.append(Change(where, what, was, "0.9", why))
+    else:
+        changes.append(
+            Change(pair[0].joint.where, what, "not said", "0.9", HOW["friction"].removeprefix("estimated: "))
+        )
+    return Number(0.9, HOW["friction"])
+
+
+def _say_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Number], changes: list[Change]) -> None:
+    """Contact stiffness and damping of ODE are solver settings."""
+    surfaces = [link.surface for link in _wheel_links(roles, wheels) if link.surface is not None]
+    given = [item for item in surfaces if item.stiffness is not None or item.damping is not None or item.others]
+    if given:
+        first = given[0]
+        was = _contact_text(first)
+        became = (
+            f"modulus {numbers['front_tyre_modulus'].value:.4g} Pa, {numbers['front_tyre_stiffness'].value:.4g} N/m"
+        )
+        why = "kp and kd belong to Gazebo's contact solver, not to tyres; estimated from the load"
+        changes.append(Change(first.where, "contact stiffness of the tyres", was, became, why))
+    turning = {link.name for link in _wheel_links(roles, wheels)}
+    for name in roles.tree.poses:
+        link = roles.tree.model.links[name]
+        if link.surface is not None and name not in turning and (was := _contact_text(link.surface)):
+            became = "that of all bodies: friction 0.5"
+            why = "only tyres have a contact of their own"
+            changes.append(Change(link.surface.where, f"link '{name}': contact", was, became, why))
+
+
+def _contact_text(surface: Surface) -> str:
+    """What a source says about the contact of a link."""
+    words = [f"friction {' and '.join(f'{mu:g}' for mu in (surface.mu, surface.mu2) if mu is not None)}"]
+    words = words if surface.mu is not None or surface.mu2 is not None else []
+    for name, value, unit in (("kp", surface.stiffness, "N/m"), ("kd", surface.damping, "N s/m")):
+        if value is not None:
+            words.append(f"{name} {value:.4g} {unit}")
+    words += [f"{key} {value}" for key, value in surface.others.items()]
+    return ", ".join(words)

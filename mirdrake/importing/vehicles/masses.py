@@ -1,0 +1,300 @@
+"""Masses and inertias of body, knuckles and wheels: left and right alike, and what is missing estimated."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from mirdrake.importing.vehicles.car import Layout, Mass, Part
+from mirdrake.importing.vehicles.inertia import DENSITY, box_inertia, cylinder_inertia, gather, moments_text, widen
+from mirdrake.importing.vehicles.kinematics import Tree
+from mirdrake.importing.vehicles.model import Change, Vector
+from mirdrake.importing.vehicles.round_shapes import Bounds
+
+MIRROR = np.diag([1.0, -1.0, 1.0])
+SPIN = (0.2, 1.1)
+"""Spin inertia of a wheel over mass times radius squared: 0.5 a solid cylinder, 1 a hoop; a hub may be heavy."""
+
+COM_HEIGHT = 0.35
+"""Height of the centre of mass over the car's, where the source's cannot be meant: cars have 0.33 to 0.40."""
+
+BODY_DENSITY = (0.2, 3000.0)
+"""Mass of a body over the box around the car [kg/m³] that is believed: cars have 100 to 200, demos of Gazebo 0.5."""
+
+WHEEL_DENSITY = (2.0, 20_000.0)
+"""Mass of a wheel over its cylinder [kg/m³] that is believed: cars have 280, solid steel 7800."""
+
+UNION_SHARE = 0.25
+"""Of a wheel's mass that becomes the knuckle of a joint that steers and spins at once (Bolt 10 of 30 kg)."""
+
+HEAVY = 1.8
+"""Density over that of cars from which pounds are suspected behind a number of kilograms."""
+
+POUND = 0.45359237
+
+
+def gather_masses(
+    tree: Tree,
+    layout: Layout,
+    body: Part,
+    knuckles: tuple[Part, Part],
+    wheels: dict[str, Part],
+    bounds: Bounds,
+    carriers: Mapping[str, Part] = MappingProxyType({}),
+) -> list[Change]:
+    """Give every part its mass, from its links or estimated; left and right are alike afterwards."""
+    changes: list[Change] = []
+    size = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
+    body.mass = gather(tree, body.links, body.X_MP, size, changes)
+    for part in knuckles:
+        part.mass = gather(tree, part.links, part.X_MP, layout.radii[0], changes)
+    for key, part in wheels.items():
+        radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
+        part.mass = gather(tree, part.links, part.X_MP, radius, changes, wheel=(radius, width))
+    where = tree.model.links[tree.root].where
+    around = _around(layout, bounds)
+    _doubt(body, float(np.prod(around)), BODY_DENSITY, tree, changes)
+    for key, part in wheels.items():
+        radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
+        _doubt(part, np.pi * radius**2 * width, WHEEL_DENSITY, tree, changes)
+    for part in knuckles:
+        _doubt(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+    if body.mass.mass <= 0.0:
+        edges = bounds[1] - bounds[0]
+        mass = DENSITY * float(np.prod(edges))
+        body.mass = Mass(mass, 0.5 * (bounds[0] + bounds[1]), box_inertia(mass, edges))
+        became = f"{mass:.4g} kg: {DENSITY:g} kg/m³ of the box around it"
+        changes.append(Change(where, f"link '{body.name}': mass", "none", became, "what moves needs a mass"))
+    for end, radius, width in zip(("front", "rear"), layout.radii, layout.widths, strict=True):
+        pair = (wheels[f"{end}_left"], wheels[f"{end}_right"])
+        if max(part.mass.mass for part in pair) <= 0.0:
+            mass = min(283.0 * np.pi * radius**2 * width, 0.025 * body.mass.mass)  # as in estimates.HOW
+            _set_wheels(pair, mass, cylinder_inertia(mass, radius=radius, length=width, axis=1))
+            at = tree.model.links[pair[0].links[0]].where
+            changes.append(
+                Change(at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated like a new vehicle's")
+            )
+            continue
+        _mirror(f"{end} wheels", pair, tree, changes)
+        _repair_wheel(pair, end, radius, width, tree, changes)
+    front = (wheels["front_left"], wheels["front_right"])
+    if not knuckles[0].links:
+        _split(knuckles, front, layout.radii[0], tree, changes)
+    elif max(part.mass.mass for part in knuckles) <= 0.0:
+        mass = 0.5 * front[0].mass.mass
+        _set_knuckles(knuckles, mass, layout.radii[0])
+        at = tree.model.links[knuckles[0].links[0]].where
+        why = "what moves needs a mass; estimated as half a wheel's"
+        changes.append(Change(at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why))
+    else:
+        _mirror("steering knuckles", knuckles, tree, changes)
+    for end in ("front", "rear"):
+        if carriers:
+            _weigh_carriers(
+                (carriers[f"{end}_left"], carriers[f"{end}_right"]), end, wheels, body, layout, tree, changes
+            )
+    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
+        part.mass.inertia = widen(part.mass.inertia)
+    return changes
+
+
+def _weigh_carriers(
+    pair: tuple[Part, Part],
+    end: str,
+    wheels: Mapping[str, Part],
+    body: Part,
+    layout: Layout,
+    tree: Tree,
+    changes: list[Change],
+) -> None:
+    """Masses of what moves up and down with the wheels of an axle; where the source has none, a part of the body's."""
+    radius = layout.radii[end == "rear"]
+    for part in pair:
+        part.mass = gather(tree, part.links, part.X_MP, radius, changes)
+        if part.links:
+            _doubt(part, radius**3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+    if max(part.mass.mass for part in pair) > 0.0:
+        _mirror(f"{end} carriers", pair, tree, changes)
+        return
+    mass = min(0.5 * wheels[f"{end}_left"].mass.mass, 0.02 * body.mass.mass)
+    places = part_places(layout)
+    inertia = cylinder_inertia(mass, radius=0.3 * radius, length=0.3 * radius, axis=2)
+    for part, side in zip(pair, ("left", "right"), strict=True):
+        part.mass = Mass(mass, places[f"{end}_{side}"], inertia.copy())
+    scale = 1.0 - 2.0 * mass / body.mass.mass
+    body.mass = Mass(scale * body.mass.mass, body.mass.com, scale * body.mass.inertia)
+    became = f"{mass:.4g} kg each, of the body's"
+    at = tree.model.links[tree.root].where
+    changes.append(Change(at, f"{end} carriers: mass", "none", became, "half a wheel's; what moves needs a mass"))
+
+
+def total_mass(parts: list[Part]) -> float:
+    """Mass of the whole car [kg]."""
+    return sum(part.mass.mass for part in parts)
+
+
+def centre_of_mass(
+    body: Part,
+    knuckles: tuple[Part, Part],
+    wheels: dict[str, Part],
+    layout: Layout,
+    carriers: Mapping[str, Part] = MappingProxyType({}),
+) -> Vector:
+    """Centre of mass of the whole car in base_link [m]."""
+    places = part_places(layout)
+    items = [(part.mass, np.zeros(3)) for part in (body, *carriers.values())]
+    items += [(part.mass, places[f"{side}_knuckle"]) for part, side in zip(knuckles, ("left", "right"), strict=True)]
+    items += [(part.mass, places[name]) for name, part in wheels.items()]
+    total = sum(mass.mass for mass, _ in items)
+    com: Vector = sum((mass.mass * (place + mass.com) for mass, place in items), np.zeros(3)) / total
+    return com
+
+
+def part_places(layout: Layout) -> dict[str, Vector]:
+    """Origins of knuckles and wheels in base_link [m]."""
+    places = {}
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        x, y = layout.wheelbase, sign * layout.tracks[0] / 2.0
+        places[f"front_{side}"] = np.array([x, y, layout.radii[0]])
+        places[f"rear_{side}"] = np.array([0.0, sign * layout.tracks[1] / 2.0, layout.radii[1]])
+        places[f"{side}_knuckle"] = np.array([x + layout.trail, sign * layout.kingpin_track / 2.0, layout.radii[0]])
+    return places
+
+
+def check_balance(
+    body: Part,
+    knuckles: tuple[Part, Part],
+    wheels: dict[str, Part],
+    layout: Layout,
+    bounds: Bounds,
+    where: str,
+    carriers: Mapping[str, Part] = MappingProxyType({}),
+) -> list[Change]:
+    """Move a centre of mass that no car has; the body's own moves so that the car's is where it should be."""
+    changes = []
+    com = centre_of_mass(body, knuckles, wheels, layout, carriers)
+    height = max(float(bounds[1][2]), 2.0 * max(layout.radii))
+    wanted = com.copy()
+    if not 0.0 < com[2] <= height:
+        wanted[2] = COM_HEIGHT * height
+        became = f"{wanted[2]:.4g} m: {COM_HEIGHT:g} of the height"
+        why = "below the road" if com[2] <= 0.0 else f"above the car, which is {height:.3g} m high"
+        changes.append(
+            Change(where, "centre of mass of the car: height", f"{com[2]:.4g} m above the road", became, why)
+        )
+    if not 0.05 * layout.wheelbase < com[0] < 0.95 * layout.wheelbase:
+        wanted[0] = 0.5 * layout.wheelbase
+        was = f"{com[0]:.4g} m ahead of the rear axle"
+        why = f"the axles are {layout.wheelbase:.4g} m apart; it would tip over, or hardly load one of them"
+        changes.append(Change(where, "centre of mass of the car: along", was, f"{wanted[0]:.4g} m: midway", why))
+    if abs(com[1]) > 0.25 * min(layout.tracks):
+        wanted[1] = 0.0
+        was = f"{com[1]:.4g} m to the left"
+        changes.append(Change(where, "centre of mass of the car: sideways", was, "0 m", "it would nearly tip over"))
+    total = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
+    if body.mass.mass < 0.5 * total:
+        was = f"{body.mass.mass:.4g} kg of {total:.4g} kg"
+        why = "wheels and knuckles are heavier than the body"
+        changes.append(Change(where, "mass of the body", was, "as it was: please check", why))
+    moved = body.mass.com + (wanted - com) * total / body.mass.mass
+    body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
+    edges = _around(layout, bounds)
+    density = total / float(np.prod(edges))
+    if edges[0] > 2.0 and density > HEAVY * DENSITY:
+        why = f"{density:.0f} kg per m³ around it, cars have about {DENSITY:g}; pounds would be {total * POUND:.0f} kg"
+        changes.append(Change(where, "mass of the car", f"{total:.5g} kg", "as it was: please check", why))
+    return changes
+
+
+def _around(layout: Layout, bounds: Bounds) -> Vector:
+    """Edges of the box around a car and its wheels, from the road on [m]."""
+    length, width = (bounds[1] - bounds[0])[:2]
+    long, wide = layout.wheelbase + 2.0 * max(layout.radii), max(layout.tracks) + max(layout.widths)
+    return np.array([max(length, long), max(width, wide), max(bounds[1][2], 2.0 * max(layout.radii))])
+
+
+def _doubt(part: Part, volume: float, densities: tuple[float, float], tree: Tree, changes: list[Change]) -> None:
+    """A mass that nothing of this size has counts as missing."""
+    density = part.mass.mass / volume
+    if part.mass.mass > 0.0 and not densities[0] <= density <= densities[1]:
+        where = tree.model.links[part.links[0]].where
+        why = f"{density:.3g} kg per m³ of the space it takes; plausible are {densities[0]:g} to {densities[1]:g}"
+        changes.append(Change(where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "counts as missing", why))
+        part.mass = Mass()
+
+
+# --- pairs -------------------------------------------------------------------------------------------------------
+
+
+def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: list[Change]) -> None:
+    """Left and right get the mean of both, mirrored; a side without mass that of the other."""
+    left, right = (part.mass for part in pair)
+    if min(left.mass, right.mass) <= 0.0:
+        whole = left if left.mass > 0.0 else right
+        flip = np.eye(3) if whole is left else MIRROR
+        mean, com, inertia = whole.mass, flip @ whole.com, flip @ whole.inertia @ flip
+    else:
+        mean, com = 0.5 * (left.mass + right.mass), 0.5 * (left.com + MIRROR @ right.com)
+        inertia = 0.5 * (left.inertia + MIRROR @ right.inertia @ MIRROR)
+    if abs(left.mass - right.mass) > 1e-3 * mean:
+        at = tree.model.links[pair[0].links[0]].where
+        was = f"{left.mass:.4g} and {right.mass:.4g} kg"
+        changes.append(Change(at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are alike"))
+    pair[0].mass = Mass(mean, com, inertia)
+    pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
+
+
+def _set_wheels(pair: tuple[Part, Part], mass: float, inertia: Vector) -> None:
+    for part in pair:
+        part.mass = Mass(mass, np.zeros(3), inertia.copy())
+
+
+def _set_knuckles(pair: tuple[Part, Part], mass: float, radius: float) -> None:
+    inertia = cylinder_inertia(mass, radius=0.3 * radius, length=0.3 * radius, axis=2)
+    for part in pair:
+        part.mass = Mass(mass, np.zeros(3), inertia.copy())
+
+
+def _repair_wheel(
+    pair: tuple[Part, Part], end: str, radius: float, width: float, tree: Tree, changes: list[Change]
+) -> None:
+    """A wheel is balanced, round, and turns about the axis with the largest inertia."""
+    mass = pair[0].mass
+    at = tree.model.links[pair[0].links[0]].where
+    what = f"{end} wheels"
+    offset = float(np.linalg.norm(mass.com))
+    if offset > max(1e-3, 0.02 * radius):
+        was = f"{offset:.3g} m from the wheel's centre"
+        changes.append(Change(at, f"{what}: centre of mass", was, "in it", "a wheel is balanced"))
+    moments = mass.inertia.diagonal()
+    order = np.argsort(moments)
+    top = int(order[2])
+    if top != 1 and 3.0 * radius**2 > width**2 and moments[top] > 1.05 * moments[order[1]]:
+        others = [i for i in range(3) if i != top]
+        moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
+        was = f"{'xyz'[top]} axis has the largest moment, {moments_text(mass.inertia)}"
+        changes.append(Change(at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel turns about y"))
+    spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
+    relative = spin / (mass.mass * radius**2)
+    if not SPIN[0] <= relative <= SPIN[1] or across < 0.5 * spin * (1.0 - 1e-6):
+        inertia = cylinder_inertia(mass.mass, radius=radius, length=width, axis=1)
+        was = f"spin {spin:.4g}, across {across:.4g} kg m²"
+        became = f"solid cylinder: spin {inertia[1, 1]:.4g}, across {inertia[0, 0]:.4g} kg m²"
+        why = f"spin is {relative:.3g} m r²; wheels have 0.5 to 1"
+        changes.append(Change(at, f"{what}: inertia", was, became, why))
+    else:
+        inertia = np.diag([across, spin, across])
+    _set_wheels(pair, mass.mass, inertia)
+
+
+def _split(
+    knuckles: tuple[Part, Part], wheels: tuple[Part, Part], radius: float, tree: Tree, changes: list[Change]
+) -> None:
+    """Knuckles of joints that steer and spin at once get a part of the wheels' mass."""
+    whole = wheels[0].mass
+    mass = UNION_SHARE * whole.mass
+    _set_wheels(wheels, whole.mass - mass, whole.inertia * (1.0 - UNION_SHARE))
+    _set_knuckles(knuckles, mass, radius)
+    at = tree.model.links[wheels[0].links[0]].where
+    became = f"wheel of {whole.mass - mass:.4g} kg and steering knuckle of {mass:.4g} kg"
+    changes.append(Change(at, "front wheels: mass", f"{whole.mass:.4g} kg", became, "steering and spin are two joints"))

@@ -1,0 +1,389 @@
+"""Solids as a few convex parts. Drake collides a mesh by its convex hull, so that a hollow one needs several."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RotationMatrix
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from mirdrake.core.paths import cache_folder, installed_version
+from mirdrake.importing.vehicles.mesh_cut import SECONDS, settings
+from mirdrake.importing.vehicles.mesh_write import weld
+
+Array = NDArray[np.float64]
+
+PART_LIMIT = 16
+"""Convex parts of a collision shape."""
+
+CORNER_LIMIT = 128
+"""Corners of a convex part."""
+
+_CONVEX = 0.02  # of the size, that a surface may lie within its hull
+_PLATE = 1e-3  # [m], thickness that a flat mesh gets
+_BOX_FILL, _CYLINDER_FILL = 0.97, 0.93  # a prism of 10 sides fills 0.935 of its cylinder, a box 0.64
+_FACES = 2000  # for decomposing; more are simplified first
+_BODIES = 100  # more are too slow to cut
+_SAMPLES = 10_000  # triangles that are looked at to tell whether a mesh is convex
+_CONCAVITY = 0.04  # CoACD's threshold
+_ZIP = b"PK\x03\x04"  # a library may print before it
+_GAIN = 0.9  # parts are worth it if they have less than this share of the hull's volume
+
+
+CUT_TIME = 60.0
+"""Time for cutting all meshes of a vehicle into convex parts [s]."""
+
+
+class CutTime:
+    """Time for cutting meshes into convex parts.
+
+    Attributes:
+        limit: at the beginning [s].
+        left: what remains of it [s].
+    """
+
+    def __init__(self, limit: float = CUT_TIME) -> None:
+        self.limit = self.left = limit
+
+
+@dataclass(frozen=True)
+class Hull:
+    """A convex part: corners [m], triangles counter-clockwise from outside, volume [m³]."""
+
+    points: Array
+    faces: NDArray[np.int64]
+    volume: float
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Convex parts of a mesh.
+
+    Attributes:
+        hulls: the parts.
+        whole: the hull of all.
+        volume: of the mesh itself [m³]; None if it is not closed.
+        missing: why it was not cut, or "".
+    """
+
+    hulls: tuple[Hull, ...]
+    whole: Hull
+    volume: float | None
+    missing: str = ""
+
+
+def make_hull(points: Array) -> Hull:
+    """The convex hull of points [m]; points in a plane or on a line become a plate or a rod of 1 mm."""
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        middle = points.mean(axis=0)
+        _, spread, axes = np.linalg.svd(points - middle, full_matrices=False)
+        axes = axes if len(axes) == 3 else np.eye(3)
+        flat = np.pad(spread, (0, 3 - len(spread))) < 1e-6 * max(float(spread.max()), 1e-3)
+        cloud = points
+        for axis in axes[flat] if flat.any() else np.eye(3):
+            cloud = np.concatenate((cloud - 0.5 * _PLATE * axis, cloud + 0.5 * _PLATE * axis))
+        try:
+            hull = ConvexHull(cloud, qhull_options="QJ")
+        except (QhullError, ValueError):  # thinner than rounding allows: the box around it, at least 1 mm thick
+            low, high = points.min(axis=0), points.max(axis=0)
+            thin = high - low < _PLATE
+            low, high = low - 0.5 * _PLATE * thin, high + 0.5 * _PLATE * thin
+            cloud = np.array(
+                [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+            )
+            hull = ConvexHull(cloud)
+        points = cloud
+    corners = points[hull.vertices]
+    if len(corners) > CORNER_LIMIT:
+        corners = _fewer(corners)
+        hull, points = ConvexHull(corners), corners
+        corners = points[hull.vertices]
+    order = np.lexsort(corners.T[::-1])
+    place = np.full(len(points), -1)
+    place[hull.vertices[order]] = np.arange(len(order))
+    faces = place[hull.simplices]
+    corners = corners[order]
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    faces = np.array(sorted(_lowest_first(face) for face in faces.tolist()), dtype=np.int64)
+    return Hull(corners, faces, float(hull.volume))
+
+
+def _lowest_first(face: list[int]) -> list[int]:
+    first = face.index(min(face))
+    return face[first:] + face[:first]
+
+
+def _fewer(corners: Array) -> Array:
+    """Those corners that are outermost in evenly spread directions (Fibonacci lattice on the sphere)."""
+    step = np.arange(CORNER_LIMIT) + 0.5
+    height, turn = 1.0 - 2.0 * step / CORNER_LIMIT, np.pi * (1.0 + 5.0**0.5) * step
+    radius = np.sqrt(1.0 - height**2)
+    directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
+    scaled = (corners - corners.mean(axis=0)) / np.ptp(corners, axis=0)
+    outermost = (directions @ scaled.T).argmax(axis=1)
+    axes = np.concatenate((corners.argmin(axis=0), corners.argmax(axis=0)))
+    kept: Array = corners[np.unique(np.concatenate((outermost, axes)))]
+    return kept
+
+
+def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
+    """Convex parts of triangles.
+
+    Bodies that hang together are looked at one by one. Those that are convex (no triangle lies deeper in the hull than
+    2 % of its size) become their hull; the others are cut by CoACD (Wei et al., ACM Trans. Graph. 41(4), 2022), if it
+    is installed. More bodies than parts allowed are cut together.
+
+    Args:
+        corners: (n, 3, 3) [m].
+        time: for all meshes that are cut with it; :data:`CUT_TIME` for this one if left out.
+    """
+    time = time or CutTime()
+    points, index = weld(corners.reshape(-1, 3))
+    faces = index.reshape(-1, 3)
+    distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[distinct]
+    whole = make_hull(points)
+    volume = _volume(points, faces)
+    if not len(faces) or is_convex(points, faces, whole):
+        return Parts((whole,), whole, volume)
+    bodies = _bodies(len(points), faces)
+    groups = [faces[bodies == body] for body in range(bodies.max() + 1)]
+    groups.sort(key=lambda group: -float(np.ptp(points[np.unique(group)], axis=0).max()))
+    extent = float(np.ptp(points, axis=0).max())
+    groups = [group for group in groups if np.ptp(points[np.unique(group)], axis=0).max() > 1e-3 * extent]
+    if len(groups) > _BODIES:
+        return Parts((whole,), whole, volume, f"{len(groups)} separate bodies are too many to cut")
+    if len(groups) > PART_LIMIT:
+        groups = [np.concatenate(groups)]
+    hulls: list[Hull] = []
+    missing = ""
+    for number, group in enumerate(groups):
+        hull = make_hull(points[np.unique(group)])
+        if is_convex(points, group, hull):
+            hulls.append(hull)
+            continue
+        room = PART_LIMIT - len(hulls) - (len(groups) - number - 1)
+        parts, fault = _cut(points, group, limit=max(room, 1), time=time)
+        missing = missing or fault
+        gain = 0 < len(parts) <= max(room, 1) and sum(part.volume for part in parts) < _GAIN * hull.volume
+        hulls.extend(parts if gain else [hull])
+    if sum(hull.volume for hull in hulls) > whole.volume and len(hulls) > 1 and volume is None:
+        hulls = [whole]
+    return Parts(tuple(hulls), whole, volume, missing)
+
+
+def is_convex(points: Array, faces: NDArray[np.int64], hull: Hull) -> bool:
+    """Whether the middles of all triangles lie at most 2 % of its size below the surface of the hull."""
+    a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1)
+    normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
+    size = float(np.linalg.norm(np.ptp(hull.points, axis=0)))
+    corners = points[faces[:: 1 + len(faces) // _SAMPLES]]
+    middles = np.concatenate((corners.mean(axis=1), *(0.5 * (corners[:, k] + corners[:, k - 1]) for k in range(3))))
+    offset = np.einsum("ij,ij->i", normal, a)
+    return all(
+        float((offset - chunk @ normal.T).min(axis=1).max()) <= _CONVEX * size
+        for chunk in np.array_split(middles, max(1, len(middles) * len(normal) // 5_000_000))
+    )
+
+
+def _volume(points: Array, faces: NDArray[np.int64]) -> float | None:
+    """Volume of a closed surface [m³]; None if an edge has not just two triangles that run along it both ways."""
+    edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]))
+    forth = np.sort(edges[:, 0] * len(points) + edges[:, 1])
+    back = np.sort(edges[:, 1] * len(points) + edges[:, 0])
+    if not np.array_equal(forth, back):
+        return None
+    a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
+    return abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
+
+
+def _bodies(count: int, faces: NDArray[np.int64]) -> NDArray[Any]:
+    rows, columns = np.concatenate((faces[:, :2], faces[:, 1:])).T
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    _, bodies = np.unique(label[faces[:, 0]], return_inverse=True)
+    return np.asarray(bodies).ravel()
+
+
+def _cut(points: Array, faces: NDArray[np.int64], *, limit: int, time: CutTime) -> tuple[list[Hull], str]:
+    if find_spec("coacd") is None:
+        return [], "coacd is not installed, so that it could not be cut into convex parts"
+    used, index = np.unique(faces, return_inverse=True)
+    corners, triangles = _close(points[used], index.reshape(-1, 3))
+    if _volume(corners, triangles) is None:
+        return [], "its surface has gaps, so that it could not be cut into convex parts"
+    if len(triangles) > _FACES:
+        fewer = _simplified(corners, triangles)
+        corners, triangles = fewer if _volume(*fewer) is not None else (corners, triangles)
+    bodies = int(_bodies(len(corners), triangles).max()) + 1
+    how = {"limit": limit, "concavity": _CONCAVITY, "bodies": bodies}
+    entry = _cache_entry(corners, triangles, how)
+    parts = _load_parts(entry)
+    if parts is None:
+        message = BytesIO()
+        seconds = min(float(10 * SECONDS), time.left)
+        np.savez(message, points=corners, faces=triangles, seconds=seconds + 1.0, **how)  # type: ignore[arg-type]
+        content, missing = _run_cut(message.getvalue(), seconds, time)
+        if missing:
+            return [], missing
+        parts = _parts_in(content)
+        if parts is None:
+            return [], "it could not be cut into convex parts in reasonable time: its surface may run through itself"
+        _store(entry, content)
+    hulls = [make_hull(part) for part in parts if len(part) > 3]
+    return [hull for hull in hulls if hull.volume > 0.0], ""
+
+
+def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]:
+    """What the process that cuts answers, and why it does not; it is killed when its time is up."""
+    used_up = f"the time for cutting meshes into convex parts, {time.limit:g} s, is used up"
+    if seconds <= 0.0:
+        return b"", used_up
+    script = Path(__file__).with_name("mesh_cut.py")
+    start = monotonic()
+    try:
+        done = subprocess.run([sys.executable, "-P", str(script)], input=message, capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        late = f"cutting it into convex parts took more than {10 * SECONDS} s"
+        return b"", used_up if seconds < 10 * SECONDS else late
+    finally:
+        time.left -= monotonic() - start
+    first = done.stdout.find(_ZIP)
+    return (done.stdout[first:], "") if done.returncode == 0 and first >= 0 else (b"", "")
+
+
+def _cache_entry(corners: Array, triangles: NDArray[np.int64], how: dict[str, Any]) -> Path:
+    """The file for the parts of a surface: its name is the hash of everything that they depend on."""
+    version = installed_version("coacd")
+    text = json.dumps([1, version, how, settings(how["bodies"]), corners.shape, triangles.shape], sort_keys=True)
+    digest = hashlib.sha256(text.encode())
+    digest.update(np.ascontiguousarray(corners, dtype="<f8").tobytes())
+    digest.update(np.ascontiguousarray(triangles, dtype="<i8").tobytes())
+    return cache_folder("convex") / f"{digest.hexdigest()}.npz"
+
+
+def _load_parts(entry: Path) -> list[Array] | None:
+    """Parts from the cache; None if there are none or the file is damaged."""
+    try:
+        return _parts_in(entry.read_bytes())
+    except OSError:
+        return None
+
+
+def _parts_in(content: bytes) -> list[Array] | None:
+    try:
+        with np.load(BytesIO(content)) as answer:  # a zip archive, with checksums
+            parts = [np.asarray(answer[f"part_{number}"], dtype=float) for number in range(len(answer.files))]
+    except Exception:  # numpy, zipfile and zlib have errors of many kinds
+        return None
+    sound = all(part.ndim == 2 and part.shape[1] == 3 and np.isfinite(part).all() for part in parts)
+    return parts if parts and sound else None
+
+
+def _store(entry: Path, content: bytes) -> None:
+    """Write a cache entry whole or not at all; a cache that cannot be written is not used."""
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=entry.parent, suffix=".tmp", delete=False) as file:
+            file.write(content)
+        os.replace(file.name, entry)
+    except OSError:
+        pass
+
+
+def _simplified(corners: Array, triangles: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    try:
+        import fast_simplification
+    except ImportError:
+        return corners, triangles
+    fewer, left = fast_simplification.simplify(corners, triangles, target_reduction=1.0 - _FACES / len(triangles))
+    return np.asarray(fewer, dtype=float), np.asarray(left, dtype=np.int64)
+
+
+def _close(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Fill each hole whose edge is one simple loop by a fan from its middle."""
+    edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])).tolist()
+    there = {(a, b) for a, b in edges}
+    rim = {b: a for a, b in there if (b, a) not in there}  # the way that the missing triangles would run
+    middles: list[Array] = []
+    fans: list[tuple[int, int, int]] = []
+    while rim:
+        start = min(rim)
+        loop = [start]
+        following = rim.pop(start)
+        while following != start and following in rim:
+            loop.append(following)
+            following = rim.pop(following)
+        if following == start:
+            middle = len(points) + len(middles)
+            middles.append(points[loop].mean(axis=0))
+            fans += [(a, b, middle) for a, b in pairwise([*loop, start])]
+    if not fans:
+        return points, faces
+    return np.concatenate((points, middles)), np.concatenate((faces, np.array(fans, dtype=np.int64)))
+
+
+def fit_box(hull: Hull) -> tuple[tuple[float, float, float], RigidTransform] | None:
+    """Edges [m] and pose of a box that the hull nearly fills (97 %); None if there is none."""
+    for R in _frames(hull):
+        turned = hull.points @ R
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        if hull.volume > 0.0 and hull.volume >= _BOX_FILL * float(np.prod(high - low)):
+            x, y, z = (float(edge) for edge in high - low)
+            return (x, y, z), RigidTransform(RotationMatrix(R), R @ (0.5 * (low + high)))
+    return None
+
+
+def fit_cylinder(hull: Hull) -> tuple[tuple[float, float], RigidTransform] | None:
+    """Radius, length [m] and pose of a cylinder (axis z) that the hull nearly fills (93 %); None if there is none."""
+    for R in _frames(hull):
+        turned = hull.points @ R
+        for axis in (0, 1, 2):
+            across = np.roll(np.arange(3), -axis)[1:]
+            circle = shapely.minimum_bounding_circle(shapely.MultiPoint(turned[:, across]))
+            radius = float(shapely.minimum_bounding_radius(shapely.MultiPoint(turned[:, across])))
+            low, high = float(turned[:, axis].min()), float(turned[:, axis].max())
+            if radius > 0.0 and hull.volume > 0.0 and hull.volume >= _CYLINDER_FILL * np.pi * radius**2 * (high - low):
+                middle = np.empty(3)
+                middle[across] = circle.centroid.x, circle.centroid.y
+                middle[axis] = 0.5 * (low + high)
+                frame = R[:, [*across, axis]]
+                return (radius, high - low), RigidTransform(RotationMatrix(frame), R @ middle)
+    return None
+
+
+def _frames(hull: Hull) -> Sequence[Array]:
+    """Axes that a box or a cylinder might have: the mesh's own, and the principal ones of the hull's surface."""
+    a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    middle = (a + b + c) / 3.0
+    centred = middle - (area @ middle) / area.sum()
+    _, axes = np.linalg.eigh((centred * area[:, None]).T @ centred)
+    largest = np.cross(b - a, c - a)[area.argmax()]
+    first = largest / np.linalg.norm(largest)
+    along = (b - a)[area.argmax()]
+    second = along / np.linalg.norm(along)
+    faced = np.column_stack((first, second, np.cross(first, second)))
+    return [np.eye(3), faced, axes if np.linalg.det(axes) > 0.0 else axes[:, ::-1]]

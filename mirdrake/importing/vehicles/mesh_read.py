@@ -1,0 +1,458 @@
+"""Mesh files of ROS and Gazebo packages as triangles with materials.
+
+Units and axes are Gazebo's. Of a COLLADA file the unit counts and the up axis does not: the axes of the file are the
+axes of the link, whatever ``<up_axis>`` says (gazebo-classic: common/ColladaLoader.cc reads ``<unit meter>`` only, and
+its issue 1305 asks for the axis; rviz: mesh_loader.cpp leaves out the root transform in which assimp hides the axis,
+and reads the unit itself; gz-common: AssimpLoader.cc drops the root's rotation). A glTF file keeps its axes too
+(gz-common adds no rotation), although the format calls y up and Drake would turn it. All other formats are in metres.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import unquote
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+
+from mirdrake.core.errors import MissingDependencyError, ModelError, did_you_mean
+from mirdrake.importing.vehicles.model import Change
+
+Array = NDArray[np.float64]
+
+FORMATS = ("dae", "stl", "obj", "gltf", "glb", "ply")
+INVISIBLE = 0.01
+"""Opacity below which a material is taken for one whose transparency is written the wrong way round."""
+
+_FAR = 1e9  # in the file's unit, beyond which a coordinate is taken for a broken number
+EXTRA = "pip install 'mirdrake[import]'"
+
+
+class MeshError(ModelError):
+    """A mesh cannot be used; the caller may refuse the model or leave the shape out.
+
+    Attributes:
+        file: the mesh.
+        reason: without the file's name.
+    """
+
+    def __init__(self, file: Path | str, reason: str) -> None:
+        super().__init__(f"mesh {file}: {reason}")
+        self.file, self.reason = file, reason
+
+    def left_out(self, where: str, what: str) -> Change:
+        """The line of the report if the shape is left out."""
+        return Change(where, what, str(self.file), "left out", self.reason)
+
+
+class SubmeshError(MeshError):
+    """A mesh has no submesh of the name that is asked for."""
+
+
+class Note(NamedTuple):
+    """Something about a mesh that the report should say."""
+
+    was: str
+    became: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface looks.
+
+    Attributes:
+        name: in the file, or "".
+        rgba: colour in sRGB and opacity, 0 .. 1; None if the file has none.
+        picture: texture, mode RGB or RGBA; alpha counts only if it is RGBA.
+        emission: colour in sRGB that it gives off.
+    """
+
+    name: str = ""
+    rgba: tuple[float, float, float, float] | None = None
+    picture: Image.Image | None = None
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Triangles of one material, in metres along the axes of the file.
+
+    Attributes:
+        names: that a submesh may be called by: of the nodes above it and of its geometry.
+        corners: (n, 3, 3), counter-clockwise from outside.
+        normals: at the corners (n, 3, 3).
+        uv: at the corners (n, 3, 2), from the lower left of the picture.
+        colors: at the corners (n, 3, 4) in sRGB.
+        material: of all of them.
+    """
+
+    names: tuple[str, ...]
+    corners: Array
+    normals: Array | None = None
+    uv: Array | None = None
+    colors: Array | None = None
+    material: Material = Material()
+
+    def taking(self, which: NDArray[Any]) -> "Piece":
+        """The triangles of a mask or of indices."""
+        return self._with(lambda array: array[which])
+
+    def reversed(self, which: NDArray[Any]) -> "Piece":
+        """The piece with the winding of the triangles of a mask reversed; their normals stay."""
+        return self._with(lambda array: np.where(which[:, None, None], array[:, ::-1], array))
+
+    def _with(self, change: Callable[[Array], Array]) -> "Piece":
+        arrays: dict[str, Any] = {key: getattr(self, key) for key in ("corners", "normals", "uv", "colors")}
+        changed: dict[str, Any] = {key: array if array is None else change(array) for key, array in arrays.items()}
+        return replace(self, **changed)
+
+    def moved(self, matrix: Array) -> "Piece":
+        """The piece under an affine map (4, 4); a mirror reverses the winding, so that outside stays outside."""
+        linear = matrix[:3, :3]
+        corners = self.corners @ linear.T + matrix[:3, 3]
+        normals = self.normals
+        mirrored = float(np.linalg.det(linear)) < 0.0
+        if normals is not None:
+            normals = normals @ _cofactors(linear).T * (-1.0 if mirrored else 1.0)
+        piece = replace(self, corners=corners, normals=normals)
+        return piece._with(lambda array: array[:, ::-1]) if mirrored else piece
+
+
+def _cofactors(linear: Array) -> Array:
+    """det(A) A⁻ᵀ, which carries normals of surfaces; fine for singular A."""
+    a, b, c = linear
+    return np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+
+
+class ReadMesh(NamedTuple):
+    """What a file holds."""
+
+    pieces: tuple[Piece, ...]
+    notes: tuple[Note, ...]
+
+
+def read_mesh(path: Path) -> ReadMesh:
+    """Triangles of a DAE, STL, OBJ, glTF, GLB or PLY file; its extension may be in upper case.
+
+    Lines and points are passed over, as are triangles without area or with coordinates that are no numbers.
+
+    Raises:
+        MeshError: the file is missing, unreadable or has no triangle.
+        MissingDependencyError: pycollada is not installed.
+    """
+    try:
+        state = path.stat()
+    except OSError:
+        raise MeshError(path, "does not exist") from None
+    return _read(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
+    kind = path.suffix.lower().lstrip(".")
+    if not path.is_file():
+        raise MeshError(path, "is no file")
+    data = path.read_bytes()
+    if data.startswith(b"version https://git-lfs"):
+        raise MeshError(path, "is a pointer of Git LFS, not the mesh: run `git lfs pull` in the package")
+    if kind not in FORMATS:
+        raise MeshError(path, f"has no known format (allowed: .{', .'.join(FORMATS)})")
+    if not data:
+        raise MeshError(path, "is an empty file")
+    notes: list[Note] = []
+    folder = TextureFolder(path.parent, notes)
+    try:
+        with warnings.catch_warnings():  # those of the readers say nothing about the file
+            warnings.simplefilter("ignore")
+            pieces = list(_reader(kind)(data, folder))
+    except (MeshError, MissingDependencyError):
+        raise
+    except Exception as error:  # the readers' own errors are of every kind
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MeshError(path, f"cannot be read as {kind.upper()} ({reason})") from error
+    pieces = _without_broken(pieces, notes)
+    if not pieces:
+        raise MeshError(path, "has no triangle")
+    pieces = _without_doubles(_wound_by_normals(pieces, notes), notes)
+    return ReadMesh(tuple(pieces), tuple(dict.fromkeys(notes)))
+
+
+def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
+    """The pieces of a node or geometry of that name; all for "".
+
+    Raises:
+        MeshError: there is none.
+    """
+    if not name:
+        return mesh.pieces
+    found = tuple(piece for piece in mesh.pieces if name in piece.names)
+    if not found:
+        names = [known for piece in mesh.pieces for known in piece.names]
+        raise SubmeshError(path, f"has no submesh '{name}': {did_you_mean(name, names)}")
+    return found
+
+
+def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
+    kept, broken, count = [], 0, 0
+    for piece in pieces:
+        finite = np.asarray((np.abs(piece.corners) < _FAR).all(axis=(1, 2)))  # not so if it is no number
+        count += len(finite)
+        broken += int((~finite).sum())
+        corners = np.where(finite[:, None, None], piece.corners, 0.0)
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        good = finite & (area > 0.0)
+        if good.any():
+            kept.append(piece if good.all() else piece.taking(good))
+    if broken:
+        notes.append(Note(f"{count} triangles", f"{count - broken} triangles", "coordinates that are no numbers"))
+    return kept
+
+
+def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
+    """The pieces with each triangle wound as its stated normals want it.
+
+    A renderer takes the outside of a triangle from its winding and the light from its normals; where they disagree it
+    draws black. The normals decide. They have gone through the same transformations, and unlike the winding they are
+    not reversed by a mirror, which some exporters account for and others do not.
+    """
+    result, turned, count = [], 0, 0
+    for piece in pieces:
+        count += len(piece.corners)
+        if piece.normals is not None:
+            stated = np.nan_to_num(_unit(piece.normals)).sum(axis=1)
+            against = np.einsum("ij,ij->i", _areas(piece.corners), stated) < 0.0
+            if against.any():
+                turned += int(against.sum())
+                piece = piece.reversed(against)
+        result.append(piece)
+    if turned:
+        notes.append(Note(f"{turned} of {count} triangles wound against their normals", "reversed", "normals decide"))
+    return result
+
+
+def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
+    """The pieces without one of each two coincident triangles that face opposite ways.
+
+    Surfaces are drawn from both sides, so that one is enough; two flicker, and are not a solid. Of a pair in one
+    submesh the one with a texture stays, else the one that faces away from the middle of the mesh.
+    """
+    if not pieces:
+        return []
+    corners = np.concatenate([piece.corners for piece in pieces])
+    low, extent = corners.min(axis=(0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max()) or 1.0
+    grid = np.round((corners - low) / (1e-6 * extent)).astype(np.int64)
+    codes = np.sort((grid[..., 0] << 42) | (grid[..., 1] << 21) | grid[..., 2], axis=1)
+    submeshes = {names: number for number, names in enumerate(dict.fromkeys(piece.names for piece in pieces))}
+    owner = np.concatenate([np.full(len(piece.corners), submeshes[piece.names]) for piece in pieces])
+    order = np.lexsort((np.arange(len(codes)), codes[:, 2], codes[:, 1], codes[:, 0], owner))
+    same = (codes[order[1:]] == codes[order[:-1]]).all(axis=1) & (owner[order[1:]] == owner[order[:-1]])
+    if not same.any():
+        return list(pieces)
+    face = _areas(corners)
+    rank = np.einsum("ij,ij->i", face, corners.mean(axis=1) - corners.mean(axis=(0, 1)))
+    textured = np.concatenate([np.full(len(piece.corners), piece.material.picture is not None) for piece in pieces])
+    rank = np.where(textured, np.inf, rank)
+    dropped = np.zeros(len(corners), dtype=bool)
+    for start, end in _runs(same):
+        run = order[start : end + 1]
+        along = face[run] @ face[run[0]] > 0.0
+        for one, other in zip(run[along].tolist(), run[~along].tolist(), strict=False):
+            dropped[other if rank[one] >= rank[other] else one] = True
+    if dropped.any():
+        why = "both would be drawn at the same place"
+        notes.append(Note(f"{int(dropped.sum())} pairs of coincident opposite triangles", "one of each", why))
+    kept = np.split(~dropped, np.cumsum([len(piece.corners) for piece in pieces])[:-1])
+    return [piece.taking(keep) for piece, keep in zip(pieces, kept, strict=True) if keep.any()]
+
+
+def _runs(same: NDArray[Any]) -> Iterator[tuple[int, int]]:
+    """First and last index of each run of equal neighbours."""
+    edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
+    yield from zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True)
+
+
+def _areas(corners: Array) -> Array:
+    """Normals of triangles (n, 3, 3), twice as long as their area."""
+    normals: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors of length one; not a number where they have none."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    unit: Array = np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 1e-12)
+    return unit
+
+
+class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ignore]
+    """Finds textures and buffers beside a mesh although case, slashes or folder are not as written."""
+
+    def __init__(self, folder: Path, notes: list[Note]) -> None:
+        self.folder, self.notes = folder, notes
+
+    def find(self, address: str) -> Path | None:
+        """The file that an address means; None if there is none."""
+        words = unquote(address.strip()).replace("\\", "/")
+        words = words.split("://", 1)[-1] if "://" in words else words.removeprefix("file:")
+        name = words.rsplit("/", 1)[-1]
+        if not name:
+            return None
+        near = (".", "textures", "../textures", "../materials/textures", "../../materials/textures", "../images")
+        for candidate in (words.lstrip("/"), words, *(f"{place}/{name}" for place in near)):
+            found = _find_any_case(self.folder, candidate)
+            if found is not None:
+                return found
+        return None
+
+    def get(self, key: str) -> bytes:
+        """The content of a file that a mesh names (for trimesh)."""
+        found = self.find(key)
+        if found is None:
+            if Path(key).suffix.lower() in (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".gif", ".dds"):
+                self.notes.append(_missing(key))
+            raise ValueError(f"{key} is missing")
+        return found.read_bytes()
+
+    def write(self, name: str, data: bytes) -> None:
+        """Not used: nothing is written beside the source."""
+        raise NotImplementedError
+
+    def keys(self) -> list[str]:
+        """Names of the files beside the mesh (for trimesh)."""
+        return sorted(path.name for path in self.folder.iterdir() if path.is_file())
+
+    def namespaced(self, namespace: str) -> "TextureFolder":
+        """A resolver for a folder below (for trimesh)."""
+        return TextureFolder(self.folder / namespace, self.notes)
+
+    def picture(self, address: str, *, alpha: bool = False) -> Image.Image | None:
+        """A texture, opened, with its opacity if `alpha`; None and a note if it is missing or unreadable."""
+        found = self.find(address)
+        if found is None:
+            self.notes.append(_missing(address))
+            return None
+        try:
+            with Image.open(BytesIO(found.read_bytes())) as image:
+                return _plain(image, alpha=alpha)
+        except Exception as error:  # Pillow's errors are of every kind
+            self.notes.append(Note(f"texture {address}", "left out", f"cannot be read: {error}"))
+            return None
+
+
+def _missing(address: str) -> Note:
+    return Note(f"texture {address}", "left out", "the file is missing")
+
+
+def _find_any_case(folder: Path, address: str) -> Path | None:
+    direct = folder / address
+    if direct.is_file():
+        return direct
+    place = Path("/") if address.startswith("/") else folder
+    for part in (part for part in address.split("/") if part not in ("", ".")):
+        if part == "..":
+            place = place.resolve().parent
+            continue
+        exact = place / part
+        if not exact.exists():
+            if not place.is_dir():
+                return None
+            same = sorted(entry for entry in place.iterdir() if entry.name.lower() == part.lower())
+            if not same:
+                return None
+            exact = same[0]
+        place = exact
+    return place if place.is_file() else None
+
+
+def _plain(image: Image.Image, *, alpha: bool = False) -> Image.Image:
+    """A picture as RGB, or as RGBA if its alpha counts and is used."""
+    if alpha and ("A" in image.getbands() or "transparency" in image.info):
+        full = image.convert("RGBA")
+        if np.asarray(full)[:, :, 3].min() < 255:
+            return full
+    return image.convert("RGB")
+
+
+def _reader(kind: str) -> Callable[[bytes, TextureFolder], Iterable[Piece]]:
+    if kind == "dae":
+        return _read_dae
+    if kind == "obj":
+        return _read_obj
+    return lambda data, folder: _read_with_trimesh(data, kind, folder)
+
+
+def _read_obj(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
+    from mirdrake.importing.vehicles.mesh_obj import read_obj
+
+    return read_obj(data, folder)
+
+
+def _read_with_trimesh(data: bytes, kind: str, folder: TextureFolder) -> Iterator[Piece]:
+    scene = trimesh.load_scene(BytesIO(data), file_type=kind, resolver=folder, process=False)
+    if kind in ("gltf", "glb"):
+        folder.notes.append(Note("glTF", "axes as in the file", "Gazebo and RViz do not turn glTF from y up to z up"))
+    for node in sorted(scene.graph.nodes_geometry):
+        matrix, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
+            continue
+        faces = np.asarray(geometry.faces)
+        normals = None
+        if "vertex_normals" in geometry._cache and kind != "stl":  # those of the file, none made up
+            normals = np.asarray(geometry.vertex_normals)[faces]
+        uv = colors = None
+        material = Material()
+        visual = geometry.visual
+        if visual.kind == "texture":
+            uv = None if visual.uv is None or len(visual.uv) < len(geometry.vertices) else np.asarray(visual.uv)[faces]
+            material = _trimesh_material(visual.material)
+        elif visual.kind == "vertex" and kind != "stl":
+            colors = np.asarray(visual.vertex_colors, dtype=float)[faces] / 255.0
+        elif visual.kind == "face" and kind != "stl":
+            colors = np.repeat(np.asarray(visual.face_colors, dtype=float)[:, None] / 255.0, 3, axis=1)
+        names = tuple(dict.fromkeys(str(word) for word in (node, name, geometry.metadata.get("name", "")) if word))
+        piece = Piece(names, np.asarray(geometry.vertices, dtype=float)[faces], normals, uv, colors, material)
+        yield piece.moved(np.asarray(matrix, dtype=float))
+
+
+def _trimesh_material(given: Any) -> Material:
+    name = str(getattr(given, "name", "") or "")
+    if isinstance(given, trimesh.visual.material.PBRMaterial):
+        factor = given.baseColorFactor
+        rgba = np.ones(4) if factor is None else np.asarray(factor, dtype=float)
+        rgba = rgba / 255.0 if np.asarray(factor).dtype == np.uint8 else rgba
+        opaque = given.alphaMode in (None, "OPAQUE")
+        picture = given.baseColorTexture
+        picture = None if picture is None else _plain(picture, alpha=not opaque)
+        glow = np.zeros(3) if given.emissiveFactor is None else np.asarray(given.emissiveFactor, dtype=float)[:3]
+        color = (*to_srgb(rgba[:3]), 1.0 if opaque else float(rgba[3]))
+        return Material(name, color, picture, to_srgb(glow))  # type: ignore[arg-type]
+    rgba = np.asarray(given.diffuse, dtype=float) / 255.0
+    picture = getattr(given, "image", None)
+    if picture is not None:
+        return Material(name, (1.0, 1.0, 1.0, float(rgba[3])), _plain(picture, alpha=True))
+    return Material(name, tuple(rgba.tolist()))
+
+
+def to_srgb(linear: Sequence[float] | Array) -> tuple[float, ...]:
+    """Linear light to sRGB (IEC 61966-2-1)."""
+    c = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
+    return tuple(np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055).tolist())
+
+
+def _read_dae(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
+    try:
+        import collada
+    except ImportError:
+        raise MissingDependencyError(f"COLLADA meshes (.dae) need pycollada: {EXTRA}") from None
+    from mirdrake.importing.vehicles.mesh_dae import read_collada
+
+    document = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])
+    return read_collada(document, folder)

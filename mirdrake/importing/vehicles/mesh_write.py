@@ -1,0 +1,265 @@
+"""Triangles as glTF with pictures beside, and convex parts as OBJ; the same bytes for the same triangles."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from mirdrake.importing.vehicles.mesh_read import Array, Material, Note, Piece
+
+GREY = (0.7, 0.7, 0.7, 1.0)
+"""Colour of a surface that has none, in sRGB."""
+
+FACE_LIMIT = 500_000
+"""Triangles of a visual; above it is simplified."""
+
+PICTURE_LIMIT = 4096
+"""Pixels along the longer edge of a texture; above it is made smaller."""
+
+_CREASE = np.cos(np.deg2rad(40.0))
+_ROUGHNESS = 0.6
+
+
+def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
+    """Write ``<name>.gltf``, ``<name>.bin`` and a PNG for every texture.
+
+    Core glTF 2.0 only: what Drake's VTK renderer and Meshcat both show. z up becomes y up, which Drake turns back.
+    Surfaces show from both sides.
+
+    Args:
+        pieces: in metres, z up.
+        path: of the .gltf; its folder exists.
+
+    Returns:
+        what was changed.
+    """
+    pieces, notes = _within_limit(pieces)
+    blob = bytearray()
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    materials: list[dict[str, Any]] = []
+    images: list[str] = []
+    pictures: dict[int, int] = {}
+
+    def add(array: NDArray[Any], target: int, kind: str, component: int, **extra: Any) -> int:
+        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes, "target": target})
+        accessors.append(
+            {"bufferView": len(views) - 1, "componentType": component, "count": len(array), "type": kind, **extra}
+        )
+        blob.extend(array.tobytes())
+        return len(accessors) - 1
+
+    def texture(picture: Image.Image) -> int:
+        if id(picture) not in pictures:
+            if max(picture.size) > PICTURE_LIMIT:
+                size = f"{picture.width} x {picture.height} pixels"
+                small = picture.copy()
+                small.thumbnail((PICTURE_LIMIT, PICTURE_LIMIT))
+                notes.append(Note(f"texture of {size}", f"{small.width} x {small.height} pixels", "too large to draw"))
+            else:
+                small = picture
+            name = f"{path.stem}_{len(images)}.png"
+            small.save(path.with_name(name), format="PNG", compress_level=6)
+            pictures[id(picture)] = len(images)
+            images.append(name)
+        return pictures[id(picture)]
+
+    primitives = []
+    for piece in _by_material(pieces):
+        points, normals, uv, colors, index = _indexed(piece)
+        limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+        attributes = {
+            "POSITION": add(points, 34962, "VEC3", 5126, **limits),
+            "NORMAL": add(normals, 34962, "VEC3", 5126),
+        }
+        look, picture = piece.material, piece.material.picture if uv is not None else None
+        if uv is not None and picture is not None:
+            attributes["TEXCOORD_0"] = add(uv, 34962, "VEC2", 5126)
+        if colors is not None and picture is None:
+            attributes["COLOR_0"] = add(colors, 34962, "VEC4", 5126)
+        primitives.append(
+            {"attributes": attributes, "indices": add(index, 34963, "SCALAR", 5125), "material": len(materials)}
+        )
+        materials.append(_material(look, None if picture is None else texture(picture), tinted=colors is not None))
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "mirdrake"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": path.stem, "mesh": 0}],
+        "meshes": [{"name": path.stem, "primitives": primitives}],
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(blob), "uri": f"{path.stem}.bin"}],
+    }
+    if images:
+        document["images"] = [{"uri": name} for name in images]
+        document["samplers"] = [{"magFilter": 9729, "minFilter": 9729, "wrapS": 10497, "wrapT": 10497}]
+        document["textures"] = [{"sampler": 0, "source": number} for number in range(len(images))]
+    path.with_suffix(".bin").write_bytes(bytes(blob))
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return notes
+
+
+def write_obj(points: Array, faces: NDArray[np.int64], path: Path) -> None:
+    """Write a convex part [m], to the micrometre."""
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (points + 0.0).tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _material(look: Material, picture: int | None, *, tinted: bool) -> dict[str, Any]:
+    rgba = look.rgba or (GREY if picture is None and not tinted else (1.0, 1.0, 1.0, 1.0))
+    pbr: dict[str, Any] = {
+        "baseColorFactor": [*_rounded(to_linear(np.array(rgba[:3]))), round(rgba[3], 5)],
+        "metallicFactor": 0.0,
+        "roughnessFactor": _ROUGHNESS,
+    }
+    if picture is not None:
+        pbr["baseColorTexture"] = {"index": picture}
+    entry: dict[str, Any] = {"name": look.name, "pbrMetallicRoughness": pbr, "doubleSided": True}
+    if any(look.emission):
+        entry["emissiveFactor"] = _rounded(to_linear(np.array(look.emission)))
+    if rgba[3] < 1.0:
+        entry["alphaMode"] = "BLEND"
+    elif picture is not None and look.picture is not None and look.picture.mode == "RGBA":
+        entry["alphaMode"] = "MASK"
+    return entry
+
+
+def _rounded(values: Array) -> list[float]:
+    return [round(float(value), 5) for value in values]
+
+
+def to_linear(srgb: Array) -> Array:
+    """SRGB to linear light (IEC 61966-2-1), in which glTF gives its factors."""
+    c = np.clip(srgb, 0.0, 1.0)
+    result: Array = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return result
+
+
+def _by_material(pieces: Sequence[Piece]) -> list[Piece]:
+    """One piece for each material and set of arrays, in the order of their first appearance."""
+    groups: dict[tuple[Any, ...], list[Piece]] = {}
+    for piece in pieces:
+        look = piece.material
+        normals = corner_normals(piece)
+        uv = piece.uv if look.picture is not None else None
+        key = (look.name, look.rgba, id(look.picture), look.emission, uv is None, piece.colors is None)
+        groups.setdefault(key, []).append(replace(piece, normals=normals, uv=uv))
+    merged = []
+    for members in groups.values():
+        arrays: dict[str, Any] = {}
+        for part in ("corners", "normals", "uv", "colors"):
+            values = [getattr(member, part) for member in members]
+            arrays[part] = None if values[0] is None else np.concatenate(values)
+        merged.append(replace(members[0], **arrays))
+    return merged
+
+
+def _indexed(
+    piece: Piece,
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any] | None, NDArray[Any]]:
+    """Vertices without repetition as glTF wants them, and the index of each corner."""
+    assert piece.normals is not None
+    columns = [_y_up(piece.corners.reshape(-1, 3)), _y_up(piece.normals.reshape(-1, 3))]
+    if piece.uv is not None:
+        uv = np.nan_to_num(piece.uv.reshape(-1, 2))
+        columns.append(np.column_stack((uv[:, 0], 1.0 - uv[:, 1])))
+    if piece.colors is not None:
+        colors = np.clip(piece.colors.reshape(-1, 4), 0.0, 1.0)
+        columns.append(np.column_stack((to_linear(colors[:, :3]), colors[:, 3])))
+    rows = np.ascontiguousarray(np.concatenate(columns, axis=1).astype("<f4") + np.float32(0.0))
+    keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    _, first, index = np.unique(keys, return_index=True, return_inverse=True)
+    vertices = rows[first]
+    at = 6
+    found_uv = found_colors = None
+    if piece.uv is not None:
+        found_uv, at = np.ascontiguousarray(vertices[:, at : at + 2]), at + 2
+    if piece.colors is not None:
+        found_colors = np.ascontiguousarray(vertices[:, at : at + 4])
+    points, normals = (np.ascontiguousarray(vertices[:, start : start + 3]) for start in (0, 3))
+    return points, normals, found_uv, found_colors, index.ravel().astype("<u4")
+
+
+def _y_up(vectors: Array) -> Array:
+    """x, y, z with z up as x, z, -y with y up."""
+    return np.column_stack((vectors[:, 0], vectors[:, 2], -vectors[:, 1]))
+
+
+def corner_normals(piece: Piece) -> Array:
+    """Unit normals at the corners (n, 3, 3): the file's where they are some, else smooth up to an edge of 40°."""
+    corners = piece.corners
+    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    unit = face / np.linalg.norm(face, axis=1)[:, None]
+    if piece.normals is not None:
+        length = np.linalg.norm(piece.normals, axis=2, keepdims=True)
+        good = np.isfinite(length) & (length > 1e-12)
+        if good.all():
+            given: Array = piece.normals / length
+            return given
+    _, vertex = weld(corners.reshape(-1, 3))
+    total = np.zeros((vertex.max() + 1, 3))
+    for axis in range(3):
+        total[:, axis] = np.bincount(vertex, weights=np.repeat(face[:, axis], 3), minlength=len(total))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    mean = np.divide(total, length, out=np.zeros_like(total), where=length > 0.0)
+    aside = np.einsum("ij,ij->i", mean[vertex], np.repeat(unit, 3, axis=0)) < _CREASE
+    edged = np.bincount(vertex, weights=aside, minlength=len(total)) > 0.0
+    smooth = np.where(edged[vertex][:, None], np.repeat(unit, 3, axis=0), mean[vertex])
+    result: Array = smooth.reshape(-1, 3, 3)
+    return result
+
+
+def weld(points: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Points without repetition (up to a millionth of their extent), and which of them each one is."""
+    extent = float(np.ptp(points, axis=0).max()) or 1.0
+    grid = np.round((points - points.min(axis=0)) / (1e-6 * extent)).astype(np.int64)
+    keys = (grid[:, 0] << 42) | (grid[:, 1] << 21) | grid[:, 2]
+    _, first, index = np.unique(keys, return_index=True, return_inverse=True)
+    return points[first], index.ravel().astype(np.int64)
+
+
+def _within_limit(pieces: Sequence[Piece]) -> tuple[list[Piece], list[Note]]:
+    count = sum(len(piece.corners) for piece in pieces)
+    if count <= FACE_LIMIT:
+        return list(pieces), []
+    try:
+        import fast_simplification  # noqa: F401 - an extra
+    except ImportError:
+        why = "more than can be drawn fluently; fast-simplification, which could reduce them, is not installed"
+        return list(pieces), [Note(f"{count} triangles", f"{count} triangles", why)]
+    reduced = [simplify(piece, keep=FACE_LIMIT / count) for piece in pieces]
+    left = sum(len(piece.corners) for piece in reduced)
+    return reduced, [Note(f"{count} triangles", f"{left} triangles", f"at most {FACE_LIMIT} are drawn fluently")]
+
+
+def simplify(piece: Piece, *, keep: float) -> Piece:
+    """A piece with about that share of its triangles; texture and colours are those of the nearest old vertex."""
+    import fast_simplification
+    from scipy.spatial import cKDTree
+
+    if len(piece.corners) < 100:
+        return piece
+    points, index = weld(piece.corners.reshape(-1, 3))
+    fewer, faces = fast_simplification.simplify(points, index.reshape(-1, 3), target_reduction=1.0 - keep)
+    corners = np.asarray(fewer, dtype=float)[np.asarray(faces)]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners = corners[area > 0.0]
+    if not len(corners):
+        return piece
+    old = piece.corners.mean(axis=1)
+    _, nearest = cKDTree(old).query(corners.mean(axis=1))
+    arrays: dict[str, Any] = {"uv": None, "colors": None}
+    for key in arrays:
+        values = getattr(piece, key)
+        if values is not None:  # of the nearest corner of the nearest old triangle
+            apart = np.linalg.norm(corners[:, :, None] - piece.corners[nearest][:, None], axis=-1)
+            arrays[key] = np.take_along_axis(values[nearest], apart.argmin(axis=2)[:, :, None], axis=1)
+    return replace(piece, corners=corners, normals=None, **arrays)

@@ -1,0 +1,244 @@
+"""Meshes of a package as Drake reads them: visuals as glTF, collisions as boxes, cylinders and convex OBJ parts.
+
+Drake draws .obj and .gltf with its cameras and collides only .obj, .vtk and .gltf, always by the convex hull. COLLADA
+needs pycollada, cutting into convex parts coacd, making large meshes smaller fast-simplification: the extra ``import``.
+How units and axes are taken says :mod:`mirdrake.importing.vehicles.mesh_read`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirdrake.importing.vehicles.mesh_convex import CutTime, Hull, Parts, fit_box, fit_cylinder, split_convex
+from mirdrake.importing.vehicles.mesh_read import (
+    Material,
+    MeshError,
+    Note,
+    Piece,
+    SubmeshError,
+    TextureFolder,
+    read_mesh,
+    select_submesh,
+)
+from mirdrake.importing.vehicles.mesh_write import write_gltf, write_obj
+from mirdrake.importing.vehicles.model import Change, Shape
+
+Array = NDArray[np.float64]
+
+WHOLE = "the whole mesh"
+"""What a submesh that does not exist becomes."""
+
+__all__ = ["WHOLE", "MeshError", "convert_collision", "convert_visual", "mesh_bounds", "with_known_submesh"]
+
+_MOST_EXCESS = 100.0  # hull over mesh; beyond it the mesh is a sheet, and the ratio is rounding
+
+
+def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
+    """The corners [m] of the smallest box along the axes of the link that holds a shape.
+
+    Args:
+        shape: a primitive, or a mesh in any format; its unit, nodes, submesh, scale and pose are applied.
+
+    Returns:
+        lower and upper corner (3,); of a plane infinite.
+
+    Raises:
+        MeshError: the mesh is missing, unreadable or empty.
+        MissingDependencyError: pycollada is not installed.
+    """
+    if shape.kind == "mesh":
+        pieces, _ = _load(shape)
+        points = np.concatenate([piece.corners.reshape(-1, 3) for piece in pieces])
+        points = points @ shape.X_LG.rotation().matrix().T + shape.X_LG.translation()
+        return points.min(axis=0), points.max(axis=0)
+    half = _half_extent(shape)
+    middle = shape.X_LG.translation()
+    return middle - half, middle + half
+
+
+def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
+    """The shape with its whole mesh where the mesh has no submesh of the name given, and the change to report.
+
+    A body that is drawn with more than its submesh is noticed; one that is not drawn is lost.
+    """
+    if shape.kind != "mesh" or shape.mesh is None or not shape.submesh:
+        return shape, []
+    try:
+        read = read_mesh(shape.mesh)
+    except MeshError:  # reported where the mesh is converted
+        return shape, []
+    try:
+        select_submesh(read, shape.mesh, shape.submesh)
+    except SubmeshError as error:
+        what = f"mesh {shape.address or shape.mesh}"
+        change = Change(shape.where, what, f"submesh '{shape.submesh}'", WHOLE, error.reason)
+        return replace(shape, submesh=""), [change]
+    return shape, []
+
+
+def _half_extent(shape: Shape) -> Array:
+    R = shape.X_LG.rotation().matrix()
+    if shape.kind == "box":
+        box: Array = np.abs(R) @ (0.5 * np.array(shape.size))
+        return box
+    if shape.kind == "sphere":
+        return np.full(3, shape.size[0])
+    if shape.kind == "ellipsoid":
+        ellipsoid: Array = np.linalg.norm(R * np.array(shape.size), axis=1)
+        return ellipsoid
+    if shape.kind in ("cylinder", "capsule"):
+        radius, length = shape.size[:2]
+        z = R[:, 2]
+        round_part = radius * np.ones(3) if shape.kind == "capsule" else radius * np.sqrt(np.maximum(0.0, 1.0 - z**2))
+        result: Array = 0.5 * length * np.abs(z) + round_part
+        return result
+    return np.full(3, np.inf)
+
+
+def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, list[Change]]:
+    """Write a visual mesh as glTF; a primitive stays as it is.
+
+    Colours and textures of the file win over those of the shape, as in RViz; a shape's own texture wins over both. What
+    has no colour at all is grey. Above 500 000 triangles it is simplified.
+
+    Args:
+        shape: visual shape of a link.
+        folder: the vehicle's.
+        name: of the file, without extension; must be new.
+
+    Returns:
+        the shape with the address ``meshes/<name>.gltf`` without scale and colour (both are in the file), and what was
+        changed.
+
+    Raises:
+        MeshError: the mesh is missing, unreadable or empty; `MeshError.left_out` gives the line for the report if the
+            caller leaves the shape out instead.
+        MissingDependencyError: pycollada is not installed.
+    """
+    if shape.kind != "mesh":
+        return shape, []
+    pieces, notes = _load(shape)
+    if shape.texture is not None:
+        picture = TextureFolder(shape.texture.parent, notes).picture(shape.texture.name)
+        if picture is not None:
+            pieces = [replace(p, material=Material(p.material.name, (1.0, 1.0, 1.0, 1.0), picture)) for p in pieces]
+    if shape.rgba is not None:
+        pieces = [
+            replace(p, material=replace(p.material, rgba=shape.rgba))
+            if p.material.rgba is None and p.material.picture is None and p.colors is None
+            else p
+            for p in pieces
+        ]
+    target = folder / "meshes" / f"{name}.gltf"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    notes += write_gltf(pieces, target)
+    written = replace(
+        shape, mesh=target, address=f"meshes/{name}.gltf", scale=(1.0, 1.0, 1.0), submesh="", rgba=None, texture=None
+    )
+    return written, _changes(shape, "visual", notes)
+
+
+def convert_collision(
+    shape: Shape, folder: Path, *, name: str, time: CutTime | None = None
+) -> tuple[list[Shape], list[Change]]:
+    """A collision mesh as a box, a cylinder or at most 16 convex parts; a primitive stays as it is.
+
+    A mesh that fills a box to 97 % or a cylinder to 93 % becomes that one. A mesh that is convex becomes one part
+    with at most 128 corners. Anything else is cut into convex parts; how much room these take beyond the mesh is said
+    in the change.
+
+    Args:
+        shape: collision shape of a link.
+        folder: the vehicle's; parts go to ``meshes/<name>.obj`` or ``meshes/<name>_<number>.obj``.
+        name: of the files, without extension; must be new.
+        time: for cutting, shared by several meshes; when it is used up, they become their convex hulls.
+
+    Returns:
+        shapes that together stand for the given one, and what was changed.
+
+    Raises:
+        MeshError: the mesh is missing, unreadable or empty.
+        MissingDependencyError: pycollada is not installed.
+    """
+    if shape.kind != "mesh":
+        return [shape], []
+    pieces, notes = _load(shape)
+    notes = [note for note in notes if not note.was.startswith(("texture", "material"))]
+    parts = split_convex(np.concatenate([piece.corners for piece in pieces]), time)
+    if len(parts.hulls) == 1 and not parts.missing:
+        primitive = _as_primitive(shape, parts.hulls[0], notes)
+        if primitive is not None:
+            return [primitive], _changes(shape, "collision", notes)
+    notes.append(_parts_note(shape, parts))
+    (folder / "meshes").mkdir(parents=True, exist_ok=True)
+    shapes = []
+    for number, hull in enumerate(parts.hulls):
+        file = f"{name}.obj" if len(parts.hulls) == 1 else f"{name}_{number}.obj"
+        write_obj(hull.points, hull.faces, folder / "meshes" / file)
+        shapes.append(
+            replace(
+                shape, mesh=folder / "meshes" / file, address=f"meshes/{file}", scale=(1.0, 1.0, 1.0), submesh="",
+                rgba=None, texture=None,
+            )
+        )  # fmt: skip
+    return shapes, _changes(shape, "collision", notes)
+
+
+def _as_primitive(shape: Shape, hull: Hull, notes: list[Note]) -> Shape | None:
+    box, cylinder = fit_box(hull), fit_cylinder(hull)
+    size: tuple[float, ...]
+    if box is not None:
+        kind, (size, X_GF) = "box", box
+        volume = size[0] * size[1] * size[2]
+        words = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m"
+    elif cylinder is not None:
+        kind, (size, X_GF) = "cylinder", cylinder
+        volume = np.pi * size[0] ** 2 * size[1]
+        words = f"cylinder of radius {size[0]:.4g} m, length {size[1]:.4g} m"
+    else:
+        return None
+    notes.append(Note(f"mesh {shape.address}", words, f"it fills {min(100.0, 100 * hull.volume / volume):.0f} % of it"))
+    return Shape(kind, tuple(size), shape.X_LG.multiply(X_GF), where=shape.where)
+
+
+def _parts_note(shape: Shape, parts: Parts) -> Note:
+    total = sum(hull.volume for hull in parts.hulls)
+    became = "its convex hull" if len(parts.hulls) == 1 else f"{len(parts.hulls)} convex parts"
+    share = total / (parts.volume or parts.whole.volume)
+    if parts.volume and share > _MOST_EXCESS:
+        excess = "the mesh itself has next to no volume"
+    elif parts.volume:
+        excess = f"{round(100 * (share - 1.0)):+d} % volume"
+    else:
+        excess = f"{100 * share:.0f} % of the volume of its hull; it is not closed"
+    return Note(f"mesh {shape.address}", f"{became} ({excess})", parts.missing or "Drake collides meshes by their hull")
+
+
+def _load(shape: Shape) -> tuple[list[Piece], list[Note]]:
+    """Triangles of a mesh in the shape's frame: submesh chosen, scale applied."""
+    if shape.mesh is None:
+        raise MeshError(shape.address or "without address", "leads to no file")
+    read = read_mesh(shape.mesh)
+    notes = list(read.notes)
+    pieces: Sequence[Piece] = select_submesh(read, shape.mesh, shape.submesh)
+    scale = np.array(shape.scale, dtype=float)
+    if not np.isfinite(scale).all() or (scale == 0.0).any():
+        raise MeshError(shape.mesh, f"scale {' '.join(f'{factor:g}' for factor in shape.scale)} leaves nothing of it")
+    matrix = np.diag([*scale, 1.0])
+    if shape.submesh and shape.center:
+        points = np.concatenate([piece.corners.reshape(-1, 3) for piece in pieces])
+        matrix[:3, 3] = -scale * 0.5 * (points.min(axis=0) + points.max(axis=0))
+    if np.prod(scale) < 0.0:
+        words = " ".join(f"{factor:g}" for factor in shape.scale)
+        notes.append(
+            Note(f"scale {words}", "mirrored, outside kept outside", "a negative factor turns a mesh inside out")
+        )
+    return [piece.moved(matrix) for piece in pieces], notes
+
+
+def _changes(shape: Shape, role: str, notes: Sequence[Note]) -> list[Change]:
+    what = f"{role} mesh {shape.address or shape.mesh}"
+    return [Change(shape.where, what, note.was, note.became, note.why) for note in dict.fromkeys(notes)]

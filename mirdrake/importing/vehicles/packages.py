@@ -1,0 +1,216 @@
+"""Where the packages and models lie that a file refers to, without ROS.
+
+A package is a folder with a package.xml, a model one with a model.config; both are looked for by the name in that file
+and by the name of the folder, in the folders above the file that asks and a few levels below each. The search is
+bounded: it never walks a whole disk.
+"""
+
+import os
+import re
+import tarfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from urllib.parse import unquote
+
+from mirdrake.core.paths import resolved
+
+LEVELS_UP, LEVELS_DOWN, MOST_FOLDERS = 6, 3, 4000
+_SKIPPED = {"build", "devel", "install", "log", "node_modules", "venv", "site-packages", "proc", "sys", "dev"}
+_NAME = re.compile(r"<name>\s*([^<]+?)\s*</name>")
+_SUFFIX = re.compile("_(description|base|model|urdf|robot|gazebo|sim|simulation)s?$")
+_ARCHIVES = (".tar.gz", ".tgz", ".tar.xz", ".tar.bz2", ".tar", ".zip")
+_POINTER = b"version https://git-lfs"
+
+
+class Packages:
+    """The packages around a file.
+
+    Args:
+        start: the file.
+        given: package name -> folder, from the user; they win.
+    """
+
+    def __init__(self, start: Path, given: Mapping[str, Path] | None = None) -> None:
+        self._start = resolved(start)
+        self._known: dict[str, Path] = {name: resolved(Path(folder)) for name, folder in (given or {}).items()}
+        self._seen: set[Path] = set()
+        self._levels = self._folders_above()
+        self.used: dict[str, Path] = {}
+
+    def find(self, name: str) -> Path | None:
+        """The folder of a package or model; None if it is not to be found."""
+        while name not in self._known:
+            above = next(self._levels, None)
+            if above is None:
+                return None
+            self._look_below(above)
+        self.used[name] = self._known[name]
+        return self._known[name]
+
+    def own(self) -> tuple[str, Path]:
+        """Name and folder of the package that the file itself belongs to; its own folder if to none."""
+        for folder in list(self._start.parents)[:LEVELS_UP]:
+            names = _names_of(folder)
+            if names:
+                self.used[names[0]] = folder
+                return names[0], folder
+        return self._start.parent.name, self._start.parent
+
+    def beside(self) -> list[Path]:
+        """Packages beside the own one and called like it: ``car_control`` is beside ``car_description``."""
+        name, folder = self.own()
+        start = _SUFFIX.sub("", name)
+        found = []
+        for other in _folders_in(folder.parent) if _names_of(folder) else ():
+            names = _names_of(other)
+            if other != folder and names and (names[0] == start or names[0].startswith(f"{start}_")):
+                found.append(other)
+        return found
+
+    def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
+        """The file of an address, and a remark if it was not simply there.
+
+        Args:
+            address: package://, model://, file:// or a path.
+            folder: from which relative paths count.
+
+        Returns:
+            the file or None, and "" or what there is to say about it.
+        """
+        text = unquote(address.strip())
+        root = folder
+        if "://" in text:
+            scheme, _, rest = text.partition("://")
+            if scheme not in {"package", "model", "file"}:
+                return None, f"{scheme}:// is not understood; only package://, model:// and file:// are"
+            if scheme == "file":
+                path = Path(rest)
+            else:
+                name, _, inner = rest.partition("/")
+                found = self.find(name)
+                if found is None:
+                    kind = "package" if scheme == "package" else "model"
+                    return None, f"{kind} '{name}' is not here; give its folder with --package {name}=DIR"
+                root, path = found, found / inner
+        else:
+            path = Path(text)
+            path = path if path.is_absolute() else folder / path
+        path = Path(os.path.normpath(path))
+        if path.is_file():
+            return (None, _POINTER_TEXT) if _is_pointer(path) else (path, "")
+        return self._nearly(path, root)
+
+    def _nearly(self, path: Path, root: Path) -> tuple[Path | None, str]:
+        """A file that was probably meant, or why there is none."""
+        other = _any_case(path)
+        if other is not None:
+            return (None, _POINTER_TEXT) if _is_pointer(other) else (other, "found with other capitals")
+        same = [found for found in _files(root) if found.name.lower() == path.name.lower()]
+        if len(same) == 1:
+            return same[0], f"not at its address, but there is one of that name in {same[0].parent.name}/"
+        for archive in _files(root):
+            if archive.name.lower().endswith(_ARCHIVES) and _holds(archive, path.name):
+                return None, f"packed in {archive.name}: unpack it and import again"
+        return None, "no such file"
+
+    # --- the search ---
+
+    def _folders_above(self) -> Iterator[Path]:
+        """Folders to look below, nearest first; never the root of the disk."""
+        for folder in list(self._start.parents)[:LEVELS_UP]:
+            if folder.parent == folder:
+                return
+            yield folder
+
+    def _look_below(self, top: Path) -> None:
+        level = [top]
+        for _ in range(LEVELS_DOWN + 1):
+            following: list[Path] = []
+            for folder in level:
+                if folder in self._seen or len(self._seen) > MOST_FOLDERS:
+                    continue
+                self._seen.add(folder)
+                for name in _names_of(folder):
+                    self._known.setdefault(name, folder)
+                following += _folders_in(folder)
+            level = following
+
+
+_POINTER_TEXT = "only a pointer of Git LFS: fetch the file with git lfs pull and import again"
+
+
+def _names_of(folder: Path) -> list[str]:
+    """Names of a folder as package or model: that in its file first, then its own; none if it is neither."""
+    for file in ("package.xml", "model.config"):
+        path = folder / file
+        try:
+            if path.is_file():
+                match = _NAME.search(path.read_text(encoding="utf-8", errors="replace"))
+                inside = [match.group(1)] if match and file == "package.xml" else []
+                return list(dict.fromkeys([*inside, folder.name]))
+        except OSError:
+            continue
+    return []
+
+
+def _folders_in(folder: Path) -> list[Path]:
+    try:
+        return sorted(
+            entry
+            for entry in folder.iterdir()
+            if not entry.name.startswith(".") and entry.name not in _SKIPPED and entry.is_dir()
+        )
+    except OSError:
+        return []
+
+
+def _files(root: Path) -> Iterator[Path]:
+    """Files below a package's folder, a bounded number of them."""
+    waiting, count = [root], 0
+    while waiting and count < MOST_FOLDERS:
+        folder = waiting.pop()
+        count += 1
+        try:
+            yield from sorted(entry for entry in folder.iterdir() if entry.is_file())
+        except OSError:
+            continue
+        waiting += _folders_in(folder)
+
+
+def _any_case(path: Path) -> Path | None:
+    """The file whose path differs in capitals only."""
+    known = path
+    while not known.exists() and known.parent != known:
+        known = known.parent
+    for part in path.parts[len(known.parts) :]:
+        try:
+            same = [entry for entry in sorted(known.iterdir()) if entry.name.lower() == part.lower()]
+        except OSError:
+            return None
+        if not same:
+            return None
+        known = same[0]
+    return known if known.is_file() and known != path else None
+
+
+def _is_pointer(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_POINTER)) == _POINTER
+    except OSError:
+        return False
+
+
+def _holds(archive: Path, name: str) -> bool:
+    """Whether an archive has a file of that name."""
+    try:
+        if archive.suffix == ".zip":
+            with zipfile.ZipFile(archive) as packed:
+                names = packed.namelist()
+        else:
+            with tarfile.open(archive) as packed:
+                names = packed.getnames()
+    except (OSError, tarfile.TarError, zipfile.BadZipFile, EOFError):
+        return False
+    return any(Path(entry).name == name for entry in names)

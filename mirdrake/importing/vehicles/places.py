@@ -1,0 +1,78 @@
+"""Places in source files as a report names them: from the package on, wherever that lies on this machine."""
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.vehicles.model import Change, SourceModel
+
+_MARKS = ("package.xml", "model.config")
+_LEVELS = 6
+_LINE = re.compile(r"(.*?)((?::\d[\d-]*)?)$", re.DOTALL)
+
+
+class Places:
+    """Short names for the files of a model.
+
+    Args:
+        main: the file that was read first.
+    """
+
+    def __init__(self, main: Path) -> None:
+        self._root = _package(main)
+        self._above = str(self._root.parent) + os.sep
+
+    def short(self, place: str) -> str:
+        """``file`` or ``file:line`` from the package on."""
+        match = _LINE.match(place)
+        assert match is not None, "it matches everything"
+        file, line = match.groups()
+        return f"{self.file(Path(file))}{line}" if file and os.path.exists(file) else self.text(place)
+
+    def file(self, path: Path) -> str:
+        """A file from the package on; from its own package on if that is another one."""
+        full = Path(os.path.abspath(path))
+        for root in (self._root, _package(full)):
+            if full.is_relative_to(root):
+                start = root.parent if _is_package(root) else root
+                return full.relative_to(start).as_posix()
+        return full.name
+
+    def text(self, text: str) -> str:
+        """A text without the folders above the package."""
+        start = self._above if _is_package(self._root) else str(self._root) + os.sep
+        for prefix in (start, shown(Path(start)) + os.sep):
+            if len(prefix) > 2:
+                text = text.replace(prefix, "")
+        return text
+
+    def change(self, change: Change) -> Change:
+        """A change whose texts name no folder of this machine."""
+        texts = {key: self.text(getattr(change, key)) for key in ("what", "was", "became", "why")}
+        return replace(change, where=self.short(change.where), **texts)
+
+
+def shorten(model: SourceModel) -> Places:
+    """Make every place in a model short, and return how."""
+    places = Places(model.files[0])
+    parts: list[object] = [*model.sensors, *model.plugins, *model.transmissions, *model.controllers]
+    for link in model.links.values():
+        parts += [link, link.inertial, link.surface, *link.visuals, *link.collisions]
+    parts += model.joints.values()
+    for part in parts:
+        if part is not None:
+            part.where = places.short(part.where)  # type: ignore[attr-defined]
+    model.changes = [places.change(change) for change in model.changes]
+    return places
+
+
+def _is_package(folder: Path) -> bool:
+    return any((folder / mark).is_file() for mark in _MARKS)
+
+
+def _package(file: Path) -> Path:
+    """The package around a file, or the file's folder."""
+    folder = Path(os.path.abspath(file)).parent
+    return next((above for above in (folder, *list(folder.parents)[:_LEVELS]) if _is_package(above)), folder)

@@ -1,0 +1,74 @@
+"""Gazebo plugins that are sensors by themselves, without a ``<sensor>`` tag, as those of hector_gazebo_plugins."""
+
+import re
+from math import isfinite
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from mirdrake.importing.vehicles.model import Change, Plugin, SensorTag, SourceModel
+from mirdrake.importing.vehicles.xml_lines import make_pose
+
+_KINDS = (("imu", "imu"), ("gps|gnss|navsat", "gps"), ("sonar|ultraso|gazebo_ros_range", "sonar"))
+_NONE = {
+    "p3d|ground_truth": "ground truth, not a sensor: the state of the vehicle (ego.state) has it",
+    "magnet|baro|altimeter|pressure": "no sensor of mirdrake corresponds to it",
+}
+_BODIES = ("bodyName", "linkName", "link_name", "body_name", "link")
+_FRAMES = ("frameName", "frame_name", "frameId", "frame_id")  # often a label of the messages only
+_RATES = ("updateRate", "update_rate", "rate", "pubRate")
+
+
+def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
+    """Add a plugin to a model: as a sensor if it is one, else as a plugin.
+
+    Args:
+        plugin: of the model or of a ``<gazebo>`` tag.
+        reference: link of that tag; "" for none.
+        model: all its links are known already.
+    """
+    file = plugin.filename or plugin.name
+    for words, why in _NONE.items():
+        if re.search(words, file, re.IGNORECASE):
+            what = f"plugin '{plugin.name or plugin.filename}'"
+            model.changes.append(Change(plugin.where, what, plugin.filename, "left out", why))
+            return
+    kind = next((kind for words, kind in _KINDS if re.search(words, file, re.IGNORECASE)), None)
+    link, named = _link_of(plugin, reference, model)
+    # A system of gz-sim, as gz::sim::systems::Imu, serves all sensors of a world and has no link.
+    system = "system" in f"{plugin.filename} {plugin.name}"
+    if kind is None or (not link and not named and system):
+        model.plugins.append(plugin)
+        return
+    if not link and not named:
+        link = next(iter(model.links), "")
+        why = "the plugin names no link, which means the root link in Gazebo"
+        model.changes.append(Change(plugin.where, f"sensor '{plugin.name}': link", "none", link, why))
+    X_LS = RigidTransform(make_pose(_triple(plugin, "xyzOffset"), _triple(plugin, "rpyOffset")))
+    rate = next((_number(plugin.values[key]) for key in _RATES if key in plugin.values), None)
+    name = plugin.name or plugin.filename
+    model.sensors.append(SensorTag(name, kind, link or named, X_LS, rate, dict(plugin.values), (file,), plugin.where))
+
+
+def _link_of(plugin: Plugin, reference: str, model: SourceModel) -> tuple[str, str]:
+    """The link that carries a plugin, and the name that the plugin gives where no link has it."""
+    named = next((plugin.values[key] for key in _BODIES if plugin.values.get(key)), "")
+    for text in (named,) if named else (*(plugin.values.get(key, "") for key in _FRAMES), reference):
+        for word in (text, text.rpartition("::")[2], text.rpartition("/")[2]):
+            if word and word in model.links:
+                return word, word
+    return "", named
+
+
+def _triple(plugin: Plugin, key: str) -> np.ndarray:
+    """Three finite numbers of a plugin; zeros where it has none."""
+    numbers = [_number(word) for word in plugin.values.get(key, "").split()]
+    good = [value for value in numbers if value is not None and isfinite(value)]
+    return np.array(good if len(good) == 3 else [0.0, 0.0, 0.0])
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,132 @@
+"""A description file of any kind into a :class:`SourceModel`."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from mirdrake.core.errors import ModelError
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.vehicles.model import SourceModel
+from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.vehicles.read_sdf import model_file, read_sdf
+from mirdrake.importing.vehicles.read_urdf import read_urdf
+from mirdrake.importing.vehicles.ros_control import read_controllers
+from mirdrake.importing.vehicles.xml_lines import parse_xml
+
+_LICENCES = ("LICENSE", "LICENCE", "LICENSE.txt", "LICENSE.md", "COPYING")
+
+
+def read_source(
+    path: Path, *, packages: Mapping[str, Path] | None = None, arguments: Mapping[str, str] | None = None
+) -> SourceModel:
+    """What a URDF, xacro or SDF file says, with its package around it.
+
+    Args:
+        path: the file, or the folder of a package or model with one description.
+        packages: package name -> folder; others are looked for around the file.
+        arguments: values of xacro arguments; relative paths in them count from the working directory.
+
+    Raises:
+        MissingArgumentsError: xacro arguments need values.
+        ModelError: no such file, nothing that describes a vehicle, or something in it makes no sense.
+    """
+    path = _main_file(Path(path))
+    arguments = {name: _absolute(value) for name, value in (arguments or {}).items()}
+    around = Packages(path, packages)
+    name, folder = around.own()
+    if _is_sdf(path):
+        if arguments:
+            raise ModelError(f"{shown(path)}: an SDF file has no arguments, but {', '.join(arguments)} given")
+        model = read_sdf(path, packages=around)
+    else:
+        model = read_urdf(path, packages=around, arguments=arguments)
+    if not model.links:
+        raise ModelError(f"{shown(path)}:1: no links in the model")
+    read_controllers(dict.fromkeys([folder, *around.used.values()]), model)
+    read_controllers(around.beside(), model, only=set(model.joints))
+    model.texts = _texts(folder)
+    model.texts.setdefault("package", name)
+    return model
+
+
+def _absolute(value: str) -> str:
+    """The value of an argument; a relative path to something that is there becomes absolute."""
+    path = Path(value)
+    if path.is_absolute() or not value or (os.sep not in value and not path.suffix and value not in (".", "..")):
+        return value
+    try:
+        there = path.exists()
+    except (OSError, ValueError):
+        return value
+    return str(path.absolute()) if there else value
+
+
+def _main_file(path: Path) -> Path:
+    """The description: the file itself, or the only one in a folder."""
+    if path.is_file():
+        if path.name == "model.config":
+            return _main_file(path.parent)
+        if path.name.endswith(".world"):
+            raise ModelError(f"{shown(path)}: a world, not a vehicle; give the file of the model")
+        return path
+    if not path.is_dir():
+        raise ModelError(f"{shown(path)}: no such file")
+    sdf = model_file(path)
+    if sdf is not None:
+        return sdf
+    found = [
+        file
+        for below in ("", "urdf", "xacro", "robots", "description")
+        for file in sorted((path / below).glob("*"))
+        if file.suffix in {".urdf", ".xacro", ".sdf"} and file.is_file()
+    ]
+    whole = [file for file in dict.fromkeys(found) if _is_whole(file)]
+    if len(whole) != 1:
+        names = ", ".join(shown(file) for file in whole[:8]) or "none"
+        raise ModelError(f"{shown(path)}: give the file that describes the vehicle; there are {len(whole)}: {names}")
+    return whole[0]
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file is a model of its own and not a part for others: it has a name."""
+    try:
+        root, _ = parse_xml(path)
+    except ModelError:
+        return False
+    return root.tag == "sdf" or (root.tag == "robot" and bool(root.get("name")))
+
+
+def _is_sdf(path: Path) -> bool:
+    """Whether the file is SDF, by its first element."""
+    if path.suffix == ".xacro" or path.name.endswith(".xacro"):
+        return False
+    if path.suffix == ".sdf":
+        return True
+    root, _ = parse_xml(path)
+    return root.tag == "sdf"
+
+
+def _texts(folder: Path) -> dict[str, str]:
+    """Licence and author that the package states."""
+    texts: dict[str, str] = {}
+    for name in ("package.xml", "model.config"):
+        path = folder / name
+        if path.is_file():
+            try:
+                root, _ = parse_xml(path)
+            except ModelError:
+                continue
+            licences = [(entry.text or "").strip() for entry in root.iter("license")]
+            authors = [" ".join(" ".join(entry.itertext()).split()) for entry in root.iter("author")]
+            authors = authors or [(entry.text or "").strip() for entry in root.iter("maintainer")]
+            if any(licences):
+                texts["licence"] = ", ".join(filter(None, licences))
+            if any(authors):
+                texts["author"] = ", ".join(filter(None, authors))
+    for name in _LICENCES:
+        path = folder / name
+        if path.is_file():
+            words = path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            texts["licence file"] = words[0][:120] if words else name
+            break
+    return texts

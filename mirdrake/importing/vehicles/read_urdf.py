@@ -1,0 +1,323 @@
+"""URDF and xacro into a :class:`SourceModel`: everything that stands there, or a Change that says it was left out."""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.gazebo_tags import read_gazebo_tag, read_spring_damper
+from mirdrake.importing.vehicles.model import Change, Inertial, Joint, Limits, Link, Shape, SourceModel, Surface
+from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.vehicles.ros_control import read_ros2_control, read_transmission
+from mirdrake.importing.vehicles.xml_lines import make_pose, read_number, read_numbers
+from mirdrake.vehicles.xacro_render import MissingArgumentsError, Urdf, render_xacro
+
+_SPRING = re.compile("stiff|spring", re.IGNORECASE)
+_KNOWN = {
+    "robot": {"link", "joint", "material", "gazebo", "transmission", "ros2_control", "drake:collision_filter_group"},
+    "link": {"inertial", "visual", "collision", "contact"},
+    "joint": {"parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
+}
+_MACRO = re.compile(r"<(?:xacro:)?macro\s[^>]*?\bname\s*=\s*[\"']([\w.-]+)")
+_XACRO = {"macro", "property", "include", "arg", "if", "unless", "insert_block", "call"}
+_TYPES = {
+    "revolute", "continuous", "prismatic", "fixed", "floating", "planar", "universal", "ball", "screw", "revolute2"
+}  # fmt: skip
+
+_CONTACT = {"lateral_friction": "mu", "stiffness": "stiffness", "damping": "damping"}
+_WITHOUT_AXIS = {"fixed", "floating", "ball"}
+
+
+def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -> SourceModel:
+    """A URDF or xacro file.
+
+    Raises:
+        MissingArgumentsError: xacro arguments need values.
+        ModelError: it is no URDF, or something in it makes no sense.
+    """
+    urdf = _render(path, packages, arguments)
+    if urdf.root.tag != "robot":
+        raise ModelError(f"{urdf.where(urdf.root)}: <{urdf.root.tag}> is no URDF; it should begin with <robot>")
+    model = SourceModel(urdf.root.get("name", "") or path.name.split(".")[0], files=list(urdf.files))
+    model.changes += [_warning(text) for text in urdf.warnings]
+    model.hints = list(_missing_prefixes(urdf))
+    try:
+        _Reader(urdf, model, packages, path.parent).read()
+    except ModelError as error:
+        raise ModelError("; ".join([str(error), *model.hints])) from None
+    return model
+
+
+def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urdf:
+    """The expanded file. Arguments without value are collected over all files: each round goes on with stand-ins.
+
+    Raises:
+        MissingArgumentsError: with all arguments that need values.
+    """
+    missing: dict[str, tuple[str, int]] = {}
+    while True:
+        try:
+            urdf = render_xacro(path, arguments={**dict.fromkeys(missing, "0"), **arguments}, find=packages.find)
+        except MissingArgumentsError as error:
+            places = {name: place.rpartition(":") for name, place in error.arguments.items() if name not in missing}
+            if not places:
+                raise MissingArgumentsError(missing) from None
+            missing |= {name: (file, int(line)) for name, (file, _, line) in places.items()}
+        except ModelError:
+            if missing:  # with a stand-in as value, other errors mean nothing
+                raise MissingArgumentsError(missing) from None
+            raise
+        else:
+            if missing:
+                raise MissingArgumentsError(missing)
+            return urdf
+
+
+def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
+    """Elements that look like xacro without the prefix ``xacro:``: calls of a macro, and tags of xacro itself."""
+    macros: set[str] = set()
+    for path in urdf.files:
+        macros |= set(_MACRO.findall(path.read_text(encoding="utf-8", errors="replace")))
+    standard = set().union(*_KNOWN.values())
+    found = [child for parent in (urdf.root, *urdf.root) for child in parent if isinstance(child.tag, str)]
+    for element in found:
+        tag = element.tag
+        if tag in standard or not (tag in macros or tag in _XACRO):
+            continue
+        meant = f"a call of the macro '{tag}'" if tag in macros else "a tag of xacro"
+        yield f"<{tag}> ({urdf.where(element)}) looks like {meant} without the prefix xacro:, write <xacro:{tag}>"
+
+
+def _warning(text: str) -> Change:
+    place, _, words = text.partition(": ")
+    return Change(place, "xacro", words, "as xacro understood it", "xacro warned about it")
+
+
+class _Reader:
+    """Reads one expanded model."""
+
+    def __init__(self, urdf: Urdf, model: SourceModel, packages: Packages, folder: Path) -> None:
+        self._urdf, self._model, self._packages, self._folder = urdf, model, packages, folder
+        self._materials = {element.get("name", ""): element for element in urdf.root.findall("material")}
+
+    def read(self) -> None:
+        root, where = self._urdf.root, self._urdf.where
+        for element in root.findall("link"):
+            self._add(self._model.links, self._link(element), where(element), "link")
+        for element in root.findall("joint"):
+            if element.get("type") is None and element.find("parent") is None:
+                continue  # the joint of a transmission dialect
+            self._add(self._model.joints, self._joint(element), where(element), "joint")
+        for element in root.findall("gazebo"):
+            read_gazebo_tag(element, self._model, where)
+        for element in root:
+            if element.tag.endswith("linear_spring_damper"):
+                read_spring_damper(element, self._model, where)
+        for element in root.findall("transmission"):
+            read_transmission(element, self._model, where)
+        for element in root.findall("ros2_control"):
+            read_ros2_control(element, self._model, where)
+        self._strays(root, "robot")
+
+    def _add(self, table: dict[str, Any], item: Link | Joint, where: str, kind: str) -> None:
+        if not item.name:
+            raise ModelError(f"{where}: a {kind} without name")
+        if item.name in table:
+            raise ModelError(f"{where}: {kind} '{item.name}' again; it stands at {table[item.name].where} as well")
+        table[item.name] = item
+
+    def _strays(self, element: ElementTree.Element, kind: str) -> None:
+        """Say what stands there and is not understood."""
+        for child in element:
+            if child.tag not in _KNOWN[kind] and not child.tag.startswith("{"):
+                name = element.get("name", "")
+                hint = next((hint for hint in self._model.hints if hint.startswith(f"<{child.tag}> ")), "")
+                why = hint.partition(") ")[2] or "no URDF reader knows it"
+                self._change(child, f"{kind} '{name}': <{child.tag}>", "…", "left out", why)
+
+    def _change(self, element: ElementTree.Element, what: str, was: str, became: str, why: str) -> None:
+        self._model.changes.append(Change(self._urdf.where(element), what, was, became, why))
+
+    # --- links ---
+
+    def _link(self, element: ElementTree.Element) -> Link:
+        name = element.get("name", "")
+        self._strays(element, "link")
+        link = Link(name, self._inertial(element.find("inertial"), name), where=self._urdf.where(element))
+        for tag, shapes in (("visual", link.visuals), ("collision", link.collisions)):
+            for part in element.findall(tag):
+                shapes += self._shapes(part, f"link '{name}': {tag}")
+        self._contact(element.find("contact"), link)
+        return link
+
+    def _contact(self, element: ElementTree.Element | None, link: Link) -> None:
+        """What Bullet's dialect of URDF says about a link's contact."""
+        if element is None:
+            return
+        link.surface = Surface(where=self._urdf.where(element))
+        for child in element:
+            text = child.get("value", "")
+            if child.tag in _CONTACT:
+                value = read_number(text, where=self._urdf.where(child), what=f"<{child.tag}>")
+                setattr(link.surface, _CONTACT[child.tag], value)
+            else:
+                link.surface.others[child.tag] = text
+
+    def _inertial(self, element: ElementTree.Element | None, name: str) -> Inertial | None:
+        if element is None:
+            return None
+        where, what = self._urdf.where(element), f"link '{name}':"
+        mass, inertia = element.find("mass"), element.find("inertia")
+        value = read_number(mass.get("value") if mass is not None else None, where=where, what=f"{what} mass")
+        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        given = [
+            read_number(inertia.get(key) if inertia is not None else None, where=where, what=f"{what} {key}") or 0.0
+            for key in keys
+        ]
+        xx, xy, xz, yy, yz, zz = given
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Inertial(value or 0.0, self._origin(element), tensor, where)
+
+    def _origin(self, element: ElementTree.Element) -> RigidTransform:
+        origin = element.find("origin")
+        if origin is None:
+            return make_pose([0.0] * 3, [0.0] * 3)
+        where = self._urdf.where(origin)
+        xyz, rpy = (
+            read_numbers(origin.get(key), count=3, default=[0.0] * 3, where=where, what=f"<origin> {key}")
+            for key in ("xyz", "rpy")
+        )
+        return make_pose(xyz, rpy)
+
+    def _shapes(self, element: ElementTree.Element, what: str) -> Iterator[Shape]:
+        geometry = element.find("geometry")
+        if geometry is None:  # some files nest the whole visual once more
+            inner = [child for child in element if child.find("geometry") is not None]
+            if inner:
+                yield from self._shapes(inner[0], what)
+            else:
+                self._change(element, what, "no geometry", "left out", "there is nothing to see or touch")
+            return
+        where, pose = self._urdf.where(element), self._origin(element)
+        inside = geometry.find("material")  # where some files have it
+        rgba, texture = self._material(inside if element.find("material") is None else element.find("material"), what)
+        for shape in geometry:
+            if shape is inside:
+                continue
+            found = self._shape(shape, where, what)
+            if found is not None:
+                found.X_LG, found.rgba, found.texture = pose, rgba, texture
+                yield found
+
+    def _shape(self, shape: ElementTree.Element, where: str, what: str) -> Shape | None:
+        def size(key: str, count: int = 1) -> tuple[float, ...]:
+            values = read_numbers(shape.get(key), count=count, default=[], where=where, what=f"<{shape.tag}> {key}")
+            if len(values) != count:
+                raise ModelError(f"{where}: <{shape.tag}> without {key}")
+            return tuple(float(value) for value in values)
+
+        if shape.tag == "box":
+            return Shape("box", size("size", 3), where=where)
+        if shape.tag in {"cylinder", "capsule"}:
+            return Shape(shape.tag, (*size("radius"), *size("length")), where=where)
+        if shape.tag == "sphere":
+            return Shape("sphere", size("radius"), where=where)
+        if shape.tag == "mesh":
+            address = shape.get("filename", "")
+            return self.mesh(address, self._scale(shape, where), where, what)
+        self._change(shape, what, f"<{shape.tag}>", "left out", "no such shape is known")
+        return None
+
+    def _scale(self, shape: ElementTree.Element, where: str) -> tuple[float, ...]:
+        """Scale of a mesh: three factors, or one that some files write for all."""
+        text = shape.get("scale")
+        if text is not None and len(text.split()) > 3:
+            text = " ".join(text.split()[:3])
+            self._change(shape, "<mesh> scale", shape.get("scale", ""), text, "a mesh has three factors")
+        count = 1 if text is not None and len(text.split()) == 1 else 3
+        scale = read_numbers(text, count=count, default=[1.0] * 3, where=where, what="<mesh> scale")
+        return tuple((np.repeat(scale, 3) if len(scale) == 1 else scale).tolist())
+
+    def mesh(self, address: str, scale: tuple[float, ...], where: str, what: str) -> Shape:
+        """A mesh with its file; a Change if it is not simply there."""
+        path, remark = self._packages.resolve(address, folder=self._folder)
+        if remark:
+            became = "left out" if path is None else path.name
+            self._model.changes.append(Change(where, f"{what} mesh", address, became, remark))
+        return Shape("mesh", mesh=path, address=address, scale=scale, where=where)  # type: ignore[arg-type]
+
+    def _material(
+        self, element: ElementTree.Element | None, what: str
+    ) -> tuple[tuple[float, float, float, float] | None, Path | None]:
+        if element is None:
+            return None, None
+        if element.find("color") is None and element.find("texture") is None:
+            element = self._materials.get(element.get("name", ""), element)
+        color, texture = element.find("color"), element.find("texture")
+        rgba, path = None, None
+        if color is not None and color.get("rgba"):
+            a, b, c, d = read_numbers(
+                color.get("rgba"), count=4, default=[], where=self._urdf.where(color), what="<color> rgba"
+            ).tolist()
+            rgba = (a, b, c, d)
+        if texture is not None and texture.get("filename"):
+            path, remark = self._packages.resolve(texture.get("filename", ""), folder=self._folder)
+            if remark:
+                became = "left out" if path is None else path.name
+                self._change(texture, f"{what} texture", texture.get("filename", ""), became, remark)
+        return rgba, path
+
+    # --- joints ---
+
+    def _joint(self, element: ElementTree.Element) -> Joint:
+        name, where = element.get("name", ""), self._urdf.where(element)
+        what = f"joint '{name}'"
+        kind = element.get("type", "").strip().lower()
+        if kind not in _TYPES:
+            raise ModelError(f"{where}: {what} is of type '{kind}'; allowed: {', '.join(sorted(_TYPES))}")
+        ends = []
+        for tag in ("parent", "child"):
+            end = element.find(tag)
+            link = end.get("link", "") if end is not None else ""
+            if link not in self._model.links:
+                raise ModelError(f"{where}: {what}: {tag} link '{link}' does not exist")
+            ends.append(link)
+        axis, mimic = element.find("axis"), element.find("mimic")
+        joint = Joint(name, kind, ends[0], ends[1], X_PJ=self._origin(element), where=where)
+        joint.axis = read_numbers(
+            axis.get("xyz") if axis is not None else None, count=3, default=[1, 0, 0], where=where, what=f"{what} axis"
+        )
+        if not joint.axis.any() and kind not in _WITHOUT_AXIS:
+            raise ModelError(f"{where}: {what}: its axis has no direction")
+        joint.mimic = mimic.get("joint", "") if mimic is not None else ""
+        limit, dynamics = element.find("limit"), element.find("dynamics")
+        if limit is not None:
+            lower, upper, effort, velocity = (
+                read_number(limit.get(key), where=where, what=f"{what} {key}")
+                for key in ("lower", "upper", "effort", "velocity")
+            )
+            joint.limits = Limits(lower, upper, effort, velocity)
+            self._others(joint, limit, {"lower", "upper", "effort", "velocity"})
+        if dynamics is not None:
+            joint.damping = read_number(dynamics.get("damping"), where=where, what=f"{what} damping") or 0.0
+            joint.friction = read_number(dynamics.get("friction"), where=where, what=f"{what} friction") or 0.0
+            self._others(joint, dynamics, {"damping", "friction"})
+        self._strays(element, "joint")
+        return joint
+
+    def _others(self, joint: Joint, element: ElementTree.Element, known: set[str]) -> None:
+        """Attributes that no standard knows: springs are understood, the rest is told."""
+        for key, text in element.attrib.items():
+            if key in known:
+                continue
+            joint.others[key] = text
+            where = self._urdf.where(element)
+            if _SPRING.search(key) and "ref" not in key.lower():
+                joint.stiffness = read_number(text, where=where, what=f"joint '{joint.name}' {key}")
+                continue
+            self._change(element, f"joint '{joint.name}': {key}", text, "left out", "no standard attribute")

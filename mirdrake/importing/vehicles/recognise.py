@@ -1,0 +1,364 @@
+"""Which joints of a model are wheels and steering: from how they move, never from what they are called.
+
+A road wheel is round about the level axis on which it turns freely, and is among the lowest things of the model. It is
+steered if another joint on the way from the body to it turns about an upright axis. mirdrake drives cars: four wheels
+on two axles, two of them steered; anything else is refused with what was found.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.driven import find_drive
+from mirdrake.importing.vehicles.kinematics import Tree, frame_about, make_tree, source_name
+from mirdrake.importing.vehicles.model import Change, Joint, Limits, SourceModel, Vector
+from mirdrake.importing.vehicles.round_shapes import Round, bounds_in, find_rounds
+from mirdrake.importing.vehicles.unusable import unusable_steering, unusable_wheels
+from mirdrake.vehicles.spec import WHEELS, Drive
+
+LEVEL = 0.35
+"""Largest sine of a wheel axis over the horizontal: camber, and swing arms that do not stand at their rest position."""
+
+UPRIGHT = 0.8
+"""Smallest cosine between a steering axis and the vertical: kingpins lean by up to 15 degrees, forks of models more."""
+
+LOW = 0.3
+"""Wheels whose lowest points lie within so many radii stand on the same road."""
+
+UP = np.array([0.0, 0.0, 1.0])
+WORLD_LIMIT = 1e15  # SDF writes "no limit" as ±1e16
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A road wheel in the model's frame M.
+
+    Attributes:
+        joint: on which it turns.
+        second: whether it turns on the joint's second axis (universal, revolute2).
+        axis: unit vector, as the source has it: to the left or to the right.
+        point: on the axis, in the wheel's middle plane [m].
+        off_axis: how far the shape's centre is from the axis [m].
+        shape: what is round.
+        steering: upright joints on the way from the root, the nearest to the wheel last.
+        seen: the largest round visual; None if there is none.
+    """
+
+    joint: Joint
+    second: bool
+    axis: Vector
+    point: Vector
+    off_axis: float
+    shape: Round
+    steering: tuple[Joint, ...]
+    seen: Round | None
+
+    @property
+    def bottom(self) -> float:
+        """Height of the lowest point [m]."""
+        return float(self.point[2] - self.shape.radius)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """What the parts of a model are.
+
+    Attributes:
+        tree: of the model.
+        wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
+        steering: joints of the left and of the right front wheel.
+        drive: driven axle.
+        drive_source: where that is said, "" if nowhere.
+        changes: what was found out, or left out.
+    """
+
+    tree: Tree
+    wheels: dict[str, Wheel]
+    steering: tuple[Joint, Joint]
+    drive: Drive
+    drive_source: str
+    changes: list[Change]
+
+
+def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
+    """Find wheels, steering and driven axle of a model.
+
+    Args:
+        model: as read.
+        drive: driven axle, if the caller knows it.
+
+    Raises:
+        ModelError: it is not a car with four wheels, two of them steered; one line says what it is.
+    """
+    tree, changes = make_tree(model)
+    found, blank = find_wheels(tree)
+    axles = _axles(tree, found, blank)
+    front, rear = _front_and_rear(tree, axles, changes)
+    ahead = _level(_middle(front) - _middle(rear))
+    left = np.cross(UP, ahead)
+    wheels = {}
+    for name, pair in (("front", front), ("rear", rear)):
+        for side, wheel in zip(("left", "right"), sorted(pair, key=lambda wheel: -(wheel.point @ left)), strict=True):
+            wheels[f"{name}_{side}"] = wheel
+    wheels = {name: wheels[name] for name in WHEELS}
+    steering = (_kingpin(wheels["front_left"], front), _kingpin(wheels["front_right"], front))
+    joints = {name: wheel.joint.name for name, wheel in wheels.items()}
+    drive, drive_source, driven_changes = find_drive(model, joints, asked=drive)
+    return Roles(tree, wheels, steering, drive, drive_source, changes + driven_changes)
+
+
+def turns_freely(joint: Joint, limits: Limits) -> bool:
+    """Whether a joint goes round and round: continuous, without limits, or with limits more than a turn apart."""
+    if joint.kind == "continuous":
+        return True
+    if joint.kind not in ("revolute", "revolute2", "universal"):
+        return False
+    low, high = limits.lower, limits.upper
+    if low is None or high is None or not (np.isfinite(low) and np.isfinite(high)):
+        return True
+    return min(abs(low), abs(high)) > WORLD_LIMIT or high - low > 2.0 * pi
+
+
+def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
+    """Everything round that turns freely about a level axis and stands on the lowest plane.
+
+    Returns:
+        wheels, and joints that turn like wheels but carry nothing round.
+
+    Raises:
+        ModelError: a joint turns the wheels of both sides.
+    """
+    found, blank = [], []
+    spinning = {joint.name: spin for joint in tree.above.values() if (spin := _spin(tree, joint)) is not None}
+    for name, (joint, axis, second) in spinning.items():
+        X_MW = frame_about(tree.pose(joint).translation(), y=axis, up=UP)
+        rounds = find_rounds(tree, tree.rigid_with(joint.child, ()), X_MW)
+        if not rounds:
+            blank.append(joint)
+            continue
+        shape = rounds[0]
+        alike = [item.centre[1] for item in rounds if item.role == shape.role and item.radius > 0.9 * shape.radius]
+        if max(alike) - min(alike) > 2.0 * shape.radius:
+            inner = [
+                other for other in spinning if any(above.name == name for above in tree.path(spinning[other][0].parent))
+            ]
+            if len(inner) > 1:  # the cage of a differential
+                continue
+            raise ModelError(
+                f"{source_name(tree.model)}: joint '{name}' turns the wheels of both sides; "
+                "mirdrake needs a joint for each of the four wheels"
+            )
+        upright = [other for other in tree.path(joint.child) if other is not joint and _is_upright(tree, other)]
+        if second and _is_upright(tree, joint):
+            upright.append(joint)
+        off_axis = float(np.hypot(shape.centre[0], shape.centre[2]))
+        point = X_MW.multiply(np.array([0.0, shape.centre[1], 0.0]))
+        seen = next((item for item in rounds if item.role == "visual"), None)
+        found.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright), seen))
+    if not found:
+        return [], blank
+    lowest = min(found, key=lambda wheel: wheel.bottom)
+    return [wheel for wheel in found if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius], blank
+
+
+def _spin(tree: Tree, joint: Joint) -> tuple[Joint, Vector, bool] | None:
+    """A joint that turns freely about a level axis, with that axis in M and whether it is its second one."""
+    second = joint.kind in ("universal", "revolute2") and _is_level(tree.axis(joint, second=True))
+    axis = tree.axis(joint, second=second)
+    limits = joint.limits2 if second else joint.limits
+    return (joint, axis, second) if axis is not None and _is_level(axis) and turns_freely(joint, limits) else None
+
+
+def _is_level(axis: Vector | None) -> bool:
+    return axis is not None and abs(axis[2]) <= LEVEL
+
+
+def _is_upright(tree: Tree, joint: Joint) -> bool:
+    if joint.kind not in ("revolute", "continuous", "universal", "revolute2"):
+        return False
+    axis = tree.axis(joint)
+    return axis is not None and abs(axis[2]) >= UPRIGHT
+
+
+# --- axles -------------------------------------------------------------------------------------------------------
+
+
+def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Wheel]]:
+    """The wheels of two axles, or an error that says what there is instead."""
+    if not wheels:
+        what = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
+        raise _refusal(tree, what + _blank_words(tree, blank), wheels)
+    axes = np.array([wheel.axis * (1.0 if wheel.axis @ wheels[0].axis >= 0.0 else -1.0) for wheel in wheels])
+    lateral = _level(axes.sum(axis=0))
+    if (np.abs(axes @ lateral) < 1.0 - LEVEL**2).any():
+        raise _refusal(tree, f"{_named(wheels)}, whose axes are not parallel", wheels)
+    along = np.cross(lateral, UP)
+    places = sorted(wheels, key=lambda wheel: wheel.point @ along)
+    reach = 0.5 * min(wheel.shape.radius for wheel in wheels)
+    axles: list[list[Wheel]] = []
+    for wheel in places:
+        if axles and (wheel.point - axles[-1][-1].point) @ along < reach:
+            axles[-1].append(wheel)
+        else:
+            axles.append([wheel])
+    if len(wheels) == 4 and [len(axle) for axle in axles] == [2, 2]:
+        for left, right in axles:
+            if abs((left.point - right.point) @ lateral) < 0.5 * (left.shape.width + right.shape.width):
+                raise _refusal(tree, f"{_named(wheels)}, two of which stand in the same place", wheels)
+        return axles
+    raise _refusal(tree, _other_vehicle(tree, wheels, axles) + _blank_words(tree, blank), wheels)
+
+
+def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) -> str:
+    """What has these wheels, in words."""
+    swivels = [wheel for wheel in wheels if _is_caster(tree, wheel)]
+    driven = [wheel for wheel in wheels if wheel not in swivels]
+    casters = len(swivels) + _count_skids(tree, wheels)
+    steered = [wheel for wheel in wheels if wheel.steering]
+    number = len(wheels)
+    if len(driven) == 2 and (casters or (number == 2 and len(axles) == 1)):
+        count = f" and {casters} caster{'s' if casters != 1 else ''}" if casters else " on one axle"
+        return f"2 driven wheels{count} (differential drive): {_names(driven)}"
+    if number == 2 and len(axles) == 2:
+        return f"a bicycle: {_named(wheels)}"
+    if number == 3:
+        return f"a tricycle: {_named(wheels)} on {_axle_word(axles)}"
+    if number > 4 and not steered:
+        return f"{_named(wheels)} on {_axle_word(axles)} without steering (tracked or skid-steered)"
+    return f"{_named(wheels)} on {_axle_word(axles)}"
+
+
+def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change]) -> tuple[list[Wheel], list[Wheel]]:
+    """The steered axle and the other one."""
+    wheels = [wheel for axle in axles for wheel in axle]
+    casters = [wheel for wheel in wheels if _is_caster(tree, wheel)]
+    if len(casters) == 2:
+        driven = [wheel for wheel in wheels if wheel not in casters]
+        raise _refusal(tree, f"2 driven wheels and 2 casters (differential drive): {_names(driven)}", wheels)
+    steered = [axle for axle in axles if all(_own(wheel, axle) for wheel in axle)]
+    for axle in axles:
+        own = [bool(_own(wheel, axle)) for wheel in axle]
+        if any(own) and not all(own):
+            steered_one = axle[own.index(True)].joint.name
+            what = f"{_named(axle)} on one axle, only one of which is steered ('{steered_one}')"
+            raise _refusal(tree, what, wheels)
+        shared = [joint for joint in axle[0].steering if joint in axle[1].steering]
+        if shared and not any(own):
+            what = f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
+            raise _refusal(tree, what, wheels)
+    if not steered:
+        raise _refusal(tree, f"skid-steer: {_named(wheels)}, no steering joint", wheels)
+    if len(steered) == 1:
+        front = steered[0]
+        rear = next(axle for axle in axles if axle is not front)
+        if (_middle(front) - _middle(rear))[0] < 0.0:
+            why = "the steered axle is taken as the front; nothing says whether the car drives with it ahead"
+            places = f"{_names(front)} lies towards -x"
+            changes.append(Change(front[0].joint.where, "direction of travel", places, "towards it", why))
+        return front, rear
+    rear, front = sorted(axles, key=lambda axle: _middle(axle)[0])
+    for wheel in rear:
+        joint = _own(wheel, rear)[-1]
+        why = "both axles are steered; mirdrake steers the front one, here that towards +x"
+        changes.append(Change(joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why))
+    return front, rear
+
+
+def _own(wheel: Wheel, axle: Sequence[Wheel]) -> list[Joint]:
+    """The steering joints of a wheel that do not move the other wheel of its axle."""
+    others = [joint for other in axle if other is not wheel for joint in other.steering]
+    return [joint for joint in wheel.steering if joint not in others]
+
+
+def _kingpin(wheel: Wheel, axle: Sequence[Wheel]) -> Joint:
+    return _own(wheel, axle)[-1]
+
+
+def _is_caster(tree: Tree, wheel: Wheel) -> bool:
+    """Whether a wheel trails an upright joint that swivels freely."""
+    for joint in wheel.steering:
+        arm = (wheel.point - tree.pose(joint).translation())[:2]
+        across = np.cross(UP, wheel.axis)[:2]
+        if turns_freely(joint, joint.limits) and abs(arm @ across) > 0.2 * wheel.shape.radius:
+            return True
+    return False
+
+
+def _count_skids(tree: Tree, wheels: Sequence[Wheel]) -> int:
+    """Links without a wheel that touch the road: balls and skids in place of casters."""
+    turning = {name for wheel in wheels for name in tree.rigid_with(wheel.joint.child, ())}
+    low = min(wheel.bottom for wheel in wheels)
+    near = LOW * min(wheel.shape.radius for wheel in wheels)
+    count = 0
+    for name, X_ML in tree.poses.items():
+        link = tree.model.links[name]
+        if name not in turning:
+            boxes = [bounds_in(shape, X_ML) for shape in link.collisions if shape.kind != "box"]
+            count += any(box is not None and box[0][2] - low < near for box in boxes)
+    return count
+
+
+# --- words -------------------------------------------------------------------------------------------------------
+
+
+def _refusal(tree: Tree, found: str, wheels: Sequence[Wheel]) -> ModelError:
+    """The error for what is not a car, with what was found, joints that cannot be used, and mistakes in the files."""
+    names, used = [wheel.joint.name for wheel in wheels], [joint.name for wheel in wheels for joint in wheel.steering]
+    faults = unusable_wheels(tree, names, level=LEVEL) if len(wheels) != 4 else ""
+    steering = unusable_steering(tree, names, used, upright=UPRIGHT)
+    faults += steering
+    if steering:
+        found = found.replace("no steering joint", "no usable steering joint")
+    hints = "".join(f"; {hint}" for hint in tree.model.hints)
+    place = source_name(tree.model)
+    what = "not a car with four wheels on two axles, two of them steered"
+    return ModelError(f"{place}: {what}; found {found}{faults}{hints}")
+
+
+def _inventory(tree: Tree) -> str:
+    kinds = Counter(joint.kind for joint in tree.above.values() if joint.kind != "fixed")
+    joints = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "no movable"
+    links = f"{len(tree.poses)} link{'' if len(tree.poses) == 1 else 's'}"
+    return f"{links} with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
+
+
+def _blank_words(tree: Tree, blank: Sequence[Joint]) -> str:
+    """Joints that might turn wheels, had their links a shape that is known."""
+    if not blank:
+        return ""
+    names = ", ".join(f"'{joint.name}'" for joint in blank[:6]) + (", …" if len(blank) > 6 else "")
+    links = [tree.model.links[name] for joint in blank for name in tree.rigid_with(joint.child, ())]
+    lost = [shape.address for link in links for shape in (*link.visuals, *link.collisions) if shape.kind == "mesh"]
+    lost = [address for address in dict.fromkeys(lost) if address]
+    told = {change.was: f": {change.why}" for change in tree.model.changes if change.became == "left out"}
+    why = f" (is a mesh missing? {', '.join(address + told.get(address, '') for address in lost[:3])})" if lost else ""
+    return f"; {names} turn{'s' if len(blank) == 1 else ''} like a wheel but nothing round{why}"
+
+
+def _named(wheels: Sequence[Wheel]) -> str:
+    words = {1: "one wheel", 2: "2 wheels", 3: "3 wheels", 4: "four wheels"}
+    return f"{words.get(len(wheels), f'{len(wheels)} wheels')} ({_names(wheels)})"
+
+
+def _names(wheels: Sequence[Wheel]) -> str:
+    names = [f"'{wheel.joint.name}'" for wheel in wheels]
+    return ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
+
+
+def _axle_word(axles: Sequence[Sequence[Wheel]]) -> str:
+    return f"{len(axles)} axle{'' if len(axles) == 1 else 's'}"
+
+
+def _middle(axle: Sequence[Wheel]) -> Vector:
+    middle: Vector = np.mean([wheel.point for wheel in axle], axis=0)
+    return middle
+
+
+def _level(vector: Vector) -> Vector:
+    level: Vector = np.array([vector[0], vector[1], 0.0])
+    level /= np.linalg.norm(level)
+    return level

@@ -1,0 +1,289 @@
+"""From a recognised model to a car that mirdrake can drive; everything that is changed on the way becomes a Change."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from mirdrake.importing.vehicles.body_cover import COVERED, LARGEST, body_boxes, plan_cover, usual_bounds
+from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part
+from mirdrake.importing.vehicles.joints import imported_gains, say_joints
+from mirdrake.importing.vehicles.kinematics import Tree, source_name
+from mirdrake.importing.vehicles.limits import collect_numbers, driven_wheels, steering_limit
+from mirdrake.importing.vehicles.masses import centre_of_mass, check_balance, gather_masses, total_mass
+from mirdrake.importing.vehicles.meshes import WHOLE, with_known_submesh
+from mirdrake.importing.vehicles.model import Change, Shape, SourceModel
+from mirdrake.importing.vehicles.names import Names
+from mirdrake.importing.vehicles.recognise import Roles
+from mirdrake.importing.vehicles.round_shapes import Bounds, join_bounds
+from mirdrake.importing.vehicles.sensors import make_mounts
+from mirdrake.importing.vehicles.springs import WheelSpring, find_springs, make_springs
+from mirdrake.importing.vehicles.straighten import SIDES, straighten
+from mirdrake.vehicles.estimates import Estimates, estimate
+from mirdrake.vehicles.spec import WHEELS
+
+BASE = "base_link"
+
+
+def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True) -> Car:
+    """Make a car of a recognised model.
+
+    Args:
+        model: as read.
+        roles: from :func:`mirdrake.importing.vehicles.recognise.recognise`.
+        name: of the vehicle folder.
+        springs: whether springs of the source become a suspension.
+
+    Raises:
+        ModelError: left and right differ too much.
+    """
+    changes = [*model.changes, *roles.changes]
+    layout, found = straighten(roles)
+    changes += found
+    names = Names()
+    sprung, found = find_springs(roles) if springs else ({}, [])
+    changes += found
+    body, knuckles, wheels, carriers = _make_parts(roles, layout, names, sprung, changes)
+    bounds = _body_bounds(body, layout, changes)
+    changes += gather_masses(roles.tree, layout, body, knuckles, wheels, bounds, carriers)
+    where = model.links[roles.tree.root].where or source_name(model)
+    changes += check_balance(body, knuckles, wheels, layout, bounds, where, carriers)
+    limit, found = steering_limit(roles)
+    changes += found
+    com = centre_of_mass(body, knuckles, wheels, layout, carriers)
+    mass = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
+    whole, front, rear = (
+        _estimates(roles, layout, bounds, mass, float(com[0]), limit.value, end) for end in (None, 0, 1)
+    )
+    numbers, found = collect_numbers(roles, limit, whole, (front, rear))
+    changes += found
+    suspension = None
+    if sprung:
+        suspension, found = make_springs(
+            sprung, body=body, knuckles=knuckles, wheels=wheels, carriers=carriers, layout=layout, estimates=whole
+        )
+        if suspension is None:
+            car = repair(model, roles, name=name, springs=False)
+            return replace(car, changes=[*car.changes, *found])
+        changes += found
+    wheel_joints, steering_joints = _name_joints(roles, names)
+    spring_joints = {key: names.joint(item.joint.name) for key, item in sprung.items()}
+    changes += say_joints(roles, sprung=[item.joint for item in sprung.values()])
+    changes += _say_collisions(roles, (*knuckles, *carriers.values()), layout)
+    frames, places = _make_frames(roles, body, knuckles, wheels, carriers, names)
+    mounts, mount_frames, found = make_mounts(model, places, names)
+    changes += found
+    return Car(
+        name=name,
+        title=" ".join(model.name.replace("_", " ").split()) or name,
+        base=body.name,
+        layout=layout,
+        body=body,
+        knuckles=knuckles,
+        wheels=wheels,
+        wheel_joints=wheel_joints,
+        steering_joints=steering_joints,
+        carriers=carriers,
+        spring_joints=spring_joints,
+        springs=suspension,
+        drive=roles.drive,
+        drive_source=roles.drive_source,
+        numbers=numbers,
+        estimates=whole,
+        bounds=bounds,
+        frames=frames,
+        mount_frames=mount_frames,
+        mounts=mounts,
+        variant=imported_gains(model, roles, changes),
+        licence=_licence(model),
+        changes=changes,
+        warnings=[
+            f"{change.what}: {change.was} does not exist, so that the whole mesh is used."
+            for change in changes
+            if change.became == WHOLE
+        ],
+    )
+
+
+def _estimates(
+    roles: Roles, layout: Layout, bounds: Bounds, mass: float, com_x: float, limit: float, end: int | None
+) -> Estimates:
+    """Estimates for the car; with the tyres of one end if `end` is 0 or 1, else with the mean of both."""
+    radius, width = (float(np.mean(values)) if end is None else values[end] for values in (layout.radii, layout.widths))
+    edges = bounds[1] - bounds[0]
+    return estimate(
+        mass=mass,
+        wheelbase=layout.wheelbase,
+        track=sum(layout.tracks) / 2.0,
+        wheel_radius=radius,
+        wheel_width=width,
+        height=max(float(bounds[1][2]), 2.0 * radius),
+        length=max(float(edges[0]), layout.wheelbase),
+        width=max(float(edges[1]), min(layout.tracks)),
+        driven_wheels=len(driven_wheels(roles.drive)),
+        steering_limit=limit,
+        front_axle_share=float(np.clip(com_x / layout.wheelbase, 0.1, 0.9)),
+    )
+
+
+# --- parts -------------------------------------------------------------------------------------------------------
+
+
+def _make_parts(
+    roles: Roles, layout: Layout, names: Names, sprung: Mapping[str, WheelSpring], changes: list[Change]
+) -> tuple[Part, tuple[Part, Part], dict[str, Part], dict[str, Part]]:
+    """Body, knuckles, wheels and, with springs, carriers, with the shapes of their sources."""
+    tree = roles.tree
+    free = {wheel.joint.name for wheel in roles.wheels.values()} | {joint.name for joint in roles.steering}
+    free |= {item.joint.name for item in sprung.values() if not item.steered}
+    root = tree.model.links[tree.root]
+    if tree.root == BASE or BASE not in tree.poses:
+        base = names.link(BASE)
+    else:
+        base = names.link(tree.root)
+        why = f"a link '{BASE}' further out has that name already"
+        changes.append(Change(root.where, "name of the base link", tree.root, f"{base} stays", why))
+    body = Part(base, tree.rigid_with(tree.root, free), layout.X_MB)
+    if not layout.X_MB.IsNearlyEqualTo(RigidTransform(), 1e-6):
+        x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-6, 0.0, layout.X_MB.translation())
+        was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
+        became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
+        changes.append(Change(root.where, "base frame", was, became, "the base frame of mirdrake"))
+    knuckles = []
+    for side, joint in zip(SIDES, roles.steering, strict=True):
+        wheel = roles.wheels[f"front_{side}"]
+        if joint is wheel.joint:  # steers and spins in one
+            knuckles.append(Part(names.new(f"{wheel.joint.child}_knuckle"), [], layout.parts[f"{side}_knuckle"]))
+        else:
+            links = tree.rigid_with(joint.child, free)
+            knuckles.append(Part(names.link(joint.child), links, layout.parts[f"{side}_knuckle"]))
+    wheels = {}
+    for key in WHEELS:
+        child = roles.wheels[key].joint.child
+        wheels[key] = Part(names.link(child), tree.rigid_with(child, free), layout.parts[key])
+    carriers = {}
+    for key, item in sprung.items():
+        own = [] if item.steered else tree.rigid_with(item.joint.child, free)
+        name = names.link(item.joint.child) if own else names.new(f"{key}_carrier")
+        carriers[key] = Part(name, own, layout.X_MB)
+    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
+        _take_shapes(tree, part)
+    body.visuals = _with_known_submeshes(body.visuals, changes)
+    body.collisions = _with_known_submeshes(body.collisions, changes)
+    return body, (knuckles[0], knuckles[1]), wheels, carriers
+
+
+def _take_shapes(tree: Tree, part: Part) -> None:
+    X_PM = part.X_MP.inverse()
+    for name in part.links:
+        link, X_PL = tree.model.links[name], X_PM.multiply(tree.poses[name])
+        part.visuals += [replace(shape, X_LG=X_PL.multiply(shape.X_LG)) for shape in link.visuals]
+        part.collisions += [replace(shape, X_LG=X_PL.multiply(shape.X_LG)) for shape in link.collisions]
+
+
+def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> list[Shape]:
+    """Shapes of the body with whole meshes where a submesh does not exist; the same whole mesh at one place once."""
+    kept: list[Shape] = []
+    for shape in shapes:
+        known, found = with_known_submesh(shape)
+        changes += found
+        if not found or not any(
+            other.mesh == known.mesh
+            and not other.submesh
+            and other.scale == known.scale
+            and other.X_LG.IsNearlyEqualTo(known.X_LG, 1e-9)
+            for other in kept
+        ):
+            kept.append(known)
+    return kept
+
+
+def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
+    """The box around the body: what is seen, what is touched if too little is seen, or an estimate."""
+    limits = np.array(LARGEST) * layout.wheelbase
+    for shapes in (body.visuals, body.collisions):
+        boxes = body_boxes(shapes, layout)
+        bounds = join_bounds(boxes)
+        good = bounds is not None and (bounds[1] - bounds[0] <= limits).all() and bounds[1][2] > 0.0
+        if bounds is not None and good and plan_cover(boxes, layout) >= COVERED:
+            return bounds
+    lower, upper = usual_bounds(layout)
+    length, width, height = (float(edge) for edge in upper - [lower[0], lower[1], 0.0])
+    became = f"{length:.3g} x {width:.3g} x {height:.3g} m, estimated from wheelbase, track and wheels"
+    where = body.visuals[0].where if body.visuals else ""
+    changes.append(
+        Change(where, "size of the body", "no shapes of a size like the car's", became, "masses and air need it")
+    )
+    return lower, upper
+
+
+def _name_joints(roles: Roles, names: Names) -> tuple[dict[str, str], tuple[str, str]]:
+    """Names of wheel and steering joints."""
+    steering = [names.joint(joint.name) for joint in roles.steering]
+    wheels = {}
+    for key, wheel in roles.wheels.items():
+        both = any(wheel.joint is joint for joint in roles.steering)
+        wheels[key] = names.new_joint(f"{wheel.joint.name}_spin") if both else names.joint(wheel.joint.name)
+    return wheels, (steering[0], steering[1])
+
+
+def _make_frames(
+    roles: Roles,
+    body: Part,
+    knuckles: Sequence[Part],
+    wheels: dict[str, Part],
+    carriers: dict[str, Part],
+    names: Names,
+) -> tuple[list[Frame], dict[str, tuple[str, RigidTransform]]]:
+    """Links of the source that became part of another one, as frames; and where every link of the source is now."""
+    tree, frames = roles.tree, []
+    places: dict[str, tuple[str, RigidTransform]] = {}
+    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
+        X_PM = part.X_MP.inverse()
+        for name in part.links:
+            X_PL = X_PM.multiply(tree.poses[name])
+            places[name] = (part.name, X_PL)
+            main = part is not body and name == part.links[0]
+            if main or (name == tree.root and body.name == names.link(name)):
+                continue
+            joint = tree.above[name].name if name in tree.above else f"{name}_frame"
+            frames.append(Frame(names.link(name), names.joint(joint), part.name, X_PL))
+    return frames, places
+
+
+def _say_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -> list[Change]:
+    """Collision shapes of wheels and knuckles are replaced."""
+    changes = []
+    links = roles.tree.model.links
+    for key, wheel in roles.wheels.items():
+        rear = key.startswith("rear")
+        shapes = [shape for name in roles.tree.rigid_with(wheel.joint.child, ()) for shape in links[name].collisions]
+        plain = len(shapes) == 1 and shapes[0].kind == "cylinder"
+        if shapes and not plain and not (wheel.shape.width_from and len(shapes) == 1):
+            was = ", ".join(_shape_text(shape) for shape in shapes[:4]) + (", …" if len(shapes) > 4 else "")
+            became = f"cylinder of radius {layout.radii[rear]:.4g} m, {layout.widths[rear]:.4g} m wide"
+            what = f"link '{wheel.joint.child}': collision shapes"
+            changes.append(Change(shapes[0].where, what, was, became, "a tyre is a cylinder about its axis"))
+    for part in knuckles:
+        for shape in part.collisions:
+            what = f"link '{part.name}': collision shape"
+            changes.append(Change(shape.where, what, _shape_text(shape), "left out", "it lies between wheel and body"))
+        part.collisions.clear()
+    return changes
+
+
+def _shape_text(shape: Shape) -> str:
+    if shape.kind == "mesh":
+        return f"mesh {Path(shape.address).name or shape.mesh}"
+    return f"{shape.kind} {' x '.join(f'{value:.4g}' for value in shape.size)} m".replace("  ", " ")
+
+
+def _licence(model: SourceModel) -> str:
+    words = [model.texts[key] for key in ("licence", "licence file") if model.texts.get(key)]
+    return "; ".join(words)
+
+
+def _shown(*values: float) -> str:
+    return " ".join(f"{value + 0.0:.4g}" for value in values)

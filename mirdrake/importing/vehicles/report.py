@@ -1,0 +1,134 @@
+"""README.md of an imported vehicle: dimensions with their origin, every change, and what a person should check."""
+
+import re
+from collections.abc import Iterable
+from itertools import groupby
+
+import numpy as np
+
+from mirdrake.importing.vehicles.car import Car
+from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
+from mirdrake.importing.vehicles.model import Change, SourceModel
+from mirdrake.importing.vehicles.places import Places
+from mirdrake.vehicles.estimates import HOW
+
+Row = tuple[str, str, str, str]
+_PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
+_ROWS = (
+    ("steering_limit", "steering limit of the inner wheel", "rad"),
+    ("steering_rate", "steering rate at the road wheel", "rad/s"),
+    ("steering_effort", "steering torque at a wheel", "N m"),
+    ("steering_ratio", "hand wheel to road wheel", "-"),
+    ("max_torque", "drive torque, all driven wheels", "N m"),
+    ("max_power", "drive power", "W"),
+    ("wheel_speed_limit", "speed limit of the wheels", "rad/s"),
+    ("brake_torque", "brake torque, all wheels", "N m"),
+    ("brake_front_share", "part of it in front", "-"),
+    ("rolling_resistance", "rolling resistance", "-"),
+    ("drag_area", "drag area", "m²"),
+    ("front_friction", "friction of the front tyres", "-"),
+    ("rear_friction", "friction of the rear tyres", "-"),
+    ("front_tyre_modulus", "modulus of the front tyres", "Pa"),
+    ("rear_tyre_modulus", "modulus of the rear tyres", "Pa"),
+    ("front_tyre_stiffness", "the same in point contact", "N/m"),
+    ("rear_tyre_stiffness", "the same at the rear", "N/m"),
+    ("tyre_dissipation", "dissipation of the tyres", "s/m"),
+    ("tyre_resolution", "mesh hint of the tyres", "m"),
+)
+_CONTROL = (
+    ("wheel_servo_gain", "servo of a driven wheel", "N m s/rad"),
+    ("steering_stiffness", "steering servo", "N m/rad"),
+    ("steering_damping", "steering servo", "N m s/rad"),
+    ("speed_kp", "speed loop", "-"),
+    ("speed_ki", "speed loop", "1/s"),
+    ("max_correction", "speed loop, limit of the trim", "m/s"),
+    ("max_acceleration", "slope of the speed set-point, faster", "m/s²"),
+    ("max_deceleration", "the same, slower", "m/s²"),
+)
+
+
+def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, object]:
+    """What the template of README.md asks for beside the car."""
+    mass = total_mass(car.parts)
+    driven = "All-wheel-driven" if car.drive == "all" else f"{car.drive.capitalize()}-driven"
+    wheelbase = car.layout.wheelbase
+    return {
+        "summary": f"{driven} vehicle of {mass:.5g} kg with a wheelbase of {wheelbase:.4g} m.",
+        "files": [places.file(path) for path in model.files],
+        "author": " ".join(model.texts.get("author", "").split()),
+        "tables": _tables(car, mass),
+        "groups": _groups(car.changes),
+        "check_title": "## Please check by hand",
+        "to_check": list(_to_check(car)),
+    }
+
+
+def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
+    layout = car.layout
+    com = centre_of_mass(car.body, car.knuckles, car.wheels, layout, car.carriers)
+    measured = "imported: measured on links and joints"
+    wheels = (car.wheels["front_left"].mass, car.wheels["rear_left"].mass)
+    repaired = {change.what for change in car.changes if "mass" in change.what or "inertia" in change.what}
+    masses = "imported" + (": see the changes below" if repaired else ": sum of the links")
+    dimensions: list[Row] = [
+        ("wheelbase", _n(layout.wheelbase), "m", measured),
+        ("track, front and rear", f"{_n(layout.tracks[0])}, {_n(layout.tracks[1])}", "m", measured),
+        ("between the steering axes", _n(layout.kingpin_track), "m", measured),
+        ("steering axes ahead of the wheels' centres", _n(layout.trail), "m", measured),
+        ("wheel radius, front and rear", f"{_n(layout.radii[0])}, {_n(layout.radii[1])}", "m", measured),
+        ("wheel width, front and rear", f"{_n(layout.widths[0])}, {_n(layout.widths[1])}", "m", measured),
+        ("mass of the car", _n(mass), "kg", masses),
+        ("body, knuckle", f"{_n(car.body.mass.mass)}, {_n(car.knuckles[0].mass.mass)}", "kg", masses),
+        ("wheel, front and rear", f"{_n(wheels[0].mass)}, {_n(wheels[1].mass)}", "kg", masses),
+        ("centre of mass", " ".join(_n(value) for value in com), "m", masses),
+        ("inertia of the body", " ".join(_n(value) for value in np.diag(car.body.mass.inertia)), "kg m²", masses),
+    ]
+    numbers = [(label, _n(car.numbers[key].value), unit, car.numbers[key].source) for key, label, unit in _ROWS]
+    control = [(label, _n(getattr(car.estimates, key)), unit, HOW[key]) for key, label, unit in _CONTROL]
+    tables = [("Dimensions and masses", dimensions), ("Limits and contact", numbers), ("Control", control)]
+    return [(title, [tuple(map(_cell, row)) for row in rows]) for title, rows in tables]  # type: ignore[misc]
+
+
+def _groups(changes: Iterable[Change]) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """The changes by file, in the order of lines; equal ones once."""
+
+    def placed(change: Change) -> tuple[str, int, Change]:
+        match = _PLACE.match(change.where)
+        return (match.group(1), int(match.group(2).split("-")[0]), change) if match else (change.where, 0, change)
+
+    rows = sorted((placed(change) for change in dict.fromkeys(changes)), key=lambda row: row[:2])
+    return [
+        (file, [(str(line or ""), *map(_cell, (c.what, c.was, c.became, c.why))) for _, line, c in group])
+        for file, group in groupby(rows, key=lambda row: row[0])
+    ]
+
+
+def _to_check(car: Car) -> Iterable[str]:
+    """What only a person can know."""
+    yield from car.warnings
+    whats = {change.what for change in car.changes}
+    yield "Look at it: `mirdrake view` shows whether visuals, collision shapes and frames lie where they belong."
+    if not car.drive_source:
+        yield "Which axle is driven: the source does not say, rear is assumed; `drive` in vehicle.yaml."
+    if "direction of travel" in whats:
+        yield "Which end is the front: the steered axle was taken."
+    if any("inertia" in what or "mass" in what for what in whats):
+        yield "Masses, inertias and centre of mass: some were replaced, see below."
+    if car.springs is not None:
+        yield "Ride height: the car stands at the zero position of its springs; `suspension` in vehicle.yaml."
+    if any("suspension" in change.why for change in car.changes):
+        yield "Ride height: suspension is held at its zero position."
+    estimated = sum(number.source.startswith("estimated") for number in car.numbers.values())
+    count = f"{estimated} of {len(car.numbers)} limits and contact numbers, and all gains"
+    yield f"{count}, are estimates: replace what you know better."
+    if not car.licence:
+        yield "The licence: none was found."
+
+
+def _n(value: float) -> str:
+    return f"{float(value) + 0.0:.5g}" if abs(value) > 1e-12 else "0"
+
+
+def _cell(text: str) -> str:
+    """A text that stays in its cell of a table."""
+    return " ".join(str(text).split()).replace("|", "\\|").replace("<", "&lt;")

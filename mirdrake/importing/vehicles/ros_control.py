@@ -1,0 +1,88 @@
+"""What ros_control says: transmissions in the URDF, controllers and gains in YAML files beside it."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import yaml
+
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.vehicles.model import Controller, SourceModel, Transmission
+
+_LARGEST = 1_000_000  # bytes of a YAML file that is still read
+_INTERFACES = ("effort", "velocity", "position")
+
+
+def read_transmission(
+    element: ElementTree.Element, model: SourceModel, where: Callable[[ElementTree.Element], str]
+) -> None:
+    """A ``<transmission>``, in each of its dialects."""
+    reduction = element.find(".//mechanicalReduction")
+    try:
+        ratio = float(reduction.text or "1") if reduction is not None else 1.0
+    except ValueError:
+        ratio = 1.0
+    texts = [interface.text or "" for interface in element.iter("hardwareInterface")]
+    for joint in element.findall("joint"):
+        kinds = tuple(kind for kind in _INTERFACES if any(kind in text.lower() for text in texts))
+        model.transmissions.append(Transmission(joint.get("name", ""), kinds, ratio, where(element)))
+
+
+def read_ros2_control(
+    element: ElementTree.Element, model: SourceModel, where: Callable[[ElementTree.Element], str]
+) -> None:
+    """A ``<ros2_control>`` system: its joints with their command interfaces."""
+    for joint in element.findall("joint"):
+        kinds = tuple(interface.get("name", "") for interface in joint.findall("command_interface"))
+        if kinds:
+            known = tuple(kind for kind in _INTERFACES if kind in kinds)
+            model.transmissions.append(Transmission(joint.get("name", ""), known, 1.0, where(joint)))
+
+
+def read_controllers(folders: Iterable[Path], model: SourceModel, *, only: Set[str] | None = None) -> None:
+    """Controllers from the YAML files in the usual folders of packages; with `only`, those of these joints."""
+    for folder in folders:
+        for below in ("config", "param", "params", "cfg", "yaml", "control"):
+            for path in sorted((folder / below).rglob("*.y*ml")) if (folder / below).is_dir() else ():
+                found = _read_file(path)
+                model.controllers += found if only is None else [item for item in found if only & set(item.joints)]
+
+
+def _read_file(path: Path) -> list[Controller]:
+    try:
+        if path.stat().st_size > _LARGEST:
+            return []
+        data = yaml.safe_load(path.read_text(encoding="utf-8", errors="replace"))
+    except (OSError, yaml.YAMLError, ValueError, RecursionError):
+        return []
+    return list(_controllers(data, (), shown(path)))
+
+
+def _controllers(data: Any, path: tuple[str, ...], where: str) -> Iterator[Controller]:
+    if not isinstance(data, Mapping) or len(path) > 8:
+        return
+    kind = data.get("type")
+    gains = {
+        str(name): found
+        for key in ("pid_gains", "gains")
+        if isinstance(data.get(key), Mapping)
+        for name, entry in data[key].items()
+        if (found := _gains(entry))
+    }
+    if found := _gains(data.get("pid")):
+        gains[str(data.get("joint", ""))] = found
+    if (isinstance(kind, str) and "/" in kind) or gains:
+        joints = data.get("joints", data.get("joint", ()))
+        names = tuple(map(str, joints)) if isinstance(joints, list) else (str(joints),) if joints else tuple(gains)
+        values = {str(key): str(value) for key, value in data.items() if not isinstance(value, Mapping | list)}
+        yield Controller(".".join(path), str(kind or ""), names, gains, values, where)
+    for key, value in data.items():
+        yield from _controllers(value, (*path, str(key)), where)
+
+
+def _gains(entry: Any) -> dict[str, float]:
+    """p, i, d and limits of a mapping; empty if it is none."""
+    if not isinstance(entry, Mapping) or "p" not in entry:
+        return {}
+    return {str(key): float(value) for key, value in entry.items() if isinstance(value, int | float)}

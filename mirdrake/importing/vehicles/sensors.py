@@ -1,0 +1,300 @@
+"""Sensors of Gazebo as mounts of sensors.yaml, each checked against the schema before anything else is done."""
+
+import re
+from collections.abc import Iterator, Mapping
+from math import atan2, inf, isfinite, isnan, radians
+from typing import Any
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from mirdrake.importing.vehicles.car import Frame
+from mirdrake.importing.vehicles.model import Change, SensorTag, SourceModel
+from mirdrake.importing.vehicles.names import Names
+from mirdrake.importing.vehicles.sensor_fit import FARTHEST, fit_mount
+
+Mount = dict[str, Any]
+
+RATES = {
+    "camera": 30.0,
+    "stereo_camera": 30.0,
+    "depth_camera": 30.0,
+    "laser_scanner": 40.0,
+    "lidar": 10.0,
+    "imu": 100.0,
+    "gps": 10.0,
+    "sonar": 10.0,
+}
+"""Where a sensor has no rate, or zero, which means "in every step" [Hz]."""
+
+REACH = 100.0
+"""Distance from its link [m] beyond which the place of a sensor is a mistake."""
+
+_KINDS = {
+    "camera": "camera", "wideanglecamera": "camera", "wide_angle_camera": "camera", "multicamera": "stereo_camera",
+    "depth": "depth_camera", "depth_camera": "depth_camera", "rgbd": "depth_camera", "rgbd_camera": "depth_camera",
+    "ray": "lidar", "gpu_ray": "lidar", "lidar": "lidar", "gpu_lidar": "lidar",
+    "imu": "imu", "gps": "gps", "navsat": "gps", "sonar": "sonar",
+}  # fmt: skip
+
+_CAMERA = {"width": 800, "height": 600, "horizontal_fov": 1.047, "near": 0.1, "far": 100.0}
+_SONAR = re.compile("sonar|ultraso|gazebo_ros_range|range_sensor", re.IGNORECASE)
+_DEPTH = re.compile("kinect|depth|realsense", re.IGNORECASE)
+
+
+def make_mounts(
+    model: SourceModel, places: Mapping[str, tuple[str, RigidTransform]], names: Names
+) -> tuple[dict[str, Mount], list[Frame], list[Change]]:
+    """Mounts, the frames they sit in, and what has no counterpart.
+
+    Args:
+        model: as read.
+        places: link of the source -> link of the car that carries it, and its pose in there.
+        names: of links that are taken, and new ones.
+    """
+    mounts: dict[str, Mount] = {}
+    frames: list[Frame] = []
+    changes: list[Change] = []
+    taken: set[str] = set()
+    for sensor in model.sensors:
+        what, was = f"sensor '{sensor.name}'", f"type {sensor.kind}"
+        kind = _kind_of(sensor)
+        if kind is None or sensor.link not in places:
+            why = "no sensor of mirdrake corresponds to it" if kind is None else f"there is no link '{sensor.link}'"
+            changes.append(Change(sensor.where, what, was, "left out", why))
+            continue
+        parent, X_PL = places[sensor.link]
+        X_LS = sensor.X_LS
+        distance = float(np.linalg.norm(X_LS.translation()))
+        if not distance <= REACH:
+            why = f"a sensor is at most {REACH:g} m from its link"
+            changes.append(Change(sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why))
+            X_LS = RigidTransform()
+        for suffix, mount, X_SC in _Reader(sensor, changes).mounts(kind):
+            label = re.sub(r"[^A-Za-z0-9_]+", "_", f"{sensor.name}{suffix}")[:64]
+            frame = names.new(f"{label}_mount")
+            joint = names.new_joint(f"{frame}_joint")
+            frames.append(Frame(frame, joint, parent, X_PL.multiply(X_LS).multiply(X_SC)))
+            name = names.unique(label, taken)
+            mounts[name] = {"kind": mount.pop("kind"), "frame": frame, **mount}
+    return mounts, frames, changes
+
+
+def _kind_of(sensor: SensorTag) -> str | None:
+    """The kind of mount for a sensor: by its type, and by the plugins that say what its readings mean."""
+    kind = _KINDS.get(sensor.kind)
+    words = " ".join((*sensor.plugins, sensor.values.get("plugin.output_type", "")))
+    if kind == "lidar" and (_SONAR.search(words) or words.rstrip().endswith("/Range")):
+        return "sonar"
+    if kind == "camera" and _DEPTH.search(words):
+        return "depth_camera"
+    return kind
+
+
+class _Reader:
+    """One sensor's values, with a change for what is missing or not allowed."""
+
+    def __init__(self, sensor: SensorTag, changes: list[Change]) -> None:
+        self._sensor, self._changes = sensor, changes
+
+    def mounts(self, kind: str) -> Iterator[tuple[str, Mount, RigidTransform]]:
+        """Valid mounts with a suffix of their name and their pose in the sensor; none if the sensor is left out."""
+        cameras = sorted({key.split(".")[0] for key in self._sensor.values if re.match(r"camera(\[\d+\])?\.", key)})
+        if kind == "stereo_camera" and len(cameras) != 2:
+            eyes = [(f"_{number}" if number else "", camera, "camera") for number, camera in enumerate(cameras)]
+            eyes = eyes or [("", "camera", "camera")]
+        else:
+            eyes = [("", "camera", kind)]
+        for suffix, camera, own in eyes:
+            mount = self._fill(own, camera)
+            X_SC = self._pose(camera) if own in ("camera", "depth_camera", "stereo_camera") else RigidTransform()
+            if own == "stereo_camera" and mount is not None:
+                left, right = X_SC, self._pose(cameras[1])
+                across = left.inverse().multiply(right.translation())
+                mount["baseline"] = float(np.linalg.norm(across)) or self._get("plugin.hackBaseline") or 0.0
+                X_SC = RigidTransform(left.rotation(), 0.5 * (left.translation() + right.translation()))
+            yield from self._checked(suffix, mount, X_SC)
+
+    def _checked(
+        self, suffix: str, mount: Mount | None, X_SC: RigidTransform
+    ) -> Iterator[tuple[str, Mount, RigidTransform]]:
+        """The mount with corrections by the schema; nothing if it has none that is valid."""
+        if mount is None:
+            return
+        kind = mount["kind"]
+        defaults = _CAMERA if "camera" in kind else {}
+        fitted, corrections, reason = fit_mount(mount, defaults)
+        for item in corrections:
+            self._say(item.key, item.was, item.became, item.why)
+        if fitted is None:
+            what, was = f"sensor '{self._sensor.name}'", f"type {self._sensor.kind}"
+            self._changes.append(Change(self._sensor.where, what, was, "left out", reason))
+            return
+        yield suffix, fitted, X_SC
+
+    def _fill(self, kind: str, camera: str) -> Mount | None:
+        mount: Mount = {"kind": kind, "rate": self._rate(kind)}
+        if kind in ("camera", "stereo_camera"):
+            return self._camera(mount, camera)
+        if kind == "depth_camera":
+            return self._depth(mount, camera)
+        fill = {"lidar": self._lidar, "imu": self._imu, "gps": self._gps, "sonar": self._sonar}
+        return fill[kind](mount)
+
+    def _rate(self, kind: str) -> float:
+        rate = self._sensor.rate
+        if rate is not None and isfinite(rate) and 0.0 < rate <= 10_000.0:
+            return rate
+        was = "none" if rate is None else f"{rate:g} Hz"
+        self._say("rate", was, f"{RATES[kind]:g} Hz", "every sensor has a rate above 0 and up to 10000 Hz")
+        return RATES[kind]
+
+    def _say(self, part: str, was: str, became: str, why: str) -> None:
+        self._changes.append(Change(self._sensor.where, f"sensor '{self._sensor.name}': {part}", was, became, why))
+
+    def _get(self, *keys: str) -> float | None:
+        """The first of these values that is a number; of several numbers in one text the first one."""
+        for key in keys:
+            text = self._sensor.values.get(key, "").replace(",", " ").split()
+            if not text:
+                continue
+            try:
+                value = float(text[0])
+            except ValueError:
+                value = float("nan")
+            if not isnan(value):
+                return value
+            self._say(key, " ".join(text)[:40], "not used", "it should be a number")
+        return None
+
+    def _or(self, part: str, default: float, *keys: str) -> float:
+        """The same, or a default with a change."""
+        value = self._get(*keys)
+        if value is None:
+            self._say(part, "none", f"{default:g}", "not in the source; Gazebo's default")
+            return default
+        return value
+
+    def _pose(self, camera: str) -> RigidTransform:
+        """Pose of one camera in its sensor, as a camera inside a sensor may have."""
+        try:
+            values = [float(word) for word in self._sensor.values.get(f"{camera}.pose", "").split()]
+        except ValueError:
+            values = []
+        place = np.array(values[:3]) if len(values) == 6 else np.zeros(3)
+        return RigidTransform(place if np.isfinite(place).all() and np.abs(place).max() <= REACH else np.zeros(3))
+
+    def _noise(self, mount: Mount, **keys: tuple[str, ...]) -> Mount:
+        """Standard deviations that the source has."""
+        for key, paths in keys.items():
+            value = self._get(*paths)
+            if value:
+                mount[key] = value
+        return mount
+
+    # --- kinds ---
+
+    def _camera(self, mount: Mount, camera: str) -> Mount:
+        for key in ("width", "height"):
+            value = self._or(key, _CAMERA[key], f"{camera}.image.{key}", f"camera.image.{key}")
+            mount[key] = _whole(value)
+        fov = ("horizontal_fov", f"{camera}.horizontal_fov", "camera.horizontal_fov")
+        mount["horizontal_fov"] = self._or(fov[0], _CAMERA["horizontal_fov"], *fov[1:])
+        for key in ("near", "far"):
+            mount[key] = self._or(key, _CAMERA[key], f"{camera}.clip.{key}", f"camera.clip.{key}")
+        return self._noise(mount, noise=(f"{camera}.noise.stddev", "camera.noise.stddev"))
+
+    def _depth(self, mount: Mount, camera: str) -> Mount:
+        self._camera(mount, camera)
+        for end, cutoff in (("near", "pointCloudCutoff"), ("far", "pointCloudCutoffMax")):
+            paths = (f"{camera}.depth_camera.clip.{end}", f"plugin.{cutoff}")
+            value = self._get(*paths)
+            mount[f"depth_{end}"] = value if value is not None and value > 0.0 else mount[end]
+        if mount["depth_near"] <= 0.0:
+            mount["depth_near"] = _CAMERA["near"]
+        if mount["depth_far"] <= mount["depth_near"]:
+            mount["depth_far"] = max(mount["depth_near"], mount["far"], _CAMERA["far"])
+        return mount
+
+    def _scan(self, path: str) -> float | None:
+        return self._get(f"ray.{path}", f"lidar.{path}")
+
+    def _lidar(self, mount: Mount) -> Mount | None:
+        columns = _whole(
+            (self._scan("scan.horizontal.samples") or 0.0) * (self._scan("scan.horizontal.resolution") or 1.0)
+        )
+        rows = _whole((self._scan("scan.vertical.samples") or 1.0) * (self._scan("scan.vertical.resolution") or 1.0))
+        start, end = self._scan("scan.horizontal.min_angle"), self._scan("scan.horizontal.max_angle")
+        near, far = self._scan("range.min"), self._scan("range.max")
+        if columns < 1 or start is None or end is None or near is None or far is None:
+            texts = ("none" if value is None else f"{value:g}" for value in (start, end, near, far))
+            was = "{} beams from {} to {} rad, {} to {} m".format(f"{columns:g}", *texts)
+            why = "number of beams, angles or range are missing"
+            self._changes.append(Change(self._sensor.where, f"sensor '{self._sensor.name}'", was, "left out", why))
+            return None
+        single = columns == 1 and rows <= 1
+        if rows > 1:
+            mount |= {"kind": "lidar", "columns": columns, "rows": rows, "horizontal_start": start}
+            mount["horizontal_end"] = end
+            mount["vertical_start"] = self._or("vertical start", -0.26, *_both("scan.vertical.min_angle"))
+            mount["vertical_end"] = self._or("vertical end", 0.26, *_both("scan.vertical.max_angle"))
+        else:
+            kind = "laser_scanner"
+            mount |= {"kind": kind, "beams": columns, "start_angle": start, "end_angle": start if single else end}
+        mount |= {"near": near, "far": far}
+        noise = (*_both("noise.stddev"), "plugin.gaussianNoise")
+        return self._noise(mount, resolution=_both("range.resolution"), noise=noise)
+
+    def _imu(self, mount: Mount) -> Mount:
+        return self._noise(
+            mount,
+            gyro_noise=("imu.angular_velocity.x.noise.stddev", "imu.noise.rate.stddev", "plugin.rateGaussianNoise",
+                        "rateGaussianNoise"),
+            acceleration_noise=("imu.linear_acceleration.x.noise.stddev", "imu.noise.accel.stddev",
+                                "plugin.accelGaussianNoise", "accelGaussianNoise"),
+        )  # fmt: skip
+
+    def _gps(self, mount: Mount) -> Mount:
+        kinds = ("gps", "navsat")
+        self._noise(
+            mount,
+            noise=(*(f"{kind}.position_sensing.horizontal.noise.stddev" for kind in kinds), "plugin.gaussianNoise",
+                   "gaussianNoise"),
+            vertical_noise=(*(f"{kind}.position_sensing.vertical.noise.stddev" for kind in kinds),),
+            velocity_noise=(*(f"{kind}.velocity_sensing.horizontal.noise.stddev" for kind in kinds),
+                            "plugin.velocityGaussianNoise", "velocityGaussianNoise"),
+        )  # fmt: skip
+        datum = {
+            key: value if key == "altitude" else radians(value)
+            for key in ("latitude", "longitude", "altitude", "heading")
+            if (value := self._get(f"reference{key.capitalize()}", f"plugin.reference{key.capitalize()}")) is not None
+            and isfinite(value)
+        }
+        if datum:
+            mount["datum"] = {"heading": 0.0, **datum}  # hector's x axis points north unless it has a heading
+        return mount
+
+    def _sonar(self, mount: Mount) -> Mount:
+        near = self._get("sonar.min", "ray.range.min", "lidar.range.min", "plugin.min_range", "min_range")
+        far = self._get("sonar.max", "ray.range.max", "lidar.range.max", "plugin.max_range", "max_range")
+        mount |= {"near": 0.02 if near is None else near, "far": 4.0 if far is None else far}
+        cone = self._get("plugin.fov", "fov")
+        start, end = self._scan("scan.horizontal.min_angle"), self._scan("scan.horizontal.max_angle")
+        if cone is None and start is not None and end is not None and abs(end - start) > 0.0:
+            cone = abs(end - start)
+        if cone is None:  # Gazebo's sonar is a cone with this radius at its far end
+            radius = self._get("sonar.radius")
+            cone = 2.0 * atan2(0.5 if radius is None else radius, min(mount["far"], FARTHEST))
+        mount["cone"] = cone
+        noise = (*_both("noise.stddev"), "plugin.gaussianNoise", "gaussianNoise")
+        return self._noise(mount, resolution=_both("range.resolution"), noise=noise)
+
+
+def _both(path: str) -> tuple[str, str]:
+    """The path below each of the names that Gazebo's laser had."""
+    return f"ray.{path}", f"lidar.{path}"
+
+
+def _whole(value: float) -> float:
+    """The whole number nearest to a count; infinity stays."""
+    return round(value) if isfinite(value) else inf if value > 0.0 else 0

@@ -1,0 +1,202 @@
+"""Shapes of a car as files and elements that Drake takes, and a body that does not drag on the road."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import pi
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.importing.vehicles.body_cover import COVERED, body_boxes, plan_cover, usual_bounds
+from mirdrake.importing.vehicles.car import Car, Part
+from mirdrake.importing.vehicles.mesh_convex import CUT_TIME, CutTime
+from mirdrake.importing.vehicles.meshes import MeshError, convert_collision, convert_visual
+from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.vehicles.names import Names
+from mirdrake.importing.vehicles.round_shapes import Bounds, bounds_in
+
+CLEARANCE = 0.02
+"""Height over the wheelbase below which a collision shape of the body would carry the car on a bump or in a bend."""
+
+_LEVEL = 1e-3
+_LYING = RollPitchYaw(pi / 2.0, 0.0, 0.0)
+_RUBBER, _PAINT = (0.1, 0.1, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
+
+
+def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> list[Change]:
+    """Write the meshes of a car below its folder, and put the new shapes in place of the old ones.
+
+    Args:
+        car: its parts are changed.
+        folder: the vehicle's.
+        convex_time: for cutting collision meshes into convex parts [s].
+    """
+    changes: list[Change] = []
+    files: set[str] = set()
+    written: dict[tuple[object, ...], Shape] = {}
+    # what is seen
+    places = {part.name: part.visuals[0].where for part in car.parts if part.visuals}
+    drawn: list[Shape] = []
+    for part in car.parts:
+        converted = [(shape, _visual(shape, part, folder, files, written, changes)) for shape in part.visuals]
+        part.visuals = [new for _, new in converted if new is not None]
+        if part is car.body:
+            drawn = [shape for shape, new in converted if new is not None]
+    # what is touched
+    solid: list[Shape] = []
+    time = CutTime(convex_time)
+    for shape in car.body.collisions:
+        solid += _collision(shape, car.body, folder, files, changes, time)
+    low = CLEARANCE * car.layout.wheelbase
+    car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
+    # what takes the place of either
+    bodyless = plan_cover(body_boxes(drawn, car.layout), car.layout) < COVERED
+    if bodyless:
+        changes += _show_body(car, changes)
+    elif not car.body.collisions:
+        car.body.collisions = [_box(car, car.bounds, "none", changes)]
+    changes += _show_wheels(car, places, every=bodyless)
+    return changes
+
+
+def _visual(
+    shape: Shape,
+    part: Part,
+    folder: Path,
+    files: set[str],
+    written: dict[tuple[object, ...], Shape],
+    changes: list[Change],
+) -> Shape | None:
+    """A visual; the same mesh is written once."""
+    what = f"link '{part.name}': visual"
+    if shape.kind == "plane" or not _is_sound(shape):
+        changes.append(Change(shape.where, what, f"{shape.kind} {shape.size}", "left out", "nothing that can be drawn"))
+        return None
+    if shape.kind != "mesh":
+        return shape
+    if shape.mesh is None:  # told when it was read
+        return None
+    key = (shape.mesh, shape.scale, shape.submesh, shape.rgba, shape.texture)
+    if key in written:
+        known = written[key]
+        return replace(known, X_LG=shape.X_LG, where=shape.where)
+    name = Names.unique(Path(shape.address or "mesh").stem.replace(".", "_"), files)
+    try:
+        new, found = convert_visual(shape, folder, name=name)
+    except MeshError as error:
+        changes.append(error.left_out(shape.where, what))
+        return None
+    changes += found
+    written[key] = new
+    return new
+
+
+def _collision(
+    shape: Shape, part: Part, folder: Path, files: set[str], changes: list[Change], time: CutTime
+) -> list[Shape]:
+    what = f"link '{part.name}': collision shape"
+    if shape.kind == "plane" or not _is_sound(shape):
+        changes.append(
+            Change(shape.where, what, f"{shape.kind} {shape.size}", "left out", "nothing that can be touched")
+        )
+        return []
+    if shape.kind == "mesh" and shape.mesh is None:  # told when it was read
+        return []
+    name = Names.unique(f"{Path(shape.address or 'mesh').stem}_collision".replace(".", "_"), files)
+    try:
+        new, found = convert_collision(shape, folder, name=name, time=time)
+    except MeshError as error:
+        changes.append(error.left_out(shape.where, what))
+        return []
+    changes += found
+    return new
+
+
+def _is_sound(shape: Shape) -> bool:
+    """Whether a primitive has a size, and a shape a place."""
+    return bool(np.isfinite(shape.X_LG.translation()).all()) and all(0.0 < size < 1000.0 for size in shape.size)
+
+
+def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape | None:
+    """A collision shape of the body that stays above the road; None if it lies on it."""
+    box = bounds_in(shape, RigidTransform())
+    if box is None or box[0][2] >= low:
+        return shape
+    bottom, top = float(box[0][2]), float(box[1][2])
+    what = f"link '{body.name}': collision shape"
+    was = f"{shape.kind} from {bottom:.4g} to {top:.4g} m above the road"
+    why = "it would carry the car in place of the wheels"
+    if top - low < 0.3 * (top - bottom):
+        changes.append(Change(shape.where, what, was, "left out", why))
+        return None
+    R = shape.X_LG.rotation().matrix()
+    if shape.kind == "box" and np.abs(np.abs(R[2]).max() - 1.0) < _LEVEL:
+        edge = int(np.argmax(np.abs(R[2])))
+        size = list(shape.size)
+        size[edge] = top - low
+        changes.append(Change(shape.where, what, was, f"from {low:.4g} m on", why))
+        return replace(shape, size=tuple(size), X_LG=_raised(shape.X_LG, (low - bottom) / 2.0))
+    changes.append(Change(shape.where, what, was, f"{low - bottom:.4g} m higher", why))
+    return replace(shape, X_LG=_raised(shape.X_LG, low - bottom))
+
+
+def _raised(X: RigidTransform, height: float) -> RigidTransform:
+    return RigidTransform(X.rotation(), X.translation() + np.array([0.0, 0.0, height]))
+
+
+def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
+    """Draw the collision shapes of a body whose visuals do not cover it; a box where these do not cover it either.
+
+    Visuals that are drawn, such as sensors, stay.
+    """
+    changes: list[Change] = []
+    body, what = car.body, f"link '{car.body.name}': visuals"
+    where = body.visuals[0].where if body.visuals else body.collisions[0].where if body.collisions else ""
+    cover = plan_cover(body_boxes(body.collisions, car.layout), car.layout)
+    shown = "its collision shapes are"
+    if cover < COVERED:
+        was = "none"
+        if body.collisions:
+            was = f"{len(body.collisions)} shapes that cover {100.0 * cover:.0f} % of wheelbase x track"
+        body.collisions = [_box(car, usual_bounds(car.layout), was, changes)]
+        shown = "a box of the usual size for its wheelbase and track is"
+    was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
+    body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
+    changes.append(Change(where, what, was, shown.rsplit(" ", 1)[0], "the car would be drawn without its body"))
+    lost = [change for change in reported if change.what == f"link '{body.name}': visual"]
+    reason = f" ({lost[0].was}: {lost[0].why})" if lost else ""
+    car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
+    return changes
+
+
+def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Change]:
+    """Draw wheels as cylinders where their visuals are lost.
+
+    Args:
+        car: its wheels are changed.
+        places: part that had visuals -> place in the source.
+        every: also wheels that had none, which may be drawn with the body.
+    """
+    changes = []
+    for key, wheel in car.wheels.items():
+        if wheel.visuals or not (every or wheel.name in places):
+            continue
+        rear = key.startswith("rear")
+        size = (car.layout.radii[rear], car.layout.widths[rear])
+        wheel.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
+        what, why = f"link '{wheel.name}': visuals", "the wheel would not be seen"
+        changes.append(Change(places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why))
+    return changes
+
+
+def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
+    """A collision shape for a body: the box around it, above the road."""
+    lower, upper = (np.array(corner) for corner in bounds)
+    lower[2] = max(lower[2], min(car.estimates.ground_clearance, 0.5 * upper[2]))
+    size = upper - lower
+    became = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, from {lower[2]:.3g} m on"
+    where = car.body.visuals[0].where if car.body.visuals else ""
+    what = f"link '{car.body.name}': collision shape"
+    changes.append(Change(where, what, was, became, "the box around the body; otherwise it would pass through walls"))
+    return Shape("box", tuple(size.tolist()), RigidTransform(0.5 * (lower + upper)), where=where)

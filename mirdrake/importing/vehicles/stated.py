@@ -1,0 +1,94 @@
+"""Figures that drive plugins state: steering limit, rate and torque, drive and brake torque, maximum speed, ratio."""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from math import isfinite, pi, radians
+
+from mirdrake.importing.vehicles.model import Plugin
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_MAXIMUM = {"max", "maximum", "limit", "lim"}
+_SPEED = {"speed", "velocity", "vel"}
+_TORQUE = {"torque", "effort"}
+_ENDS = {"front": "front", "rear": "rear", "back": "rear"}
+_OTHER = {"gain", "pid", "p", "i", "d", "kp", "ki", "kd", "min", "minimum", "topic", "name", "frame", "joint", "noise",
+          "motor", "engine", "accel", "acceleration", "decel", "deceleration", "jerk", "time", "range", "feed",
+          "feedforward", "coefficient", "constant", "yaw", "angular", "lateral", "turn"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A figure of a plugin.
+
+    Attributes:
+        figure: steering_limit, hand_wheel_limit, steering_ratio, steering_rate, steering_effort, torque, brake_torque
+            or max_speed.
+        end: front or rear; "" if the figure is not of one axle.
+        value: SI.
+        key: as the plugin names it.
+        where: ``file:line`` of the plugin.
+    """
+
+    figure: str
+    end: str
+    value: float
+    key: str
+    where: str
+
+
+def read_stated(plugins: Iterable[Plugin]) -> list[Stated]:
+    """All figures that these plugins state and that can be understood without running them."""
+    found = [item for plugin in plugins for item in _of_plugin(plugin)]
+    # Beside a limit at the road wheel, a larger one is that of the hand wheel; alone it is beyond a right angle.
+    road = [item.value for item in found if item.figure == "steering_limit" and item.value < 0.5 * pi]
+    hand = [item for item in found if item.figure == "steering_limit" and item.value >= 0.5 * pi]
+    ratios = [
+        Stated("steering_ratio", "", item.value / min(road), item.key, item.where)
+        for item in hand
+        if road and item.value <= 50.0
+    ]
+    stated = {item.figure for item in found}
+    return [item for item in found if item not in hand] + ([] if "steering_ratio" in stated else ratios)
+
+
+def _of_plugin(plugin: Plugin) -> Iterator[Stated]:
+    for key, text in plugin.values.items():
+        leaf = key.rpartition(".")[2].partition("[")[0]
+        words = {word.lower() for word in _WORD.findall(leaf)}
+        figure = _figure(words)
+        try:
+            value = float(text)
+        except ValueError:
+            continue
+        if figure is None or not isfinite(value):
+            continue
+        value = abs(value) if figure != "torque" else value
+        if words & {"deg", "degree", "degrees"}:
+            value = radians(value)
+        if words & {"kmh", "kph"}:
+            value /= 3.6
+        end = next((_ENDS[word] for word in sorted(words) if word in _ENDS), "")
+        if value >= 0.0:
+            yield Stated(figure, end, value, key, plugin.where)
+
+
+def _figure(words: set[str]) -> str | None:
+    """The figure that a key means, by its words."""
+    steers = any(word.startswith("steer") for word in words)
+    brakes = any(word.startswith("brak") for word in words)
+    if words & _OTHER:
+        return None
+    if steers:
+        if words & _TORQUE:
+            return "steering_effort"
+        if words & {"rate", *_SPEED}:
+            return "steering_rate"
+        if "ratio" in words:
+            return "steering_ratio"
+        return "steering_limit" if words & _MAXIMUM else None
+    if words & _TORQUE:
+        return "brake_torque" if brakes else "torque"
+    if words & _SPEED and words & _MAXIMUM and not brakes and "wheel" not in words:
+        return "max_speed"
+    return None

@@ -1,0 +1,222 @@
+"""The dimensions of a car as mirdrake wants it: wheels in mirrored pairs, spin axes lateral, steering axes vertical.
+
+What a source has instead, a little camber, a leaning kingpin, a wheel two millimetres too far ahead, is straightened
+and said; what is no longer a little is refused with its numbers.
+"""
+
+from math import acos, asin, degrees
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.car import Layout
+from mirdrake.importing.vehicles.kinematics import Tree, frame_about, source_name
+from mirdrake.importing.vehicles.model import Change, Joint, Vector
+from mirdrake.importing.vehicles.recognise import Roles, Wheel
+from mirdrake.vehicles.spec import WHEELS
+
+SIDES = ("left", "right")
+ALIKE = 0.02
+"""Left and right may differ by this part of the dimension, or by SLACK; beyond, the source is a mistake."""
+
+SLACK = 0.003
+"""[m] that a careless file is off by, also where 2 % of a small dimension are less."""
+
+WORTH_SAYING = 1e-3
+"""Angles [rad], and lengths over the wheelbase, above which a report mentions them."""
+
+SEEN = 0.05
+"""Part of the radius by which a wheel may look larger or smaller than it is before that is said."""
+
+BESIDE = 0.15
+"""Part of the radius by which a wheel may look to stand beside its collision shape before that is said."""
+
+LEAN = 0.2
+"""Largest slope [rad] of the road below the wheels at the zero position."""
+
+
+def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
+    """Measure a recognised car, and straighten it.
+
+    Raises:
+        ModelError: it is too crooked.
+    """
+    tree, wheels = roles.tree, roles.wheels
+    changes: list[Change] = []
+    place = source_name(tree.model)
+    radii, widths = [], []
+    for end in ("front", "rear"):
+        pair = [wheels[f"{end}_{side}"] for side in SIDES]
+        radii.append(_mean(place, f"radii of the {end} wheels", [wheel.shape.radius for wheel in pair], pair, changes))
+        sizes = [wheel.shape.width for wheel in pair]
+        widths.append(_mean(place, f"widths of the {end} wheels", sizes, pair, changes, strict=False))
+    contact = {
+        name: wheel.point - np.array([0.0, 0.0, radii[name.startswith("rear")]]) for name, wheel in wheels.items()
+    }
+    X_MB = _base_frame(place, contact, changes)
+    X_BM = X_MB.inverse()
+    points = {name: X_BM.multiply(point) for name, point in contact.items()}
+    wheelbase = float(points["front_left"][0] + points["front_right"][0]) / 2.0
+    tracks = tuple(float(points[f"{end}_left"][1] - points[f"{end}_right"][1]) for end in ("front", "rear"))
+    parts: dict[str, RigidTransform] = {}
+    for name, wheel in wheels.items():
+        front, left = name.startswith("front"), name.endswith("left")
+        ideal = np.array([wheelbase * front, (0.5 if left else -0.5) * tracks[not front], 0.0])
+        _say_moved(place, wheel, points[name] - ideal, wheelbase, changes)
+        parts[name] = _wheel_frame(wheel, X_MB, changes)
+    kingpins = [_kingpin(tree, joint, X_BM, changes) for joint in roles.steering]
+    kingpin_track = float(kingpins[0][1] - kingpins[1][1])
+    if kingpin_track <= 0.0:
+        names = " and ".join(f"'{joint.name}'" for joint in roles.steering)
+        raise ModelError(
+            f"{place}: steering axes {names} cross: the left one lies {-kingpin_track:.4g} m further right"
+        )
+    skew = float(np.abs(kingpins[0] - kingpins[1] * np.array([1.0, -1.0])).max())
+    if skew > max(SLACK, ALIKE * wheelbase):
+        raise ModelError(
+            f"{place}: steering axes at {_shown(kingpins[0])} and {_shown(kingpins[1])} m are not mirror images "
+            f"within {max(SLACK, ALIKE * wheelbase):.2g} m"
+        )
+    middle = 0.5 * (kingpins[0] + kingpins[1] * np.array([1.0, -1.0]))
+    if skew > WORTH_SAYING * wheelbase:
+        was = f"{_shown(kingpins[0])} and {_shown(kingpins[1])} m"
+        why = "left and right mirror each other"
+        changes.append(Change(roles.steering[0].where, "places of the steering axes", was, _shown(middle), why))
+    for side, kingpin in zip(SIDES, kingpins, strict=True):
+        at = np.array([kingpin[0], kingpin[1], radii[0]])
+        parts[f"{side}_knuckle"] = X_MB.multiply(RigidTransform(at))
+    trail = float(middle[0]) - wheelbase
+    layout = Layout(
+        wheelbase=wheelbase,
+        tracks=(tracks[0], tracks[1]),
+        kingpin_track=2.0 * float(middle[1]),
+        trail=trail if abs(trail) > 1e-6 else 0.0,
+        radii=(radii[0], radii[1]),
+        widths=(widths[0], widths[1]),
+        X_MB=X_MB,
+        parts=parts,
+    )
+    return layout, changes
+
+
+def _mean(
+    place: str, what: str, values: list[float], pair: list[Wheel], changes: list[Change], *, strict: bool = True
+) -> float:
+    """The mean of left and right."""
+    low, high = min(values), max(values)
+    if strict and high - low > max(SLACK, ALIKE * high):
+        names = " and ".join(f"'{wheel.joint.name}'" for wheel in pair)
+        raise ModelError(
+            f"{place}: {what} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be alike"
+        )
+    mean = 0.5 * (low + high)
+    if high - low > WORTH_SAYING * high:
+        was = f"{values[0]:.4g} and {values[1]:.4g} m"
+        changes.append(Change(pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are alike"))
+    return mean
+
+
+def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -> RigidTransform:
+    """base_link: below the rear axle's centre, x ahead, in the plane on which the wheels stand."""
+    front = 0.5 * (contact["front_left"] + contact["front_right"])
+    rear = 0.5 * (contact["rear_left"] + contact["rear_right"])
+    across = contact["front_left"] + contact["rear_left"] - contact["front_right"] - contact["rear_right"]
+    x = (front - rear) / np.linalg.norm(front - rear)
+    across = across / np.linalg.norm(across)
+    skew = asin(float(x @ across))
+    if abs(skew) > LEAN:
+        raise ModelError(f"{place}: the axles are askew by {degrees(skew):.3g} degrees; left and right should mirror")
+    y = across - x * (across @ x)
+    y = y / np.linalg.norm(y)
+    z = np.cross(x, y)
+    for what, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
+        if abs(angle) > LEAN:
+            height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
+            raise ModelError(f"{place}: the wheels do not stand on one level road; their lowest points [m]: {height}")
+        if abs(angle) > WORTH_SAYING:
+            why = "the zero position of the source is not level with its own wheels"
+            was = f"the wheels stand on a plane with {degrees(angle):.3g} degrees of {what}"
+            changes.append(Change(place, "level", was, "turned level", why))
+    return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), rear)
+
+
+def _say_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, changes: list[Change]) -> None:
+    """A wheel's place [m] beside its ideal one."""
+    distance, allowed = float(np.linalg.norm(shift)), max(SLACK, ALIKE * wheelbase)
+    if distance > allowed:
+        raise ModelError(
+            f"{place}: wheel of '{wheel.joint.name}' is {_shown(shift)} m beside the mirror image of the other one of "
+            f"its axle; {allowed:.2g} m are allowed"
+        )
+    if distance > WORTH_SAYING * wheelbase:
+        what = f"joint '{wheel.joint.name}': place"
+        why = "left and right mirror each other"
+        changes.append(Change(wheel.joint.where, what, f"{_shown(shift)} m beside it", "mirrored", why))
+
+
+def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> RigidTransform:
+    """The wheel's frame as it stands in the source: y along its axis to the left."""
+    R_MB = X_MB.rotation().matrix()
+    joint, shape = wheel.joint, wheel.shape
+    axis = wheel.axis
+    what = f"joint '{joint.name}'"
+    if axis @ R_MB[:, 1] < 0.0:
+        axis = -axis
+        why = "a positive speed rolls ahead"
+        changes.append(Change(joint.where, f"{what}: sense of the axis", "to the right", "to the left", why))
+    along, _, up = R_MB.T @ axis
+    for name, angle in (("camber", asin(float(up))), ("toe", asin(float(along)))):
+        if abs(angle) > WORTH_SAYING:
+            was = f"{degrees(angle):.3g} degrees of {name}"
+            changes.append(
+                Change(joint.where, f"{what}: axis", was, "lateral", "wheels of mirdrake stand upright and ahead")
+            )
+    if wheel.off_axis > max(1e-3, 0.01 * shape.radius):
+        was = f"centre {wheel.off_axis:.3g} m beside the joint's axis"
+        changes.append(
+            Change(shape.shape.where, f"{what}: {shape.role} shape", was, "centred", "an off-centre wheel hops")
+        )
+    if shape.width_from:
+        was = f"sphere of radius {shape.radius:.4g} m"
+        became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
+        changes.append(Change(shape.shape.where, f"{what}: {shape.role} shape", was, became, "a tyre has a width"))
+    if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
+        was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m beside what is seen"
+        changes.append(
+            Change(
+                shape.shape.where, f"{what}: track", was, "as it was: please check", "it rolls on its collision shape"
+            )
+        )
+    if wheel.seen is not None and abs(wheel.seen.radius - shape.radius) > SEEN * shape.radius:
+        was = f"radius {shape.radius:.4g} m, looks like {wheel.seen.radius:.4g} m"
+        became = f"{shape.radius:.4g} m: please check"
+        changes.append(Change(shape.shape.where, f"{what}: radius", was, became, "it rolls on its collision shape"))
+    if shape.role == "visual":
+        became = f"cylinder of radius {shape.radius:.4g} m, {shape.width:.4g} m wide"
+        why = "the wheel has no round collision shape; this is what the eye sees"
+        changes.append(Change(shape.shape.where, f"{what}: collision shape", "none that is round", became, why))
+    return frame_about(wheel.point, y=axis, up=R_MB[:, 2])
+
+
+def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: list[Change]) -> Vector:
+    """Where a steering axis meets the road, x and y [m]."""
+    axis = tree.axis(joint)
+    assert axis is not None, "recognised by its axis"
+    up = X_BM.rotation().multiply(axis)
+    if up[2] < 0.0:
+        up = -up
+        why = "a positive angle turns left"
+        changes.append(Change(joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why))
+    lean = acos(min(1.0, float(up[2])))
+    if lean > WORTH_SAYING:
+        was = f"{degrees(lean):.3g} degrees off the vertical"
+        why = "steering axes of mirdrake are vertical; they keep their place on the road"
+        changes.append(Change(joint.where, f"joint '{joint.name}': axis", was, "vertical", why))
+    point = X_BM.multiply(tree.pose(joint).translation())
+    on_road: Vector = (point - up * (point[2] / up[2]))[:2]
+    return on_road
+
+
+def _shown(vector: Vector) -> str:
+    return " ".join(f"{value:.4g}" for value in np.where(np.abs(vector) < 1e-6, 0.0, vector))

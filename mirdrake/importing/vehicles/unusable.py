@@ -1,0 +1,103 @@
+"""Why joints that were probably meant as steering or as wheels cannot be used as such, for messages of rejection."""
+
+import re
+from collections.abc import Sequence
+from math import acos, degrees
+
+from mirdrake.importing.vehicles.kinematics import Tree
+from mirdrake.importing.vehicles.model import Joint
+
+_STEERING = re.compile("steer|king_?pin|knuckle", re.IGNORECASE)
+_WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
+_TURNING = ("revolute", "continuous", "universal", "revolute2")
+MOST_NAMES = 6
+
+
+def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *, upright: float) -> str:
+    """A clause that names the joints meant to steer and what is wrong with each; "" if there are none.
+
+    Args:
+        tree: of the model.
+        wheels: names of the wheel joints that were found.
+        used: names of joints that steer a wheel.
+        upright: smallest cosine between a steering axis and the vertical.
+    """
+    carrying = {joint.name for name in wheels for joint in tree.path(tree.model.joints[name].child)} - set(wheels)
+    named = _named_by_plugins(tree, "steer")
+    words = []
+    for joint in tree.model.joints.values():
+        meant = _STEERING.search(f"{joint.name} {joint.child}") or joint.name in named
+        if joint.name in (*wheels, *used) or not (meant or _turns_upright(tree, joint, upright)):
+            continue
+        if not meant and joint.name not in carrying:
+            continue  # a turning lidar, an arm
+        words.append(f"'{joint.name}' {_steering_fault(tree, joint, carrying, upright)}")
+    return _clause("cannot be used as steering", words)
+
+
+def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
+    """A clause that names the joints meant as wheels and what is wrong with each; "" if there are none.
+
+    Args:
+        tree: of the model.
+        wheels: names of the wheel joints that were found.
+        level: largest sine of a wheel axis over the horizontal.
+    """
+    named = _named_by_plugins(tree, "wheel") - _named_by_plugins(tree, "steer")
+    words = []
+    for joint in tree.model.joints.values():
+        meant = joint.name in named or (_WHEEL.search(joint.name) and not _STEERING.search(joint.name))
+        if not meant or joint.name in wheels:
+            continue
+        axis = tree.axis(joint) if joint.parent in tree.poses else None
+        if joint.child not in tree.poses:
+            fault = "hangs on nothing"
+        elif joint.kind not in _TURNING:
+            fault = f"is {joint.kind}"
+        elif axis is not None and abs(axis[2]) > level:
+            fault = f"has an axis {90.0 - degrees(acos(min(1.0, abs(axis[2])))):.0f} degrees off the horizontal"
+        elif joint.limits.lower is not None and joint.limits.upper is not None and joint.kind == "revolute":
+            fault = f"turns from {joint.limits.lower:.4g} to {joint.limits.upper:.4g} rad only"
+        else:
+            continue
+        words.append(f"'{joint.name}' {fault}")
+    return _clause("cannot be used as wheels", words)
+
+
+def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float) -> str:
+    axis = tree.axis(joint) if joint.parent in tree.poses else None
+    if joint.child not in tree.poses:
+        return "hangs on nothing"
+    if joint.kind not in _TURNING:
+        return f"is {joint.kind}"
+    if axis is None:
+        return "has an axis without direction"
+    if abs(axis[2]) < upright:
+        lean, most = degrees(acos(min(1.0, abs(float(axis[2]))))), degrees(acos(upright))
+        return f"has an axis {lean:.0f} degrees off the vertical (at most {most:.0f})"
+    if joint.name not in carrying:
+        return "carries no wheel"
+    if joint.limits.lower == joint.limits.upper and joint.limits.lower is not None:
+        return f"has no range ({joint.limits.lower:.4g} to {joint.limits.upper:.4g} rad)"
+    return "does not steer one wheel by itself"
+
+
+def _turns_upright(tree: Tree, joint: Joint, upright: float) -> bool:
+    axis = tree.axis(joint) if joint.kind in _TURNING and joint.parent in tree.poses else None
+    return axis is not None and abs(axis[2]) >= upright
+
+
+def _named_by_plugins(tree: Tree, word: str) -> set[str]:
+    """Joints that plugins name in an element whose name has a word."""
+    return {
+        value
+        for plugin in tree.model.plugins
+        for key, value in plugin.values.items()
+        if word in key.rpartition(".")[2].lower() and value in tree.model.joints
+    }
+
+
+def _clause(what: str, words: Sequence[str]) -> str:
+    if not words:
+        return ""
+    return f"; {what}: {', '.join(words[:MOST_NAMES])}" + (", …" if len(words) > MOST_NAMES else "")

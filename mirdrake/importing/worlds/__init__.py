@@ -1,0 +1,348 @@
+"""Worlds of Gazebo into world files of mirdrake.
+
+::
+
+    .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, read_crowd.py, elements.py, frames.py,
+                                                  finding.py
+    SourceWorld ── make_ground ──► GroundText     ground.py: planes, floors, roads
+    SourceWorld ── Converter ──► Entry, ...       convert.py: known.py, prop_folder.py, surfaces.py
+    Entry, ... ── world_text ──► <name>.yaml      entry.py, text.py
+    all of it: import_world ──► WorldImport       here
+
+Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
+<name>.md beside the world.
+"""
+
+import math
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.core.errors import ConfigError, ModelError, WorldError
+from mirdrake.core.paths import staging
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.vehicles.model import Change
+from mirdrake.importing.vehicles.places import Places
+from mirdrake.importing.worlds.convert import Converter
+from mirdrake.importing.worlds.entry import Entry, degrees, into_grids, is_word, number
+from mirdrake.importing.worlds.finding import Models
+from mirdrake.importing.worlds.ground import GroundText, make_ground
+from mirdrake.importing.worlds.model import Array, SourceWorld
+from mirdrake.importing.worlds.placed import find_overlaps, place, reach
+from mirdrake.importing.worlds.read_world import read_world
+from mirdrake.importing.worlds.starts import CAR, FreePlaces
+from mirdrake.importing.worlds.text import report_text, world_text
+from mirdrake.vehicles.scaffold import check_name
+from mirdrake.world_checks import check_world
+from mirdrake.world_checks.overlaps import Neighbours
+from mirdrake.world_checks.standing import find_unsettled
+from mirdrake.worlds import World
+from mirdrake.worlds.loading import load_world
+from mirdrake.worlds.props import PlacedProp
+
+__all__ = ["Change", "WorldImport", "import_world"]
+
+_REACH = 200.0  # [m] of the ground of a world without tracks and size
+_MARGIN = 20.0  # [m] ground beyond the props
+_MOST_PAIRS = 60  # overlaps that are named one by one
+_MOST_ENTRIES = 5000  # of a world
+
+
+@dataclass(frozen=True)
+class WorldImport:
+    """What an import made.
+
+    Attributes:
+        path: of the world file.
+        world_text: what is in it.
+        changes: everything that differs from the source.
+        checks: sentences on what a person should look at.
+        entries: how many there are in it.
+    """
+
+    path: Path
+    world_text: str
+    changes: tuple[Change, ...]
+    checks: tuple[str, ...] = ()
+    entries: int = 0
+
+
+def import_world(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    folder: Path | str | None = None,
+    packages: Mapping[str, Path] | None = None,
+    strict: bool = False,
+    force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> WorldImport:
+    """Make a world file from a world of Gazebo: ``<name>.yaml``, ``<name>.md`` and the props below ``<name>/props/``.
+
+    Args:
+        path: the .world or .sdf file.
+        name: of the world; that of the source if left out.
+        folder: where it goes; ``worlds`` in the working directory if left out.
+        packages: model or package name -> folder, beside those found around the file and on Gazebo's search paths.
+        strict: refuse a world of which something that could be touched would be left out, in one line.
+        force: replace a world of that name.
+        progress: called with what is being done.
+
+    Raises:
+        ConfigError: name or place are not allowed.
+        ModelError: the file cannot be read or holds no world, or, if strict, the first thing that is missing; nothing
+            is written then.
+        MissingDependencyError: a mesh format needs a package that is not installed.
+    """
+    say = progress or _say_nothing
+    source = Path(path)
+    if name is not None:
+        check_name(name)
+    say("reading")
+    world = read_world(source, models=Models(source, packages))
+    name = name or _plain(world.name)
+    target = Path(folder or "worlds")
+    replaced = _check_place(target, name, force=force)
+    places = Places(source)
+    with staging(target) as stage:
+        result = _build(world, name, stage.path, places, strict=strict, say=say)
+        stage.publish(replaced)
+    return WorldImport(target / f"{name}.yaml", *result)
+
+
+def _build(
+    world: SourceWorld, name: str, building: Path, places: Places, *, strict: bool, say: Callable[[str], None]
+) -> tuple[str, tuple[Change, ...], tuple[str, ...], int]:
+    """Everything into the folder `building`; text, changes, checks and number of entries of the world."""
+    add = world.changes.append
+    ground = make_ground(world, add)
+    converter = Converter(name, building, ground.height, add, say)
+    entries = converter.entries(world)
+    scenery = converter.scenery(ground.drawn)
+    if strict and converter.lost:
+        faults = list(dict.fromkeys(places.text(fault) for fault in converter.lost))
+        more = f"; {len(faults) - 1} more like it" if len(faults) > 1 else ""
+        raise ModelError(f"{faults[0]}{more}; without strict it is left out and reported")
+    if len(entries) > _MOST_ENTRIES:
+        raise ModelError(f"{world.files[0]}:1: {len(entries)} things; a world has at most {_MOST_ENTRIES} entries")
+    where = f"{world.files[0]}:1"
+    suns = [sun for sun in world.suns if _shines(sun.direction)]
+    for sun in world.suns:
+        if sun is not (suns[0] if suns else None):
+            why = "there is one sun" if sun in suns else "the sun does not shine from below"
+            add(Change(sun.where, f"directional light '{sun.name}'", "…", "left out", why))
+    say("placing")
+    props = place(entries, building)
+    overlaps = _overlap_rules(props, where, add)
+    if _let_fall(entries, props, where, add):
+        props = place(entries, building)
+    heights = _height_rules(props, where, add)
+    grids = into_grids(entries) if not overlaps and not heights else entries
+    _widen(ground, props, where, add)
+    starts = {
+        start: f"at: [{number(X.translation()[0])}, {number(X.translation()[1])}], "
+        f"yaw: {degrees(RollPitchYaw(X.rotation()).yaw_angle())}"
+        for start, X in converter.starts.items()
+    }
+    file = building / f"{name}.yaml"
+
+    def write(starts: Mapping[str, str]) -> World:
+        text = world_text(
+            name, source=places.file(world.files[0]), ground=ground, suns=suns, starts=starts, entries=grids,
+            scenery=scenery, overlaps=overlaps, heights=heights,
+        )  # fmt: skip
+        file.write_text(text, encoding="utf-8")
+        try:
+            return load_world(str(file))
+        except (ConfigError, WorldError) as error:
+            fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
+            raise ModelError(f"{shown(world.files[0])}:1: the imported world cannot be loaded: {fault}") from error
+
+    say("loading")
+    laid = write(starts)
+    say("looking for a free start")
+    first, remark = _free_start(laid, props)
+    blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
+    for start in blocked:
+        add(Change(where, f"start '{start}'", starts.pop(start), "left out", f"no room for a car of the size of {CAR}"))
+    if first or blocked:
+        laid = write({**first, **starts})
+    if first:
+        add(Change(where, "start", remark, ", ".join(f"start '{one}': {keys}" for one, keys in first.items()),
+                   f"a car of the size of {CAR} has room there"))  # fmt: skip
+    say("checking")
+    found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
+    checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
+    checks += tuple(f"world check: {text}" for text in found)
+    changes = tuple(dict.fromkeys(places.change(change) for change in world.changes))
+    report = report_text(name, files=world.files, entries=grids, changes=changes, places=places, checks=checks)
+    (building / f"{name}.md").write_text(report, encoding="utf-8")
+    return file.read_text(encoding="utf-8"), changes, checks, len(grids)
+
+
+def _relative(text: str, building: Path) -> str:
+    """A message without the folder in which the world was built."""
+    return text.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
+
+
+def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
+    """A start with room for a car, to be the first one, and what is wrong with the first one of the source.
+
+    It is on the longest track that has room, else where the first start is, or as near to it as there is room. Nothing
+    if the first start of the source has room, or if there is no room at all.
+    """
+    free = FreePlaces(world)
+    name, start = next(iter(world.starts.items()))
+    if world.spec.start and free.is_start(start):
+        return {}, ""
+    remark = "none" if not world.spec.start else f"no room at '{name}'"
+    new = next(word for word in ("road", "free", "free_start") if word not in world.spec.start)
+    for track in world.tracks:
+        s = free.find_on_track(track)
+        if s is not None:
+            return {new: f"on_track: {{track: {track}, s: {number(s)}}}"}, remark
+    if free.is_start(start):
+        return {}, ""
+    pose = free.find_near(start.x, start.y)
+    if pose is None and props:
+        middle = np.mean([[*prop.footprint.centroid.coords[0]] for prop in props], axis=0)
+        pose = free.find_near(float(middle[0]), float(middle[1]))
+    if pose is None:
+        return {}, ""
+    new = next(word for word in ("free", "free_start") if word not in world.spec.start)
+    return {new: f"at: [{number(pose[0])}, {number(pose[1])}], yaw: {degrees(pose[2])}"}, (
+        remark if world.spec.start else "no room at the origin"
+    )
+
+
+def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> bool:
+    """Lower loose things that hang in the air to where they would fall, those above each other together."""
+    hanging = {fault.names[0] for fault in find_unsettled(Neighbours(props), None) if fault.kind == "floating"}
+    loose = [prop for prop in props if prop.name in hanging and not prop.static]
+    if not loose:
+        return False
+    by_name = {entry.name: entry for entry in entries}
+    highest = 0.0
+    for prop in loose:
+        near = [other.bottom for other in loose if other.footprint.intersects(prop.footprint)]
+        drop = min(near)
+        highest = max(highest, drop)
+        X = by_name[prop.name].X_WP
+        by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, drop]))
+    was = f"{len(loose)} up to {highest:.3g} m above the ground: {', '.join(prop.name for prop in loose[:5])}"
+    add(Change(where, "loose things in the air", was, "on the ground", "they would fall"))
+    return True
+
+
+def _height_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> dict[str, float]:
+    """Tolerances for what hangs in the air or is buried in the source and never moves: name -> tolerance [m]."""
+    near = Neighbours(props)
+    off = {
+        fault.names[0]: math.ceil(100.0 * (fault.depth or 0.0) + 1.0) / 100.0 for fault in find_unsettled(near, None)
+    }
+    fixed = {prop.name for prop in props if prop.static}
+    off = {name: gap for name, gap in off.items() if name in fixed}
+    if off:
+        named = ", ".join(list(off)[:5]) + (" …" if len(off) > 5 else "")
+        why = "fixed things may hang or be buried in the source"
+        add(Change(where, "height of things", f"{len(off)} off the ground: {named}", "allowed by rules", why))
+    return off if len(off) <= _MOST_PAIRS else {"*": max(off.values())}
+
+
+def _shines(direction: Array) -> bool:
+    length = float(np.linalg.norm(direction))
+    return length > 1e-9 and float(direction[2]) < -1e-3 * length
+
+
+def _overlap_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> list[tuple[str, str]]:
+    """Which props of the source overlap, as rules; all of them if they are many."""
+    pairs = find_overlaps(props)
+    if not pairs:
+        return []
+    shown_pairs = ", ".join(f"{a} and {b}" for a, b in pairs[:5]) + (" …" if len(pairs) > 5 else "")
+    was = f"{len(pairs)} pair{'s' if len(pairs) != 1 else ''}: {shown_pairs}"
+    add(Change(where, "things that overlap", was, "allowed by rules", "things of a world may not overlap otherwise"))
+    return pairs if len(pairs) <= _MOST_PAIRS else [("*", "*")]
+
+
+def _widen(ground: GroundText, props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> None:
+    """Ground below everything; with tracks its size counts from their middle."""
+    far = reach(props)
+    half = min(ground.size) / 2.0 if ground.size is not None else _REACH
+    if ground.routes:
+        bounds = np.array([route.track.bounds for route in ground.routes.values()])
+        low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        middle = 0.5 * (low + high)
+        wide = np.array(ground.size if ground.size is not None else (0.0, 0.0)) / 2.0
+        wide = np.maximum(wide, far + _MARGIN) if far > wide.min() else wide
+        sides = 2.0 * np.maximum(wide + np.abs(middle), 0.5 * (high - low) + _MARGIN)
+        ground.size = (float(np.ceil(sides[0])), float(np.ceil(sides[1])))
+        return
+    if far <= half:
+        return
+    side = 2.0 * float(np.ceil((far + _MARGIN) / 10.0) * 10.0)
+    was = "as far as its plane is seen" if ground.size is not None else "400 m x 400 m"
+    ground.size = (max(side, ground.size[0]), max(side, ground.size[1])) if ground.size else (side, side)
+    add(Change(where, "ground", was, f"{ground.size[0]:g} m x {ground.size[1]:g} m", "something stands further out"))
+
+
+def _checks(
+    world: SourceWorld,
+    converter: Converter,
+    props: list[PlacedProp],
+    entries: Sequence[Entry],
+    overlaps: Sequence[tuple[str, str]],
+    ground: GroundText,
+) -> Sequence[str]:
+    """What a person should look at."""
+    checks = []
+    if converter.lost:
+        count = len(converter.lost)
+        checks.append(f"{count} fault{'s' if count > 1 else ''} left something out that could be touched: see below.")
+    if any("not measured" in change.why for change in world.changes):
+        checks.append("Size and heading of props that stand for models: not all were measured.")
+    buried = [prop.name for prop in props if prop.bottom < -0.05]
+    if buried:
+        checks.append(f"Below the ground: {', '.join(buried[:8])}{' …' if len(buried) > 8 else ''}.")
+    if overlaps:
+        checks.append("Things overlap, as they do in the source: the rules allow it.")
+    if not entries and not world.planes and not ground.patches and not ground.tracks:
+        checks.append("The world is empty.")
+    return checks
+
+
+def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
+    """What a new world of that name would replace.
+
+    Raises:
+        ConfigError: something is there that may not be replaced.
+    """
+    there = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
+    if target.exists() and not target.is_dir():
+        raise ConfigError(f"{shown(target)} is no folder; take another one")
+    if there and not force:
+        raise ConfigError(f"{shown(there[0])} is there already; take another name, or force to replace it")
+    for path in there:
+        wanted = path.is_dir() == (path.name == name)
+        if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - {"props"}):
+            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; take another name")
+    return there
+
+
+def _exists(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
+
+
+def _say_nothing(_text: str) -> None:
+    """Nobody listens."""
+
+
+def _plain(name: str) -> str:
+    """A file's name from a world's."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
+    return plain if re.match(r"[a-z]", plain) and not is_word(plain) else f"world_{plain}"[:64].rstrip("_")

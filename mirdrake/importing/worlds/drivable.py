@@ -1,0 +1,200 @@
+"""What a car's wheels would roll on: level faces of slabs and meshes that are wide and not far above the ground."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from mirdrake.importing.vehicles.mesh_read import MeshError
+from mirdrake.importing.vehicles.model import Shape
+from mirdrake.importing.worlds.model import Array, Thing
+from mirdrake.importing.worlds.prop_folder import as_mesh
+from mirdrake.importing.worlds.surfaces import FLAT, corners_of, kind_of, outline, seen_from_above, tops_at
+
+HIGHEST = 0.45
+"""Height above the ground up to which a wide level face is a road and not the top of an obstacle [m]."""
+
+_LEVEL = math.cos(math.radians(2.0))  # z of the normal of a level face
+_GENTLE = math.cos(math.radians(10.0))  # of a road that rises and falls
+_RISE = 0.15  # [m] within a sheet that lies on the ground
+_SMALLEST = 1.0  # [m²] of what lies on the ground
+_SMALLEST_RAISED, _NARROWEST_RAISED = 12.0, 1.5  # [m²], [m] of what lies above it
+_OBSTACLES = ("kerb", "curb", "sidewalk", "pavement_edge", "barrier", "wall", "platform", "stage", "step", "stair",
+              "bump", "table", "pallet", "bed", "container", "trailer", "roof")  # fmt: skip
+_MOST_TRIANGLES = 60_000
+
+
+@dataclass
+class Surface:
+    """A part of a thing that is ground.
+
+    Attributes:
+        thing: that it belongs to.
+        shapes: of the thing that it consists of.
+        triangles: its upper faces in W (n, 3, 3) [m].
+        polygons: its outlines seen from above [m].
+        area: of them [m²].
+        top: height in W [m].
+        rise: between its lowest and its highest point [m].
+        thickness: between its lowest and its highest point, with the faces below [m].
+        box: that it is; None if it is not a single upright box.
+        whole: nothing of its shapes is above it.
+        words: names of model and materials.
+    """
+
+    thing: Thing
+    shapes: list[Shape]
+    triangles: Array
+    polygons: list[shapely.Polygon]
+    area: float
+    top: float
+    rise: float
+    thickness: float
+    box: Shape | None
+    whole: bool
+    words: str
+
+    @property
+    def width(self) -> float:
+        """Mean width of the outlines [m]; that of a long strip."""
+        return 2.0 * self.area / max(sum(polygon.length for polygon in self.polygons), 1e-9)
+
+
+def surfaces_of(thing: Thing, *, seen: bool = False) -> list[Surface]:
+    """The level faces of a thing on which a car could drive, those of one height together, lowest first.
+
+    Args:
+        thing: a thing of the source.
+        seen: look at its visuals instead of its collision shapes.
+    """
+    shapes = thing.visuals if seen else thing.collisions
+    words = " ".join([thing.name, thing.kind, *(shape.address for shape in thing.visuals)])
+    found: list[Surface] = []
+    for shape in shapes:
+        try:
+            corners = corners_in_world(shape, thing)
+        except MeshError:
+            continue
+        upper, whole = _upper_faces(corners, shape)
+        if not len(upper):
+            continue
+        polygons = outline(seen_from_above(upper))
+        heights = upper[:, :, 2]
+        level = abs(float((thing.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
+        box = shape if shape.kind in {"box", "plane"} and level else None
+        top, rise = float(np.median(heights)), float(np.ptp(heights))
+        if rise <= FLAT:
+            top = float(heights.max())
+        thickness = float(heights.max() - corners[:, :, 2].min())
+        area = sum(polygon.area for polygon in polygons)
+        surface = Surface(thing, [shape], upper, polygons, area, top, rise, thickness, box, whole, words)
+        same = next((other for other in found if abs(other.top - top) <= FLAT), None)
+        if same is None:
+            found.append(surface)
+            continue
+        merged = outline([*same.polygons, *polygons])
+        same.shapes.append(shape)
+        same.triangles, same.polygons = np.concatenate((same.triangles, upper)), merged
+        same.area, same.top = sum(polygon.area for polygon in merged), max(same.top, top)
+        same.rise, same.thickness = max(same.rise, rise), max(same.thickness, thickness)
+        same.box, same.whole = None, same.whole and whole
+    return sorted((surface for surface in found if surface.polygons), key=lambda surface: surface.top)
+
+
+def is_ground(surface: Surface, height: float) -> bool:
+    """Whether a surface is ground and not the top of an obstacle, by the law of this module.
+
+    Args:
+        surface: the surface.
+        height: of the ground in W [m].
+    """
+    above = surface.top - height
+    if surface.rise > HIGHEST and not surface.whole:
+        return False
+    if surface.rise <= HIGHEST and above <= FLAT:
+        thin = surface.thickness <= 0.1 * math.sqrt(surface.area) or above <= 0.5 * FLAT
+        return surface.area >= _SMALLEST and thin
+    named = any(word in surface.words.lower() for word in _OBSTACLES)
+    wide = surface.area >= _SMALLEST_RAISED and surface.width >= _NARROWEST_RAISED
+    return wide and not named and (above <= HIGHEST or surface.rise > HIGHEST)
+
+
+def corners_in_world(shape: Shape, thing: Thing) -> Array:
+    """Triangles of a shape of a thing in W (n, 3, 3) [m].
+
+    Raises:
+        MeshError: its mesh cannot be read, or it has no size.
+    """
+    if shape.kind == "mesh":
+        moved = corners_of(shape)
+        X = thing.X_WM
+    else:
+        mesh = as_mesh(shape)
+        moved = np.asarray(mesh.vertices, dtype=float)[np.asarray(mesh.faces)]
+        X = thing.X_WM @ shape.X_LG
+    placed: Array = moved @ X.rotation().matrix().T + X.translation()
+    return placed
+
+
+def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
+    """The level upper faces of a shape, and whether nothing of it is above them; none if it has no wide one."""
+    none = corners[:0]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    slope = np.abs(normal[:, 2]) / np.maximum(area, 1e-12)
+    low, high = float(corners[:, :, 2].min()), float(corners[:, :, 2].max())
+    if len(corners) > _MOST_TRIANGLES or not np.isfinite(corners).all() or (slope * area).sum() < 2.0 * _SMALLEST:
+        return none, False
+
+    # A slab: its level faces at the top cover it.
+    level = slope > _LEVEL
+    top = level & (corners[:, :, 2].min(axis=1) > high - FLAT)
+    flat_rise = (slope > _GENTLE) & (area > 0.0)
+    if (slope * area)[top].sum() >= 0.35 * (slope * area).sum():
+        return corners[top], True
+    # A sheet that rises and falls a little, without anything upright.
+    if high - low <= _RISE and (slope * area)[flat_rise].sum() > 0.9 * area.sum():
+        return corners[flat_rise], True
+    if shape.kind != "mesh":
+        return none, False
+
+    # Walls around a floor; a wide sheet that rises and falls gently.
+    kind = kind_of(corners)
+    if kind == "walls":
+        order = np.argsort(corners.mean(axis=1)[:, 2][level])
+        if not len(order):
+            return none, False
+        heights, parts = corners.mean(axis=1)[:, 2][level][order], (slope * area)[level][order]
+        lowest = float(heights[np.searchsorted(np.cumsum(parts), 0.1 * parts.sum())])
+        floor = level & (np.abs(corners.mean(axis=1)[:, 2] - lowest) <= FLAT)
+        if (slope * area)[floor].sum() < 0.3 * (slope * area).sum():
+            return none, False
+        return corners[floor], False
+    if kind == "terrain" and (slope * area)[flat_rise].sum() > 0.9 * area.sum():
+        return corners[flat_rise], True
+    return none, False
+
+
+def without(thing: Thing, surfaces: list[Surface]) -> Thing:
+    """A thing without the collision shapes that are ground; those with something above them stay."""
+    gone = {id(shape) for surface in surfaces if surface.whole for shape in surface.shapes}
+    return replace(thing, collisions=[shape for shape in thing.collisions if id(shape) not in gone])
+
+
+def heights_below(surfaces: list[Surface], points: Array, height: float) -> Array:
+    """How far the surface below each point (n, 3) of W is above the ground [m]; 0 where there is none.
+
+    Args:
+        surfaces: that are ground.
+        points: the lowest point of each thing [m].
+        height: of the ground in W [m].
+    """
+    best = np.zeros(len(points))
+    for surface in surfaces:
+        if abs(surface.top - height) < 1e-4 and surface.rise < 1e-3:
+            continue
+        top = tops_at(surface.triangles, points[:, :2])
+        there = np.isfinite(top) & (points[:, 2] > top - FLAT)
+        best[there] = np.maximum(best[there], top[there] - height)
+    return best

@@ -1,0 +1,515 @@
+"""The ground of the new world: planes, slabs, sheets and roads of the source as base plane, patches and tracks.
+
+What a car's wheels would roll on is ground (drivable.py), wherever it comes from. The ground of the new world is the
+plane z = 0, so that what lies a little higher is laid down, with all that stands on it. Roads get a centre line that a
+driver can follow (routes.py).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+from pydrake.math import RigidTransform
+
+from mirdrake.importing.vehicles.mesh_read import MeshError
+from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.worlds.drivable import Surface, corners_in_world, heights_below, is_ground, surfaces_of, without
+from mirdrake.importing.worlds.entry import degrees, is_word, number
+from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Thing
+from mirdrake.importing.worlds.routes import Route, route_in_area, route_of_line
+from mirdrake.importing.worlds.surfaces import FLAT, outline
+
+_WORDS = (
+    ("asphalt", ("asphalt", "road", "street", "track", "circuit", "highway", "tarmac")),
+    ("grass", ("grass", "lawn", "field")),
+    ("gravel", ("gravel", "dirt", "sand", "mud", "soil")), ("ice", ("ice", "snow")),
+    ("concrete", ("concrete", "floor", "pavement", "sidewalk", "cement", "tile", "ground", "grey", "gray", "plane")),
+)  # fmt: skip
+_LEVEL = 1e-3  # [rad] tilt of what counts as level
+_WIDEST = 1e5  # [m] ground
+_UNEVEN = 0.5  # [m] between the highest and the lowest point of roads that lie on level ground
+_LARGEST_BASE = 20.0  # [m²] from which on a floor may be the base plane
+_LIFT = 3e-3  # [m] of what is drawn above the ground, so that it does not flicker
+_LONG_ROUTE = 150.0  # [m] of a track that needs no other
+
+
+@dataclass
+class GroundText:
+    """What the new world says of its ground.
+
+    Attributes:
+        surface, mu, size: of the base plane.
+        patches: their entries, in order.
+        tracks: their entries by name, in order; the longest first.
+        routes: the same tracks laid out.
+        drawn: things of which nothing collides, or no longer; they are only drawn.
+        height: of the base plane in W of the source [m]; the new W is that much higher.
+    """
+
+    surface: str = "concrete"
+    mu: float | None = None
+    size: tuple[float, float] | None = None
+    patches: list[str] = field(default_factory=list)
+    tracks: dict[str, str] = field(default_factory=dict)
+    routes: dict[str, Route] = field(default_factory=dict)
+    drawn: list[Thing] = field(default_factory=list)
+    height: float = 0.0
+
+
+def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText:
+    """The ground; what becomes ground is taken out of the world's things, and what stands on it is lowered with it.
+
+    Args:
+        world: its `things` are changed.
+        say: called with every change.
+    """
+    ground = GroundText()
+    level = _level_planes(world, say)
+    surfaces = [surface for thing in world.things if _may_be_ground(thing) for surface in surfaces_of(thing)]
+    thin = [surface for surface in surfaces if surface.thickness <= 0.1 * math.sqrt(surface.area)]
+    floors: list[Surface] = []
+
+    # The base plane: a plane of the source, else its largest floor, else the height of its roads.
+    if level:
+        base = max(level, key=lambda plane: math.prod(plane.size or (1e6, 1e6)))
+        ground.height = _height(float(base.X_WP.translation()[2]))
+        _take_base(ground, base, say)
+        for plane in level:
+            if plane is not base:
+                _patch_of_plane(ground, plane, base, say)
+    elif thin and (largest := max(thin, key=lambda one: one.area)).area > _LARGEST_BASE:
+        ground.height = _height(largest.top)
+        if _is_base(largest, surfaces, world.roads):
+            _take_floor(ground, largest, say)
+            floors.append(largest)
+        else:
+            ground.surface = "grass"
+            was = f"no plane, but roads at z = {largest.top:.4g} m"
+            say(Change(largest.thing.where, "ground", was, "ground of grass", "a world has a base plane"))
+    elif world.roads and np.ptp(heights := np.concatenate([road.points[:, 2] for road in world.roads])) < _UNEVEN:
+        ground.height = _height(float(np.median(heights)))
+        was = f"none; roads at z = {np.median(heights):.4g} m"
+        say(Change(world.roads[0].where, "ground", was, f"ground of {ground.surface}", "a world has a base plane"))
+    else:
+        where = str(world.files[0]) + ":1"
+        say(Change(where, "ground", "none", f"{ground.surface} at z = 0", "a world has one"))
+
+    # Slabs and sheets, what is only seen, and roads; then what stands on them.
+    accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
+    roads = _lay_down(world, ground, [surface for surface in accepted if surface not in floors], say)
+    _take_out(world, ground, accepted, say)
+    roads += _lay_down(world, ground, _take_seen(world, ground, say), say)
+    for road in world.roads:
+        _lay_road(ground, road, say)
+    _add_routes(world, ground, roads, say)
+    _lower_things(world, ground, accepted, say)
+    if abs(ground.height) > 1e-4:
+        where = level[0].where if level else f"{world.files[0]}:1"
+        became = f"z = 0, everything {abs(ground.height):.4g} m {'lower' if ground.height > 0.0 else 'higher'}"
+        say(Change(where, "height of the ground", f"z = {ground.height:.4g} m", became, "the ground is at z = 0"))
+    return ground
+
+
+def _level_planes(world: SourceWorld, say: Callable[[Change], None]) -> list[Plane]:
+    level = []
+    for plane in world.planes:
+        tilt = math.acos(float(np.clip(plane.X_WP.rotation().matrix()[2, 2], -1.0, 1.0)))
+        if tilt > _LEVEL:
+            why = "the ground is level; a slope of the whole world is ground.slope"
+            say(
+                Change(plane.where, f"plane '{plane.name}'", f"tilted by {math.degrees(tilt):.4g} deg", "left out", why)
+            )
+        else:
+            level.append(plane)
+    return level
+
+
+def _may_be_ground(thing: Thing) -> bool:
+    """Whether a thing may be a part of the ground: nothing moves it, and all of it could be read."""
+    return not thing.broken and not thing.wheels and not thing.absent and (thing.static or not thing.loose)
+
+
+def _height(height: float) -> float:
+    """The height of a base plane [m]; one that is hardly off zero is left where it is."""
+    return 0.0 if abs(height) <= FLAT / 2.0 else height
+
+
+def _is_base(floor: Surface, surfaces: list[Surface], roads: list[Road]) -> bool:
+    """Whether a floor is the ground of a whole world and not one of its roads."""
+    corners = [point for surface in surfaces for polygon in surface.polygons for point in polygon.exterior.coords]
+    corners += [tuple(point[:2]) for road in roads for point in road.points]
+    return floor.area > 0.5 * shapely.MultiPoint(corners).convex_hull.area
+
+
+def _take_floor(ground: GroundText, floor: Surface, say: Callable[[Change], None]) -> None:
+    """The largest floor as the base plane of a world without one; a patch if it is not a level rectangle."""
+    thing = floor.thing
+    ground.surface = _surface_of(floor) or "concrete"
+    was = f"no plane, but a floor of {floor.area:.4g} m² at z = {floor.top:.4g} m"
+    rect = _rect_of(floor)
+    if rect and "yaw" not in rect:
+        reach = np.abs(np.concatenate([np.array(polygon.exterior.coords) for polygon in floor.polygons])).max(axis=0)
+        ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
+        ground.mu = _mu(thing)
+        became = f"ground of {ground.surface}, {ground.size[0]:g} m x {ground.size[1]:g} m"
+        say(Change(thing.where, f"model '{thing.name}'", was, became, "a world has a base plane"))
+        return
+    say(Change(thing.where, "ground", was, f"ground of {ground.surface}", "a world has a base plane"))
+    _patches_of(ground, [floor], thing.name, ground.surface, _mu(thing))
+
+
+def _take_base(ground: GroundText, plane: Plane, say: Callable[[Change], None]) -> None:
+    ground.surface = _surface(plane.words) or "concrete"
+    became = f"ground of {ground.surface}"
+    x, y, _ = plane.X_WP.translation().tolist()
+    if plane.size is not None and 2.0 * np.abs(_rectangle(plane)).max() <= _WIDEST:
+        reach = np.abs(_rectangle(plane)).max(axis=0)
+        ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
+        became += f", {ground.size[0]:g} m x {ground.size[1]:g} m"
+    was = f"plane at {x:.4g} {y:.4g}, mu {'as it is' if plane.mu is None else f'{plane.mu:g}'}"
+    if plane.mu is not None and 0.0 < plane.mu <= 2.0:
+        ground.mu = plane.mu
+        became += f", mu {plane.mu:g}"
+        why = "the base plane"
+    elif plane.mu is not None:
+        why = f"the base plane; a mu of {plane.mu:g} stands for no slip, that of the surface is taken"
+    else:
+        why = "the base plane; mu is that of the surface"
+    say(Change(plane.where, f"plane '{plane.name}'", was, became, why))
+
+
+def _rectangle(plane: Plane) -> Array:
+    """Corners of a plane seen from above (4, 2) [m]."""
+    a, b = plane.size or (1.0, 1.0)
+    corners = 0.5 * np.array([[a, b, 0.0], [-a, b, 0.0], [-a, -b, 0.0], [a, -b, 0.0]])
+    seen: Array = (corners @ plane.X_WP.rotation().matrix().T + plane.X_WP.translation())[:, :2]
+    return seen
+
+
+def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, say: Callable[[Change], None]) -> None:
+    height = float(plane.X_WP.translation()[2]) - ground.height
+    what, was = f"plane '{plane.name}'", f"plane {height:.4g} m over the ground"
+    if plane.size is None or abs(height) > FLAT:
+        say(Change(plane.where, what, was, "left out", f"'{base.name}' is the ground already"))
+        return
+    surface = _surface(plane.words) or ground.surface
+    mu = plane.mu if plane.mu is not None and 0.0 < plane.mu <= 2.0 else None
+    name = _patch_name(ground, plane.name)
+    x, y, _ = plane.X_WP.translation().tolist()
+    R = plane.X_WP.rotation().matrix()
+    rect = _rect((x, y), plane.size, math.atan2(R[1, 0], R[0, 0]))
+    ground.patches.append(_patch(name, rect, surface, mu))
+    say(Change(plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground"))
+
+
+# --- slabs, sheets and what is only seen ----------------------------------------------------------------------------
+
+
+def _lay_down(
+    world: SourceWorld, ground: GroundText, surfaces: list[Surface], say: Callable[[Change], None]
+) -> list[shapely.Polygon]:
+    """Patches of surfaces, those that touch and are alike together, the lowest first; the areas of roads [m]."""
+    alike: dict[tuple[str, float | None], list[Surface]] = {}
+    for surface in sorted(surfaces, key=lambda one: one.top):
+        if surface.top < ground.height - FLAT and world.planes:
+            what, was = f"model '{surface.thing.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
+            say(Change(surface.thing.where, what, was, "left out", "it is below the ground plane"))
+            continue
+        mu = _mu(surface.thing) if surface.thing.collisions else ground.mu
+        alike.setdefault((_surface_of(surface) or ground.surface, mu), []).append(surface)
+    roads: list[shapely.Polygon] = []
+    for (look, mu), group in alike.items():
+        for together in _touching(group):
+            first = together[0].thing
+            count = _patches_of(ground, together, first.name, look, mu)
+            above = max(surface.top for surface in together) - ground.height
+            rise = max(surface.rise for surface in together)
+            what = f"model '{first.name}'" + (f" and {len(together) - 1} that touch it" if len(together) > 1 else "")
+            was = f"level, {together[0].thickness:.3g} m thick, {sum(one.area for one in together):.4g} m²"
+            became = f"{count} patch{'es' if count != 1 else ''} of {look}"
+            why = "what a car can drive on is ground"
+            if rise > FLAT:
+                was, became = f"{was}, rising by {rise:.3g} m", f"{became}, laid flat"
+            elif above > FLAT:
+                was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
+            say(Change(first.where, what, was, became, why))
+            if look in {"asphalt", "concrete"} or any(one.width < 0.25 * math.sqrt(one.area) for one in together):
+                roads += [polygon for surface in together for polygon in surface.polygons]
+    return roads
+
+
+def _touching(surfaces: list[Surface]) -> list[list[Surface]]:
+    """Surfaces in groups that touch each other."""
+    areas = [shapely.union_all(surface.polygons).buffer(FLAT) for surface in surfaces]
+    group = list(range(len(surfaces)))
+    first, second = shapely.STRtree(areas).query(areas, predicate="intersects")
+    for a, b in zip(first.tolist(), second.tolist(), strict=True):
+        low, high = sorted((_root(group, a), _root(group, b)))
+        group[high] = low
+    found: dict[int, list[Surface]] = {}
+    for index, surface in enumerate(surfaces):
+        found.setdefault(_root(group, index), []).append(surface)
+    return list(found.values())
+
+
+def _root(group: list[int], index: int) -> int:
+    while group[index] != index:
+        index = group[index]
+    return index
+
+
+def _take_out(world: SourceWorld, ground: GroundText, surfaces: list[Surface], say: Callable[[Change], None]) -> None:
+    """Surfaces out of the things that they belong to; what is left of a thing is an obstacle, or is only drawn."""
+    of: dict[int, list[Surface]] = {}
+    for surface in surfaces:
+        of.setdefault(id(surface.thing), []).append(surface)
+    things = []
+    for thing in world.things:
+        rest = without(thing, of.get(id(thing), []))
+        if rest.collisions or id(thing) not in of:
+            things.append(rest if id(thing) in of else thing)
+            continue
+        for change in thing.missing:
+            say(change)
+        own = of[id(thing)]
+        if any(not _looks_like(shape, thing, own) for shape in thing.visuals):
+            ground.drawn.append(_lifted(rest, max(surface.top for surface in own) - ground.height))
+    world.things = things
+
+
+def _looks_like(shape: Shape, thing: Thing, surfaces: list[Surface]) -> bool:
+    """Whether a visual is a plain slab that looks like the surfaces of its thing."""
+    if shape.kind not in {"box", "plane", "cylinder"} or shape.texture is not None:
+        return False
+    try:
+        corners = corners_in_world(shape, thing)
+    except MeshError:
+        return True
+    area = shapely.MultiPoint(corners.reshape(-1, 3)[:, :2]).convex_hull
+    covered = shapely.union_all([polygon for surface in surfaces for polygon in surface.polygons])
+    top = float(corners[:, :, 2].max())
+    near = any(abs(top - surface.top) <= FLAT for surface in surfaces)
+    return (
+        near
+        and bool(shapely.area(shapely.intersection(area, covered)) > 0.9 * max(area.area, 1e-9))
+        and (area.area > 0.05 * covered.area)
+    )
+
+
+def _lifted(thing: Thing, above: float) -> Thing:
+    """A thing that is only drawn, just above the ground; what it lay on was so far above the ground [m]."""
+    X = RigidTransform(thing.X_WM.rotation(), thing.X_WM.translation() - np.array([0.0, 0.0, above - _LIFT]))
+    return replace(thing, X_WM=X, collisions=[])
+
+
+def _take_seen(world: SourceWorld, ground: GroundText, say: Callable[[Change], None]) -> list[Surface]:
+    """Things that have only visuals: those that lie on the ground are returned, and all of them are drawn."""
+    found: list[Surface] = []
+    things = []
+    for thing in world.things:
+        if thing.collisions or not thing.visuals or thing.absent or thing.broken or thing.wheels:
+            things.append(thing)
+            continue
+        own = [surface for surface in surfaces_of(thing, seen=True) if is_ground(surface, ground.height)]
+        own = [
+            surface for surface in own if surface.whole and surface.top > ground.height - FLAT and surface.width > 1.0
+        ]
+        found += own
+        above = max((surface.top for surface in own), default=ground.height) - ground.height
+        if any(not _looks_like(shape, thing, own) for shape in thing.visuals):
+            ground.drawn.append(_lifted(thing, above))
+        for change in thing.missing:
+            say(change)
+        if not own:
+            why = "nothing of it collides in the source"
+            say(Change(thing.where, f"model '{thing.name}'", "only visuals", "only drawn", why))
+    world.things = things
+    return found
+
+
+def _lower_things(
+    world: SourceWorld, ground: GroundText, surfaces: list[Surface], say: Callable[[Change], None]
+) -> None:
+    """What stands on surfaces that were laid down, lower by as much."""
+    things = [*world.things, *ground.drawn]
+    if not things or not surfaces:
+        return
+    points = np.array([_foot(thing) for thing in things])
+    lower = heights_below(surfaces, points, ground.height)
+    moved = [(thing, drop) for thing, drop in zip(things, lower.tolist(), strict=True) if abs(drop) > 1e-4]
+    for thing, drop in moved:
+        thing.X_WM = RigidTransform(thing.X_WM.rotation(), thing.X_WM.translation() - np.array([0.0, 0.0, drop]))
+    if moved:
+        was = f"{len(moved)} on a surface up to {max(drop for _, drop in moved):.3g} m above the ground"
+        why = "the surfaces below them were laid down"
+        say(Change(f"{world.files[0]}:1", "things on raised ground", was, "lower by as much", why))
+
+
+def _foot(thing: Thing) -> Array:
+    """The lowest point of a thing below its middle, in W [m]; where it is, if its shapes cannot be read."""
+    clouds = []
+    for shape in thing.collisions or thing.visuals:
+        try:
+            clouds.append(corners_in_world(shape, thing).reshape(-1, 3))
+        except MeshError:
+            continue
+    if not clouds:
+        return np.asarray(thing.X_WM.translation())
+    points = np.concatenate(clouds)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array([*(0.5 * (low + high))[:2], low[2] + FLAT])
+
+
+# --- roads and their centre lines -----------------------------------------------------------------------------------
+
+
+def _lay_road(ground: GroundText, road: Road, say: Callable[[Change], None]) -> None:
+    """A road of the source as a track; as patches if no track goes along its points."""
+    heights = road.points[:, 2] - ground.height
+    lifted = f", up to {np.abs(heights).max():.3g} m off the ground" if np.abs(heights).max() > FLAT else ""
+    was = f"{len(road.points)} points, {road.width:g} m wide{lifted}"
+    surface = _surface(road.words) or "asphalt"
+    route = route_of_line(road.points[:, :2], road.width)
+    if route is not None and route.is_road:
+        name = _new_track(ground, road.name, route, f", surface: {surface}")
+        became = f"track '{name}' of {surface}, {route.track.length:.4g} m long"
+        say(Change(road.where, f"road '{road.name}'", was, became, "its corners are arcs"))
+        return
+    line = shapely.LineString(road.points[:, :2])
+    areas = outline([line.buffer(road.width / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)])
+    _add_polygons(ground, areas, road.name, surface, None)
+    became = f"{len(areas)} patch{'es' if len(areas) != 1 else ''} of {surface}"
+    if route is not None:
+        became += f", and track '{_new_track(ground, road.name, route, '')}' along its middle"
+    say(Change(road.where, f"road '{road.name}'", was, became, "it crosses itself, or is too wide for its bends"))
+
+
+def _add_routes(
+    world: SourceWorld, ground: GroundText, roads: list[shapely.Polygon], say: Callable[[Change], None]
+) -> None:
+    """The way along the roads that hang together most, where no track is long enough; the longest track comes first."""
+    longest = max((route.track.length for route in ground.routes.values()), default=0.0)
+    areas = [*roads, *(route.track.area for route in ground.routes.values())]
+    if areas and longest < _LONG_ROUTE:
+        joined = shapely.union_all([area.buffer(2.0 * FLAT, join_style="mitre") for area in areas])
+        joined = joined.buffer(-2.0 * FLAT, join_style="mitre")
+        parts = sorted(
+            (part for part in shapely.get_parts(joined) if part.geom_type == "Polygon"), key=lambda part: -part.area
+        )
+        for part in parts[:3]:
+            route = route_in_area(part)
+            if route is None or route.track.length < 1.3 * longest:
+                continue
+            name = _new_track(ground, "road", route, ", road: false" if route.is_road else "")
+            was = f"{part.area:.4g} m² of roads that hang together"
+            became = f"track '{name}' along their middle, {route.track.length:.4g} m long"
+            say(Change(f"{world.files[0]}:1", "centre line of the roads", was, became, "drivers follow a line"))
+            longest = route.track.length
+    order = sorted(ground.routes, key=lambda name: -ground.routes[name].track.length)
+    ground.routes = {name: ground.routes[name] for name in order}
+    ground.tracks = {name: ground.tracks[name] for name in order}
+
+
+def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:
+    name = _plain_name(
+        wanted, set(ground.tracks) | {patch.split("name: ")[1].split(",")[0] for patch in ground.patches}
+    )
+    ground.tracks[name] = route.text + more
+    ground.routes[name] = route
+    return name
+
+
+# --- text -----------------------------------------------------------------------------------------------------------
+
+
+def _patches_of(ground: GroundText, surfaces: list[Surface], wanted: str, look: str, mu: float | None) -> int:
+    """Patches of surfaces that touch; how many."""
+    rect = _rect_of(surfaces[0]) if len(surfaces) == 1 else ""
+    if rect:
+        ground.patches.append(_patch(_patch_name(ground, wanted), rect, look, mu))
+        return 1
+    polygons = [polygon for surface in surfaces for polygon in surface.polygons]
+    return _add_polygons(ground, outline(polygons) if len(surfaces) > 1 else polygons, wanted, look, mu)
+
+
+def _rect_of(surface: Surface) -> str:
+    """A surface that is a single box, as a rectangle."""
+    if surface.box is None:
+        return ""
+    X = surface.thing.X_WM @ surface.box.X_LG
+    R = X.rotation().matrix()
+    x, y, _ = X.translation().tolist()
+    return _rect((x, y), (surface.box.size[0], surface.box.size[1]), math.atan2(R[1, 0], R[0, 0]))
+
+
+def _mu(thing: Thing) -> float | None:
+    return thing.mu if thing.mu is not None and 0.0 < thing.mu <= 2.0 else None
+
+
+def _surface_of(surface: Surface) -> str | None:
+    """What a surface looks like: by the names of its model and materials, else by its colour."""
+    named = _surface(surface.words)
+    if named is not None:
+        return named
+    rgba = next((shape.rgba for shape in surface.thing.visuals if shape.rgba is not None), None)
+    if rgba is None:
+        return None
+    red, green, blue = rgba[:3]
+    if green > 1.2 * max(red, blue):
+        return "grass"
+    if red > 1.3 * blue and red > 0.25:
+        return "gravel"
+    return "asphalt" if max(red, green, blue) < 0.45 else "concrete"
+
+
+def _add_polygons(
+    ground: GroundText, polygons: list[shapely.Polygon], wanted: str, surface: str, mu: float | None
+) -> int:
+    for polygon in polygons:
+        corners = list(polygon.exterior.coords)[:-1]
+        text = f"polygon: [{', '.join(f'[{number(x)}, {number(y)}]' for x, y in corners)}]"
+        ground.patches.append(_patch(_patch_name(ground, wanted), text, surface, mu))
+    return len(polygons)
+
+
+def _rect(center: tuple[float, float], size: tuple[float, float], yaw: float) -> str:
+    yaw = math.remainder(yaw, math.pi)
+    a, b = size
+    if abs(abs(yaw) - math.pi / 2.0) < 1e-5:
+        a, b, yaw = b, a, 0.0
+    turned = f", yaw: {degrees(yaw)}" if degrees(yaw) != "0 deg" else ""
+    x, y = center
+    middle = "" if abs(x) < 5e-5 and abs(y) < 5e-5 else f"center: [{number(x)}, {number(y)}], "
+    return f"rect: {{{middle}size: [{number(a)}, {number(b)}]{turned}}}"
+
+
+def _patch(name: str, area: str, surface: str, mu: float | None) -> str:
+    friction = f", mu: {mu:.4g}" if mu is not None else ""
+    return f"    - {{name: {name}, {area}, surface: {surface}{friction}}}"
+
+
+def _patch_name(ground: GroundText, wanted: str) -> str:
+    return _plain_name(wanted, {patch.split("name: ")[1].split(",")[0] for patch in ground.patches})
+
+
+def _plain_name(wanted: str, taken: set[str]) -> str:
+    plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in wanted).strip("_").lower()
+    plain = plain if plain[:1].isalpha() and not is_word(plain) else f"patch_{plain}".rstrip("_")
+    name, count = plain, 1
+    while name in taken:
+        count += 1
+        name = f"{plain}_{count}"
+    return name
+
+
+def _surface(words: str) -> str | None:
+    """The surface that names of models and materials speak of."""
+    low = words.lower()
+    return next((surface for surface, hints in _WORDS if any(hint in low for hint in hints)), None)
+
+
+def lowered(X: RigidTransform, height: float) -> RigidTransform:
+    """A pose in the new world, whose ground is at the height [m] that is given."""
+    return RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, height]))

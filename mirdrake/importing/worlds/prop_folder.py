@@ -1,0 +1,303 @@
+"""Things of several shapes or with meshes as folders with a prop.yaml, a glTF file to see and parts to touch."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import trimesh
+from pydrake.math import RigidTransform, RollPitchYaw
+from trimesh import Trimesh
+
+from mirdrake.importing.vehicles.mesh_convex import make_hull
+from mirdrake.importing.vehicles.mesh_read import (
+    Material,
+    MeshError,
+    Note,
+    Piece,
+    TextureFolder,
+    read_mesh,
+    select_submesh,
+)
+from mirdrake.importing.vehicles.mesh_write import write_gltf, write_obj
+from mirdrake.importing.vehicles.meshes import convert_collision
+from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.worlds.entry import degrees, number
+from mirdrake.importing.worlds.model import Array, Thing
+from mirdrake.worlds.props import DENSITY
+
+MOST_SOLIDS = 200
+"""Shapes of a prop.yaml."""
+
+
+class EmptyPropError(Exception):
+    """Nothing that collides is left of a thing; the message says why."""
+
+
+def write_prop(
+    thing: Thing, folder: Path, *, say: Callable[[Change], None]
+) -> tuple[RigidTransform, tuple[float, float, float]]:
+    """Write a thing as a prop.
+
+    Args:
+        thing: with collision shapes, none of them a plane; those of kind convex lie in the folder already.
+        folder: of the prop; it is made.
+        say: called with every change.
+
+    Returns:
+        pose X_MP of the prop's frame P in the model (on the ground below the middle of its box, to the millimetre), and
+        its size along x, y, z [m].
+
+    Raises:
+        EmptyPropError: nothing can be touched.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    solids: list[tuple[Shape, Array]] = []
+    for index, shape in enumerate(thing.collisions):
+        if shape.kind == "convex":
+            solids.append((shape, _points(shape)))
+            continue
+        try:
+            parts, found = convert_collision(shape, folder, name=f"solid_{index}")
+        except MeshError as error:
+            say(error.left_out(shape.where, f"model '{thing.name}': collision"))
+            thing.broken.append(f"{shape.where}: {error}")
+            continue
+        for change in found:
+            say(change)
+        solids += [(part, _points(part)) for part in parts]
+    if not solids:
+        raise EmptyPropError("none of its collision shapes can be used")
+    if len(solids) > MOST_SOLIDS:
+        solids.sort(key=lambda solid: -float(np.prod(np.ptp(solid[1], axis=0))))
+        why = f"a prop has at most {MOST_SOLIDS} shapes"
+        what = f"model '{thing.name}': collisions"
+        say(Change(thing.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
+        solids = solids[:MOST_SOLIDS]
+    cloud = np.concatenate([points for _, points in solids])
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    origin = np.array([*np.round(0.5 * (low + high)[:2], 3), low[2]])
+    X_PM = RigidTransform(-origin)
+    size = np.maximum(high - low, 1e-3)
+    visual = write_visual(thing, X_PM, folder, say)
+    lines = [
+        f"description: {_quoted(f'{thing.kind}, imported from Gazebo')}",
+        f"size: [{', '.join(number(side) for side in size)}]",
+        f"mass: {_mass(thing, cloud):.6g}",
+    ]
+    if thing.mu is not None and 0.0 < thing.mu <= 2.0:
+        lines.append(f"mu: {thing.mu:.4g}")
+    if visual:
+        lines.append("visual: visual.gltf")
+    lines.append("solids:")
+    lines += [f"  - {{{_solid_text(shape, points, X_PM, folder, i)}}}" for i, (shape, points) in enumerate(solids)]
+    _tidy(folder)
+    (folder / "prop.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return X_PM.inverse(), (float(size[0]), float(size[1]), float(size[2]))
+
+
+def _mass(thing: Thing, cloud: Array) -> float:
+    if thing.mass is not None and 1e-6 < thing.mass < 1e9:
+        return thing.mass
+    return max(DENSITY * 0.3 * float(np.prod(np.maximum(np.ptp(cloud, axis=0), 1e-2))), 1e-3)
+
+
+def _tidy(folder: Path) -> None:
+    """Parts lie beside prop.yaml."""
+    if (folder / "meshes").is_dir():
+        for path in sorted((folder / "meshes").iterdir()):
+            path.rename(folder / path.name)
+        (folder / "meshes").rmdir()
+
+
+def _solid_text(shape: Shape, points: Array, X_PM: RigidTransform, folder: Path, index: int) -> str:
+    X_PS = X_PM @ shape.X_LG
+    if shape.kind in {"box", "cylinder"}:
+        parts = [f"{shape.kind}: [{', '.join(number(side) for side in shape.size)}]"]
+    elif shape.kind == "sphere":
+        parts = [f"sphere: {number(shape.size[0])}"]
+    elif shape.mesh is not None:
+        parts = [f"convex: {shape.mesh.name}"]
+    else:  # capsules, ellipsoids and outlines
+        hull = make_hull((points - shape.X_LG.translation()) @ shape.X_LG.rotation().matrix())
+        write_obj(hull.points, hull.faces, folder / f"round_{index}.obj")
+        parts = [f"convex: round_{index}.obj"]
+    at = [number(value) for value in X_PS.translation()]
+    if at != ["0", "0", "0"]:
+        parts.append(f"at: [{', '.join(at)}]")
+    angles = RollPitchYaw(X_PS.rotation()).vector()
+    turned = zip(("yaw", "pitch", "roll"), (degrees(angles[i]) for i in (2, 1, 0)), strict=True)
+    return ", ".join([*parts, *(f"{word}: {angle}" for word, angle in turned if angle != "0 deg")])
+
+
+def _points(shape: Shape) -> Array:
+    """Points of a shape in M [m] whose box is that of the shape; of round ones as fine as they are drawn."""
+    if shape.mesh is not None:
+        points: Array = np.array(
+            [line.split()[1:4] for line in shape.mesh.read_text().splitlines() if line.startswith("v ")], dtype=float
+        )
+    else:
+        points = np.asarray(as_mesh(shape).vertices, dtype=float)
+        if shape.kind in {"sphere", "ellipsoid"}:
+            half = np.array([shape.size[0]] * 3 if shape.kind == "sphere" else shape.size)
+            points = np.concatenate((points, np.diag(half), -np.diag(half)))
+    moved: Array = points @ shape.X_LG.rotation().matrix().T + shape.X_LG.translation()
+    return moved
+
+
+def as_mesh(shape: Shape) -> Trimesh:
+    """A box, cylinder, sphere, capsule, ellipsoid or outline as triangles, about its own origin."""
+    make = trimesh.creation
+    if shape.kind == "polyline":
+        return _pulled_up(shapely.from_wkt(shape.submesh), shape.size[0])
+    if shape.kind == "plane":
+        return _sheet(shape)
+    if shape.kind == "box":
+        return make.box(extents=shape.size)
+    if shape.kind == "cylinder":
+        return make.cylinder(radius=shape.size[0], height=shape.size[1], sections=32)
+    if shape.kind == "capsule":
+        mesh = make.capsule(radius=shape.size[0], height=shape.size[1], count=[16, 16])
+        mesh.apply_translation(-0.5 * mesh.bounds.sum(axis=0))
+        return mesh
+    mesh = make.icosphere(subdivisions=3, radius=1.0)
+    mesh.apply_scale([shape.size[0]] * 3 if shape.kind == "sphere" else list(shape.size))
+    return mesh
+
+
+def _sheet(shape: Shape) -> Trimesh:
+    """A plane with a size as two triangles; its normal is in `scale`.
+
+    Raises:
+        MeshError: it has no size.
+    """
+    if len(shape.size) != 2 or min(shape.size) <= 0.0:
+        raise MeshError("plane", "has no size")
+    normal = np.array(shape.scale) / np.linalg.norm(shape.scale)
+    across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
+    v = across / np.linalg.norm(across)
+    u = np.cross(v, normal)
+    a, b = 0.5 * shape.size[0] * u, 0.5 * shape.size[1] * v
+    return Trimesh(np.array([a + b, b - a, -a - b, a - b]), np.array([[0, 1, 2], [0, 2, 3]]), process=False)
+
+
+def _pulled_up(area: shapely.Geometry, height: float) -> Trimesh:
+    """Polygons between z = 0 and a height [m]."""
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    flat = np.array([shapely.orient_polygons(part).exterior.coords[:3] for part in triangles])
+    low, high = (np.insert(flat, 2, z, axis=2) for z in (0.0, height))
+    faces = [low[:, ::-1], high]
+    for ring in shapely.get_rings(shapely.orient_polygons(area)):
+        start, end = np.array(ring.coords[:-1]), np.array(ring.coords[1:])
+        a, b, c, d = (np.insert(row, 2, z, axis=1) for row, z in ((start, 0), (end, 0), (end, height), (start, height)))
+        faces += [np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)]
+    corners = np.concatenate(faces)
+    return Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
+
+
+def convex_outlines(shape: Shape) -> list[Shape]:
+    """A shape of kind polyline as some whose areas are convex: its triangles, put together as far as that goes."""
+    waiting: list[shapely.Geometry] = []
+    for part in shapely.get_parts(shapely.from_wkt(shape.submesh)):
+        waiting += [part] if _bulges(part) else list(shapely.get_parts(shapely.constrained_delaunay_triangles(part)))
+    done: list[shapely.Geometry] = []
+    while waiting:
+        part = waiting.pop()
+        while True:
+            both = ((other, shapely.union(part, other)) for other in waiting if shapely.intersects(part, other))
+            found = next(((other, whole) for other, whole in both if _bulges(whole)), None)
+            if found is None:
+                break
+            waiting.remove(found[0])
+            part = found[1]
+        done.append(part)
+    return [replace(shape, submesh=shapely.to_wkt(part, rounding_precision=9)) for part in done]
+
+
+def _bulges(area: shapely.Geometry) -> bool:
+    """Whether an area is convex, but for what rounding makes of it."""
+    size = float(shapely.area(area))
+    whole = int(shapely.get_num_geometries(area)) == 1 and int(shapely.get_dimensions(area)) == 2
+    return whole and float(shapely.area(shapely.convex_hull(area))) <= (1.0 + 1e-6) * size
+
+
+# --- what is seen -------------------------------------------------------------------------------------------------
+
+
+def write_visual(thing: Thing, X_PM: RigidTransform, folder: Path, say: Callable[[Change], None]) -> bool:
+    """One glTF file of all that is seen; whether there is anything."""
+    pieces: list[Piece] = []
+    notes: list[tuple[str, str, Note]] = []
+    for shape in thing.visuals:
+        what = f"model '{thing.name}': visual"
+        if shape.kind == "plane" and thing.collisions:
+            continue
+        try:
+            found, remarks = pieces_of(shape)
+        except MeshError as error:
+            say(error.left_out(shape.where, what))
+            continue
+        notes += [(shape.where, f"{what} {shape.address}".strip(), note) for note in remarks]
+        matrix = (X_PM @ shape.X_LG).GetAsMatrix4()
+        pieces += [piece.moved(matrix) for piece in found]
+    if pieces:
+        written = write_gltf(pieces, folder / "visual.gltf")
+        notes += [(thing.where, f"model '{thing.name}': visuals", note) for note in written]
+    for where, what, note in dict.fromkeys(notes):
+        say(Change(where, what, note.was, note.became, note.why))
+    return bool(pieces)
+
+
+def pieces_of(shape: Shape) -> tuple[list[Piece], list[Note]]:
+    """Triangles [m] of a shape about its own origin, coloured, and what there is to say about them.
+
+    Raises:
+        MeshError: the mesh cannot be read.
+    """
+    if shape.kind != "mesh" or shape.mesh is None:
+        mesh = as_mesh(shape)
+        corners = np.asarray(mesh.vertices, dtype=float)[np.asarray(mesh.faces)]
+        return [Piece((), corners, material=Material("", shape.rgba))], []
+    read = read_mesh(shape.mesh)
+    notes = list(read.notes)
+    pieces = list(select_submesh(read, shape.mesh, shape.submesh))
+    matrix = np.diag([*shape.scale, 1.0])
+    if shape.submesh and shape.center:
+        points = np.concatenate([piece.corners.reshape(-1, 3) for piece in pieces])
+        matrix[:3, 3] = -np.array(shape.scale) * 0.5 * (points.min(axis=0) + points.max(axis=0))
+    if shape.texture is not None:
+        picture = TextureFolder(shape.texture.parent, notes).picture(shape.texture.name)
+        if picture is not None:
+            white = Material("", (1.0, 1.0, 1.0, 1.0), picture)
+            pieces = [replace(piece, material=white) for piece in pieces]
+    if shape.rgba is not None:
+        pieces = [piece if _is_coloured(piece) else _coloured(piece, shape.rgba) for piece in pieces]
+    return [piece.moved(matrix) for piece in pieces], notes
+
+
+def _is_coloured(piece: Piece) -> bool:
+    look = piece.material
+    return look.rgba is not None or look.picture is not None or piece.colors is not None
+
+
+def _coloured(piece: Piece, rgba: tuple[float, float, float, float]) -> Piece:
+    return replace(piece, material=replace(piece.material, rgba=rgba))
+
+
+def _quoted(text: str) -> str:
+    """A text that YAML takes as one line of plain words."""
+    return "'" + re.sub(r"[\x00-\x1f]", " ", text).replace("'", "''")[:200] + "'"
+
+
+def key_of(thing: Thing) -> tuple[Any, ...]:
+    """Equal for things that are the same prop: shapes to a tenth of a millimetre, masses, friction."""
+
+    def part(shape: Shape) -> tuple[Any, ...]:
+        X = np.round(shape.X_LG.GetAsMatrix34(), 4) + 0.0
+        return (shape.kind, shape.size, tuple(X.ravel().tolist()), shape.mesh, shape.scale, shape.submesh, shape.center,
+                shape.rgba, shape.texture)  # fmt: skip
+
+    return (*map(part, thing.visuals), "|", *map(part, thing.collisions), thing.mass, thing.mu)

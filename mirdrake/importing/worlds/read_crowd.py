@@ -1,0 +1,72 @@
+"""Populations of Gazebo: many copies of a model in a region; in the form of SDF 1.4 and in that of later ones."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.xml_lines import read_number, read_numbers
+from mirdrake.importing.worlds.elements import FARTHEST, Tree, read_pose, text_of
+from mirdrake.importing.worlds.model import Crowd, Thing
+
+Element = ElementTree.Element
+
+
+def read_crowd(element: Element, thing: Thing, name: str, where: str, tree: Tree, version: tuple[int, ...]) -> Crowd:
+    """A ``<population>``.
+
+    Args:
+        element: it.
+        thing: one of it; it gets the pose of the population.
+        name: of the population.
+        where: ``file:line``.
+        tree: knows the lines.
+        version: of the file.
+
+    Raises:
+        ModelError: count, region or distribution are none that there can be.
+    """
+
+    def number(path: str, default: float) -> float:
+        value = read_number(element.findtext(path), where=where, what=f"<{path}>")
+        if value is not None and abs(value) > FARTHEST:
+            raise ModelError(f"{where}: <{path}> of {value:g}; at most {FARTHEST:g} is allowed")
+        return default if value is None else value
+
+    def numbers(path: str, count: int, default: list[float]) -> list[float]:
+        text = element.findtext(path)
+        return read_numbers(text, count=count, default=default, where=where, what=f"<{path}>").tolist()  # type: ignore[no-any-return]
+
+    thing.X_WM, _ = read_pose(element.find("pose"), tree, version)
+    kind = text_of(element, "distribution/type") or text_of(element, "distribution") or "random"
+    crowd = Crowd(name, thing, kind, int(number("model_count", 1)), where=where)
+    old = element.find("region") is not None  # as SDF 1.4 had it: corners of a box instead of pose and size
+    low = numbers("region/cuboid/min", 3, [0.0] * 3)
+    if kind == "grid":
+        top = "region/cuboid" if old else "distribution"
+        crowd.grid = (int(number(f"{top}/cols", 1)), int(number(f"{top}/rows", 1)))
+        x, y, _ = numbers(f"{top}/step", 3, [0.5, 0.5, 0.0])
+        crowd.step, crowd.count = (x, y), crowd.grid[0] * crowd.grid[1]
+        if old:  # it begins in the corner
+            move = np.array([x * (crowd.grid[0] - 1), y * (crowd.grid[1] - 1), 0.0]) / 2.0
+            thing.X_WM = RigidTransform(low + move)
+    elif old and element.find("region/cylinder") is not None:
+        thing.X_WM = RigidTransform(np.array(numbers("region/cylinder/center", 3, [0.0] * 3)))
+        crowd.radius = number("region/cylinder/radius", 1.0)
+    elif old:
+        edges = np.array(numbers("region/cuboid/max", 3, [1.0] * 3)) - low
+        thing.X_WM = RigidTransform(low + np.array([*edges[:2], 0.0]) / 2.0)
+        crowd.box = (float(edges[0]), float(edges[1]), float(edges[2]))
+    elif element.find("cylinder") is not None:
+        crowd.radius = number("cylinder/radius", 1.0)
+    else:
+        a, b, c = numbers("box/size", 3, [1.0] * 3)
+        crowd.box = (a, b, c)
+    if not 1 <= crowd.count <= 5000:
+        raise ModelError(f"{where}: population of {crowd.count}; 1 to 5000 are allowed")
+    if min([*(crowd.box or ())[:2], *([crowd.radius] if crowd.radius is not None else [])], default=1.0) < 1e-3:
+        raise ModelError(f"{where}: population in a region without area")
+    if kind not in {"random", "uniform", "grid", "linear-x", "linear-y", "linear-z"}:
+        raise ModelError(f"{where}: distribution '{kind}' is not understood")
+    return crowd

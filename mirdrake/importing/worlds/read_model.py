@@ -1,0 +1,363 @@
+"""A model of SDF with all that it includes: frames, links and shapes, gathered first and placed later.
+
+Poses follow the SDF specification: those of links, frames and nested models count from the model they stand in, those
+of shapes from their link, unless ``relative_to`` names another frame. Static models nested in static ones become
+things of their own; everything in a model that can move stays together.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+from pydrake.math import RigidTransform
+
+from mirdrake.core.errors import ModelError
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.vehicles.read_sdf import model_file
+from mirdrake.importing.vehicles.xml_lines import read_number
+from mirdrake.importing.worlds.elements import (
+    Tree,
+    read_colour,
+    read_mu,
+    read_pose,
+    read_shape,
+    text_of,
+    truth,
+    version_of,
+)
+from mirdrake.importing.worlds.finding import Models, model_name, searched
+from mirdrake.importing.worlds.frames import WORLD, Frame, Frames
+from mirdrake.importing.worlds.model import Thing
+
+Element = ElementTree.Element
+
+DEEPEST = 20
+"""Levels of nested models and includes."""
+
+MOST = 50_000
+"""Models and links of a world, with all that they include."""
+
+_TURNING = {"revolute", "continuous", "revolute2", "universal"}
+_SILENT = {"pose", "inertial", "static", "link", "model", "include", "frame", "visual", "collision", "self_collide",
+           "allow_auto_disable", "enable_wind", "gravity", "kinematic", "velocity_decay", "must_be_base_link",
+           "joint", "light", "script", "audio_source"}  # fmt: skip
+
+
+@dataclass
+class Scope:
+    """Where elements stand: names below `prefix`, poses from the frame `origin`."""
+
+    prefix: str
+    origin: str
+    version: tuple[int, ...]
+    folder: Path
+    files: tuple[Path, ...]
+    """that led here, for includes that include themselves"""
+
+    def full(self, name: str) -> str:
+        """The full name of a frame that is named here."""
+        if name == "__model__":
+            return self.origin
+        return WORLD if not self.prefix and name in {"world", "__world__"} else f"{self.prefix}{name}"
+
+
+@dataclass
+class _Placed:
+    """A shape, not yet placed."""
+
+    shape: Shape
+    X: RigidTransform
+    base: str
+    link: str
+
+
+@dataclass
+class Draft:
+    """A thing whose frames are known by name only."""
+
+    thing: Thing
+    frame: str
+    links: list[str] = field(default_factory=list)
+    visuals: list[_Placed] = field(default_factory=list)
+    collisions: list[_Placed] = field(default_factory=list)
+
+
+class ModelReader:
+    """Gathers models.
+
+    Args:
+        models: find what is included.
+        tree: knows the lines.
+        frames: takes in all frames.
+        say: called with every change.
+        files: takes in all files that are read.
+    """
+
+    def __init__(
+        self, models: Models, tree: Tree, frames: Frames, say: Callable[[Change], None], files: list[Path]
+    ) -> None:
+        self._models, self._tree, self._frames, self._say, self._files = models, tree, frames, say, files
+        self._parsed: dict[Path, Element] = {}
+        self._count = 0
+        self.drafts: list[Draft] = []
+        self.lights: list[tuple[Element, str]] = []
+        """lights of included files, and the frame they count from"""
+
+    # --- models and includes ---
+
+    def model(
+        self,
+        element: Element,
+        scope: Scope,
+        *,
+        name: str = "",
+        placed: Element | None = None,
+        draft: Draft | None = None,
+    ) -> None:
+        """A model.
+
+        Args:
+            element: its ``<model>``.
+            scope: in which it stands.
+            name: instead of its own.
+            placed: an ``<include>`` whose pose and ``static`` win.
+            draft: the moving thing that it is part of; None for one of its own.
+        """
+        where = self._tree.where(placed if placed is not None else element)
+        self._one_more(where)
+        kind = element.get("name", "") or "model"
+        full = self._new_name(scope.full(name or kind), where)
+        self._place(element, scope, full, placed, where)
+        still = element.find("static") if placed is None or placed.find("static") is None else placed.find("static")
+        static = truth(still.text or "") if still is not None else False
+        if draft is None:
+            draft = Draft(Thing(full, kind, RigidTransform(), static, where=where), full)
+            self.drafts.append(draft)
+        inner = Scope(f"{full}::", full, scope.version, scope.folder, scope.files)
+        try:
+            self._inside(element, inner, draft)
+        except ModelError as error:
+            draft.thing.broken.append(str(error))
+            place, _, fault = str(error).partition(": ")
+            became = "left out, with all that follows in it"
+            self._say(Change(place, f"model '{draft.thing.name}': a part of it", "…", became, fault))
+
+    def include(self, element: Element, scope: Scope, *, draft: Draft | None = None) -> None:
+        """An ``<include>``; see :meth:`model`."""
+        where, address = self._tree.where(element), text_of(element, "uri")
+        kind = model_name(address)
+        name = text_of(element, "name")
+        path, remark = self._find(address, scope.folder)
+        if path is not None and (path in scope.files or len(scope.files) > DEEPEST):
+            raise ModelError(f"{where}: include '{address}' includes itself")
+        if path is None:
+            self._absent(element, scope, name or kind or "include", kind, where, remark)
+            return
+        root = self._parse(path)
+        version = version_of(root)
+        inside = Scope(scope.prefix, scope.origin, version, path.parent, (*scope.files, path))
+        model = root if root.tag == "model" else root.find("model")
+        for light in root.findall("light"):
+            frame = self._new_name(scope.full(name or light.get("name", "light")), where)
+            self._place(light, inside, frame, element, where)
+            self.lights.append((light, frame))
+        if model is None:
+            if root.find("light") is None:
+                raise ModelError(f"{shown(path)}:1: no <model> in the file that {where} includes")
+            return
+        if truth(element.get("merge", "")) and draft is not None:
+            frame = self._new_name(scope.full(f"__merged__{model.get('name', '')}"), where)
+            self._place(model, inside, frame, element, where)
+            self._inside(model, replace(inside, origin=frame), draft)
+            return
+        before = len(self.drafts)
+        self.model(model, inside, name=name, placed=element, draft=draft)
+        if draft is None:
+            self.drafts[before].thing.kind = kind or self.drafts[before].thing.kind
+
+    def _absent(self, element: Element, scope: Scope, name: str, kind: str, where: str, remark: str) -> None:
+        self._one_more(where)
+        full = self._new_name(scope.full(name), where)
+        self._place(element, scope, full, element, where)
+        static = element.find("static")
+        thing = Thing(
+            full, kind, RigidTransform(), truth(static.text or "") if static is not None else True, where=where
+        )
+        thing.absent, thing.sources = True, [kind] if kind else []
+        thing.broken = [f"{where}: include '{text_of(element, 'uri')}': {remark}"]
+        self.drafts.append(Draft(thing, full))
+
+    def _find(self, address: str, folder: Path) -> tuple[Path | None, str]:
+        """The SDF file of an address, or why there is none."""
+        if not address:
+            return None, "it has no <uri>"
+        scheme, mark, rest = address.partition("://")
+        if mark and scheme not in {"model", "package", "file", "http", "https"}:
+            return None, f"{scheme}:// is not understood; model://, package:// and file:// are"
+        if mark and scheme in {"http", "https"}:
+            name = model_name(address)
+            found = self._models.fuel(address) or self._models.find(name) or self._models.find(name.replace(" ", "_"))
+            path = model_file(found) if found and found.is_dir() else None
+            why = f"it is not in the local cache of Fuel, and nothing is downloaded; give it with --package {name}=DIR"
+            return path, "" if path else why
+        name, _, below = rest.partition("/")
+        target = folder / (rest if mark else address)
+        if mark and scheme in {"model", "package"}:
+            top = self._models.find(name)
+            target = top / below if top is not None else target
+            if top is None or not target.exists():
+                joined = self._models.below(rest)
+                if joined is None and top is None:
+                    return None, f"there is no such model; {searched()}; give its folder with --package {name}=DIR"
+                target = joined or target
+        elif not target.exists():
+            target = self._models.below(rest if mark else address) or target
+        if target.is_dir():
+            path = model_file(target)
+            return path, "" if path else "there is no model.sdf in it"
+        if not target.is_file():
+            return None, "no such file"
+        return (target, "") if target.suffix not in {".urdf", ".xacro"} else (None, "it is no SDF")
+
+    def _parse(self, path: Path) -> Element:
+        if path not in self._parsed:
+            self._parsed[path] = self._tree.parse(path)
+            self._files.append(path)
+        return self._parsed[path]
+
+    def _place(self, element: Element, scope: Scope, full: str, placed: Element | None, where: str) -> None:
+        """The frame of a model, from its own pose or that of the ``<include>``."""
+        pose = placed.find("pose") if placed is not None and placed.find("pose") is not None else element.find("pose")
+        X, relative = read_pose(pose, self._tree, scope.version)
+        spot = (placed.findtext("placement_frame") if placed is not None else None) or element.get("placement_frame")
+        inside = f"{full}::{spot.strip()}" if spot and spot.strip() not in {"", "__model__"} else ""
+        self._frames.add(full, Frame(X, scope.full(relative) if relative else scope.origin, where, inside))
+
+    def _new_name(self, wanted: str, where: str) -> str:
+        """A name that no frame has; a second model of a name gets a number, as Gazebo does it."""
+        name, number = wanted, 0
+        while name in self._frames:
+            name, number = f"{wanted}_{number}", number + 1
+        if name != wanted:
+            why = "another one has that name"
+            self._say(Change(where, "name of a model", wanted, name, why))
+        return name
+
+    def _one_more(self, where: str) -> None:
+        self._count += 1
+        if self._count > MOST:
+            raise ModelError(f"{where}: more than {MOST} models and links; does something include itself many times?")
+
+    # --- what is in a model ---
+
+    def _inside(self, element: Element, scope: Scope, draft: Draft) -> None:
+        for child in element:
+            where, name = self._tree.where(child), child.get("name", "")
+            if child.tag == "link":
+                self._link(child, scope, draft)
+            elif child.tag == "frame":
+                X, relative = read_pose(child.find("pose"), self._tree, scope.version)
+                base = relative or child.get("attached_to", "")
+                self._frames.add(scope.full(name), Frame(X, scope.full(base) if base else scope.origin, where))
+            elif child.tag in {"model", "include"}:
+                if len(scope.prefix.split("::")) > DEEPEST:
+                    raise ModelError(f"{where}: models are nested more than {DEEPEST} deep")
+                apart = None if draft.thing.static else draft
+                first = len(self.drafts)
+                (self.model if child.tag == "model" else self.include)(child, scope, draft=apart)
+                for inner in self.drafts[first:]:
+                    inner.thing.static = True
+            elif child.tag == "joint":
+                self._joint(child, scope, draft)
+            elif child.tag == "plugin":
+                what = f"model '{draft.thing.name}': <plugin>"
+                self._say(Change(where, what, child.get("filename", ""), "left out", "plugins do not run here"))
+            elif child.tag not in _SILENT:
+                what = f"model '{draft.thing.name}': <{child.tag}>"
+                self._say(Change(where, what, "…", "left out", "nothing here corresponds to it"))
+
+    def _joint(self, element: Element, scope: Scope, draft: Draft) -> None:
+        kind = element.get("type", "").strip().lower()
+        name, child, parent = element.get("name", ""), text_of(element, "child"), text_of(element, "parent")
+        if kind != "fixed":
+            draft.thing.loose += 1
+            draft.thing.wheels += kind in _TURNING
+        elif parent == "world" and not draft.thing.static:
+            draft.thing.static = True
+        X, relative = read_pose(element.find("pose"), self._tree, scope.version)
+        base = scope.full(relative or child)
+        if name and scope.full(name) not in self._frames:
+            self._frames.add(scope.full(name), Frame(X, base, self._tree.where(element)))
+
+    def _link(self, element: Element, scope: Scope, draft: Draft) -> None:
+        where, thing = self._tree.where(element), draft.thing
+        self._one_more(where)
+        full = scope.full(element.get("name", "link"))
+        X, relative = read_pose(element.find("pose"), self._tree, scope.version)
+        self._frames.add(full, Frame(X, scope.full(relative) if relative else scope.origin, where))
+        draft.links.append(full)
+        if not thing.static and text_of(element, "kinematic") in {"1", "true"}:
+            thing.static = True
+            self._say(Change(where, f"model '{thing.name}'", "kinematic", "static", "nothing moves it here"))
+        mass = read_number(element.findtext("inertial/mass"), where=where, what="<mass>")
+        if mass is not None:
+            thing.mass = (thing.mass or 0.0) + mass
+        for child in element:
+            if child.tag in {"visual", "collision"}:
+                try:
+                    self._shape(child, scope, full, draft)
+                except ModelError as error:
+                    if child.tag == "collision":
+                        thing.broken.append(str(error))
+                    place, _, fault = str(error).partition(": ")
+                    what = f"model '{thing.name}': {child.tag}"
+                    self._say(Change(place, what, child.get("name", ""), "left out", fault))
+            elif child.tag == "light":
+                self._say(Change(self._tree.where(child), f"model '{thing.name}': <light>", child.get("name", ""),
+                                 "left out", "lamps do not shine here"))  # fmt: skip
+            elif child.tag == "sensor":
+                self._say(Change(self._tree.where(child), f"model '{thing.name}': <sensor>", child.get("name", ""),
+                                 "left out", "a prop has no sensors"))  # fmt: skip
+            elif child.tag not in _SILENT:
+                what = f"model '{thing.name}': <{child.tag}>"
+                self._say(Change(self._tree.where(child), what, "…", "left out", "nothing here corresponds to it"))
+
+    def _shape(self, element: Element, scope: Scope, link: str, draft: Draft) -> None:
+        where, thing = self._tree.where(element), draft.thing
+        what = f"model '{thing.name}': {element.tag}"
+        X, relative = read_pose(element.find("pose"), self._tree, scope.version)
+        for plugin in element.findall("plugin"):
+            where_plugin, file = self._tree.where(plugin), plugin.get("filename", "")
+            self._say(Change(where_plugin, f"{what}: <plugin>", file, "left out", "plugins do not run here"))
+        shape, remark = read_shape(element, self._tree, self._models, scope.folder)
+        if shape is None:
+            if remark:
+                self._say(Change(where, what, element.get("name", ""), "left out", remark))
+            if remark and element.tag == "collision":
+                thing.broken.append(f"{where}: {what}: {remark}")
+            return
+        shape.where = where
+        if element.tag == "visual":
+            shape.rgba = read_colour(element.find("material"))
+            address = text_of(element, "material/pbr/metal/albedo_map")
+            if address:
+                shape.texture, _ = self._models.resolve(address, folder=scope.folder)
+            shape.submesh = shape.submesh or ""
+            shape = replace(shape, address=shape.address or text_of(element, "material/script/name"))
+        else:
+            mu = read_mu(element, self._tree)
+            if mu is not None:
+                thing.mu = mu if thing.mu is None else min(thing.mu, mu)
+        if shape.kind == "mesh" and shape.mesh is None:
+            thing.sources.append(model_name(shape.address))
+            if element.tag == "collision":
+                thing.broken.append(f"{where}: {what}: mesh '{shape.address}': {remark}")
+            thing.missing.append(Change(where, f"{what} mesh", shape.address, "left out", remark))
+            return
+        if remark:
+            found = shape.mesh.name if shape.mesh is not None else shape.kind
+            self._say(Change(where, what, shape.address or element.get("name", ""), found, remark))
+        placed = _Placed(shape, X, scope.full(relative) if relative else link, link)
+        (draft.visuals if element.tag == "visual" else draft.collisions).append(placed)

@@ -1,0 +1,352 @@
+"""World files of Gazebo classic and Gazebo into a :class:`SourceWorld`.
+
+A world that was saved while it ran has a ``<state>``: the poses there win. Everything that has no place in mirdrake
+becomes a Change; a model that is broken is kept with its faults, so that the caller can name all of them.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+from pydrake.math import RigidTransform, RotationMatrix
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.vehicles.xml_lines import read_number, read_numbers
+from mirdrake.importing.worlds.elements import Tree, read_pose, text_of, version_of
+from mirdrake.importing.worlds.finding import Models, model_name
+from mirdrake.importing.worlds.frames import WORLD, Frame, Frames
+from mirdrake.importing.worlds.known import plain_name
+from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Sun, Thing
+from mirdrake.importing.worlds.read_crowd import read_crowd
+from mirdrake.importing.worlds.read_model import Draft, ModelReader, Scope
+
+Element = ElementTree.Element
+
+SUN = np.array([-0.5, 0.1, -0.9])
+"""Direction of the light that ``model://sun`` is."""
+
+_SILENT = {"physics", "gui", "scene", "spherical_coordinates", "magnetic_field", "atmosphere", "audio", "wind"}
+_WHY = {
+    "physics": "mirdrake has its own solver and steps", "gui": "the viewer is mirdrake's",
+    "scene": "sky and ambient light are mirdrake's", "spherical_coordinates": "the world has no place on the earth",
+    "magnetic_field": "nothing measures it", "atmosphere": "the air is that of mirdrake",
+    "audio": "there is no sound", "wind": "the air is still", "plugin": "plugins do not run here",
+    "joint": "things in a world are not joined",
+}  # fmt: skip
+_PLANES = {"ground_plane", "asphalt_plane", "grass_plane", "mud_plane", "plane"}
+
+
+def read_world(path: Path, *, models: Models) -> SourceWorld:
+    """A world file.
+
+    Raises:
+        ModelError: it cannot be read, is no XML, or holds no world.
+    """
+    tree = Tree()
+    root = tree.parse(path)
+    worlds = root.findall("world") if root.tag in {"sdf", "gazebo"} else [root] if root.tag == "world" else []
+    if not worlds:
+        models_in = root.findall("model")
+        hint = "it holds a single model: mirdrake import vehicle takes vehicles" if models_in else (
+            "<world> inside <sdf> is expected"
+        )  # fmt: skip
+        raise ModelError(f"{tree.where(root)}: <{root.tag}> holds no world; {hint}")
+    version = version_of(root)
+    if version < (1, 2):
+        raise ModelError(f"{tree.where(root)}: SDF {root.get('version')} is too old; convert it with gz sdf -c")
+    for element in worlds[0]:
+        if "xacro" in element.tag:
+            raise ModelError(
+                f"{tree.where(element)}: <{element.tag}> is xacro; render the file first: xacro FILE > OUT"
+            )
+    name = worlds[0].get("name", "")
+    world = SourceWorld(path.stem if name in {"", "default", "world", "default_world"} else name, files=[path])
+    for extra in worlds[1:]:
+        why = "a file becomes one world"
+        world.changes.append(
+            Change(tree.where(extra), f"world '{extra.get('name', '')}'", "a second world", "left out", why)
+        )
+    _Reader(world, models, tree, Scope("", WORLD, version, path.parent, (path,))).read(worlds[0])
+    return world
+
+
+class _Reader:
+    """Reads one world."""
+
+    def __init__(self, world: SourceWorld, models: Models, tree: Tree, scope: Scope) -> None:
+        self._world, self._tree, self._scope = world, tree, scope
+        self._frames = Frames()
+        self._models = ModelReader(models, tree, self._frames, world.changes.append, world.files)
+        self._scales: dict[str, tuple[float, float, float]] = {}
+        self._gone: set[str] = set()
+        self._lights: list[tuple[Element, str]] = []
+        self._crowds: list[tuple[Element, range]] = []
+
+    def read(self, element: Element) -> None:
+        states = []
+        for child in element:
+            if child.tag == "state":
+                states.append(child)
+                for inserted in child.findall("insertions"):
+                    self._children(inserted)
+            else:
+                self._child(child)
+        for state in states:
+            self._state(state)
+        for light, frame in [*self._lights, *self._models.lights]:
+            self._light(light, frame)
+        things = [self._finish(draft) for draft in self._models.drafts]
+        own = {index for _, indices in self._crowds for index in indices}
+        for crowd, indices in self._crowds:  # a model may hold nothing but an include
+            copied = [things[index] for index in indices]
+            self._crowd(crowd, next((thing for thing in copied if thing.collisions or thing.absent), copied[0]))
+        for index, thing in enumerate(things):
+            if index in own:
+                continue
+            if thing.name in self._gone:
+                self._say(thing.where, f"model '{thing.name}'", "deleted in <state>", "left out", "it is gone there")
+            elif not self._planes(thing):
+                self._world.things.append(thing)
+
+    def _say(self, where: str, what: str, was: str, became: str, why: str) -> None:
+        self._world.changes.append(Change(where, what, was, became, why))
+
+    def _children(self, element: Element) -> None:
+        for child in element:
+            self._child(child)
+
+    def _child(self, child: Element) -> None:
+        where = self._tree.where(child)
+        try:
+            self._known_child(child, where)
+        except ModelError as error:
+            place, _, fault = str(error).partition(": ")
+            if child.tag in {"model", "include", "population"}:
+                name = child.get("name", "") or text_of(child, "name") or model_name(text_of(child, "uri"))
+                self._world.things.append(
+                    Thing(
+                        name or child.tag, name or child.tag, RigidTransform(), True, broken=[str(error)], where=where
+                    )
+                )
+            else:
+                self._say(place, f"<{child.tag}>", child.get("name", ""), "left out", fault)
+
+    def _known_child(self, child: Element, where: str) -> None:
+        tag, name = child.tag, child.get("name", "")
+        if tag == "model":
+            self._models.model(child, self._scope)
+        elif tag == "include":
+            kind = plain_name(model_name(text_of(child, "uri")))
+            before, lights = len(self._models.drafts), len(self._models.lights)
+            self._models.include(child, self._scope)
+            added = self._models.drafts[before:]
+            if kind == "sun" and added and added[0].thing.absent:
+                self._models.drafts.pop()
+                X = self._frames.pose(added[0].frame)
+                self._world.suns.append(Sun("sun", X.rotation().multiply(SUN), where))
+            elif kind == "sun" and not added and len(self._models.lights) == lights:
+                self._world.suns.append(Sun("sun", SUN, where))
+        elif tag == "frame":
+            X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
+            base = relative or child.get("attached_to", "")
+            self._frames.add(self._scope.full(name), Frame(X, self._scope.full(base) if base else WORLD, where))
+        elif tag == "light":
+            frame = f"__light__{len(self._lights)}"
+            X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
+            self._frames.add(frame, Frame(X, self._scope.full(relative) if relative else WORLD, where))
+            self._lights.append((child, frame))
+        elif tag == "actor":
+            self._actor(child, where)
+        elif tag == "road":
+            self._road(child, where)
+        elif tag == "population":
+            inner = child.find("model") if child.find("model") is not None else child.find("include")
+            if inner is None:
+                raise ModelError(f"{where}: <population> without a <model>")
+            before = len(self._models.drafts)
+            (self._models.model if inner.tag == "model" else self._models.include)(inner, self._scope)
+            self._crowds.append((child, range(before, len(self._models.drafts))))
+        elif tag == "gravity" or (tag == "physics" and child.find("gravity") is not None):
+            self._gravity(child if tag == "gravity" else child.find("gravity"), where)
+            if tag == "physics":
+                self._say(where, "<physics>", name, "left out", _WHY["physics"])
+        else:
+            was = child.get("filename", "") or name or child.get("type", "")
+            self._say(where, f"<{tag}>", was, "left out", _WHY.get(tag, "nothing here corresponds to it"))
+
+    def _gravity(self, element: Element | None, where: str) -> None:
+        text = element.text if element is not None else None
+        value = read_numbers(text, count=3, default=[0, 0, -9.81], where=where, what="<gravity>")
+        if not np.allclose(value, [0.0, 0.0, -9.81], atol=0.03):
+            was = " ".join(f"{part:g}" for part in value)
+            self._say(where, "<gravity>", f"{was} m/s²", "9.81 m/s² downwards", "worlds of mirdrake are on the earth")
+
+    def _actor(self, child: Element, where: str) -> None:
+        pose = child.find("pose")
+        way = child.find("script/trajectory/waypoint/pose")
+        X, _ = read_pose(pose if pose is not None else way, self._tree, self._scope.version)
+        kind = model_name(text_of(child, "include/uri")) or "person_standing"
+        self._world.actors.append((child.get("name", "") or "actor", kind, X, where))
+
+    def _road(self, child: Element, where: str) -> None:
+        points = [
+            read_numbers(point.text, count=3, default=[0, 0, 0], where=self._tree.where(point), what="<point>")
+            for point in child.findall("point")
+        ]
+        width = read_number(child.findtext("width"), where=where, what="<width>")
+        width = 1.0 if width is None else width
+        if len(points) < 2 or not 0.01 <= width <= 1000.0:
+            raise ModelError(f"{where}: <road> needs two points and a width above 1 cm")
+        words = f"{child.get('name', '')} {text_of(child, 'material/script/name')}"
+        self._world.roads.append(Road(child.get("name", "") or "road", np.array(points), width, words, where))
+
+    # --- state ---
+
+    def _state(self, state: Element) -> None:
+        for name in state.iterfind("deletions/name"):
+            self._gone.add((name.text or "").strip())
+        moved = 0
+        for child in state.findall("model"):
+            try:
+                moved += self._state_of(child, "")
+            except ModelError as error:
+                place, _, fault = str(error).partition(": ")
+                self._say(place, "<state> of a model", child.get("name", ""), "left out", fault)
+        why = "poses of a saved world win"
+        self._say(self._tree.where(state), "<state>", f"{len(state.findall('model'))} models", f"{moved} moved", why)
+
+    def _state_of(self, element: Element, prefix: str, depth: int = 0) -> int:
+        """Poses of one model, those nested in it and their links; how many models moved."""
+        name = f"{prefix}{element.get('name', '')}"
+        if name not in self._frames or name == WORLD or depth > 20:
+            return 0
+        pose, moved = element.find("pose"), 0
+        if pose is not None:
+            X, _ = read_pose(pose, self._tree, self._scope.version)
+            moved += _differ(self._frames.pose(name), X)
+            self._frames.set(name, X)
+        scale = element.find("scale")
+        if scale is not None:
+            where = self._tree.where(scale)
+            a, b, c = read_numbers(scale.text, count=3, default=[1, 1, 1], where=where, what="<scale>").tolist()
+            if not all(1e-3 <= factor <= 1e3 for factor in (a, b, c)):
+                raise ModelError(f"{where}: <scale> {a:g} {b:g} {c:g} leaves nothing of the model")
+            if (a, b, c) != (1.0, 1.0, 1.0):
+                self._scales[name] = (a, b, c)
+                self._say(
+                    where, f"model '{name}': scale", f"{a:g} {b:g} {c:g}", "applied to its shapes", "it is in <state>"
+                )
+        for child in element:
+            inner = f"{name}::{child.get('name', '')}"
+            if child.tag == "model":
+                moved += self._state_of(child, f"{name}::", depth + 1)
+            elif child.tag == "link" and inner in self._frames and child.find("pose") is not None:
+                X, _ = read_pose(child.find("pose"), self._tree, self._scope.version)
+                if _differ(self._frames.pose(inner), X):
+                    self._frames.set(inner, X)
+        return moved
+
+    # --- finishing ---
+
+    def _finish(self, draft: Draft) -> Thing:
+        """A thing with its pose and that of its shapes."""
+        thing = draft.thing
+        try:
+            thing.X_WM = self._frames.pose(draft.frame)
+            X_MW = thing.X_WM.inverse()
+            scale = self._scales.get(draft.frame, (1.0, 1.0, 1.0))
+            for placed, shapes in ((draft.visuals, thing.visuals), (draft.collisions, thing.collisions)):
+                for part in placed:
+                    X_MG = X_MW @ self._frames.pose(part.base, where=part.shape.where) @ part.X
+                    shapes.append(_scaled(replace(part.shape, X_LG=X_MG), scale, X_MW, self._frames.pose(part.link)))
+        except ModelError as error:
+            thing.broken.append(str(error))
+            thing.visuals, thing.collisions = [], []
+        return thing
+
+    def _planes(self, thing: Thing) -> bool:
+        """Take the planes out of a thing; whether it was nothing else."""
+        if thing.absent and plain_name(thing.kind) in _PLANES:
+            size = (20.0, 20.0) if plain_name(thing.kind) == "asphalt_plane" else (100.0, 100.0)
+            self._world.planes.append(Plane(thing.name, thing.X_WM, size, None, thing.kind, thing.where))
+            return True
+        found = [shape for shape in thing.collisions if shape.kind == "plane"]
+        seen = [shape for shape in thing.visuals if shape.kind == "plane"]
+        if not found:
+            return False
+        words = " ".join([thing.name, thing.kind, *(shape.address for shape in seen)])
+        for shape in found:
+            sizes = [other.size for other in (*seen, shape) if len(other.size) == 2 and min(other.size) > 0.0]
+            edges = (sizes[0][0], sizes[0][1]) if sizes else None
+            X_WP = thing.X_WM @ shape.X_LG @ RigidTransform(_onto(np.array(shape.scale)), np.zeros(3))
+            self._world.planes.append(Plane(thing.name, X_WP, edges, thing.mu, words, shape.where))
+        thing.collisions = [shape for shape in thing.collisions if shape.kind != "plane"]
+        thing.visuals = [shape for shape in thing.visuals if shape.kind != "plane"]
+        return not thing.collisions
+
+    def _light(self, element: Element, frame: str) -> None:
+        where, name = self._tree.where(element), element.get("name", "")
+        kind = element.get("type", "directional" if element.find("direction") is not None else "point")
+        try:
+            if kind != "directional":
+                raise ModelError(f"{where}: only the sun shines here")
+            text = element.findtext("direction")
+            direction = read_numbers(text, count=3, default=[0, 0, -1], where=where, what="<direction>")
+            X = self._frames.pose(frame)
+        except ModelError as error:
+            place, _, fault = str(error).partition(": ")
+            self._say(place, f"{kind} light '{name}'", "…", "left out", fault)
+            return
+        self._world.suns.append(Sun(name, X.rotation().multiply(direction), where))
+
+    def _crowd(self, element: Element, thing: Thing) -> None:
+        where, name = self._tree.where(element), element.get("name", "") or thing.name
+        try:
+            crowd = read_crowd(element, thing, name, where, self._tree, self._scope.version)
+        except ModelError as error:
+            thing.broken.append(str(error))
+            thing.visuals, thing.collisions = [], []
+            self._world.things.append(thing)
+            return
+        self._world.crowds.append(crowd)
+
+
+def _differ(X: RigidTransform, Y: RigidTransform) -> bool:
+    """Whether two poses are more than 0.1 mm or 1e-4 apart; files give six digits."""
+    return not X.IsNearlyEqualTo(Y, 1e-4)
+
+
+def _onto(normal: Array) -> RotationMatrix:
+    """A rotation that takes z onto a direction, by the shortest way."""
+    n = normal / np.linalg.norm(normal)
+    if n[2] < -1.0 + 1e-12:
+        return RotationMatrix(np.diag([1.0, -1.0, -1.0]))
+    v = np.cross([0.0, 0.0, 1.0], n)
+    K = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return RotationMatrix(np.eye(3) + K + K @ K / (1.0 + n[2]))
+
+
+def _scaled(shape: Shape, scale: tuple[float, float, float], X_MW: RigidTransform, X_WL: RigidTransform) -> Shape:
+    """A shape stretched along the axes of its link, as Gazebo's scale tool does it; round ones by their own axes."""
+    if scale == (1.0, 1.0, 1.0):
+        return shape
+    X_ML = X_MW @ X_WL
+    X_LG = X_ML.inverse() @ shape.X_LG
+    x, y, z = scale
+    size = shape.size
+    if shape.kind == "box":
+        size = (size[0] * x, size[1] * y, size[2] * z)
+    elif shape.kind in {"cylinder", "capsule"}:
+        size = (size[0] * max(x, y), size[1] * z)
+    elif shape.kind == "sphere":
+        size = (size[0] * max(scale),)
+    moved = RigidTransform(X_LG.rotation(), np.array(scale) * X_LG.translation())
+    outline = shape.submesh
+    if shape.kind == "polyline":
+        size = (size[0] * z,)
+        outline = shapely.transform(shapely.from_wkt(outline), lambda points: points * (x, y)).wkt
+    factors = (shape.scale[0] * x, shape.scale[1] * y, shape.scale[2] * z) if shape.kind == "mesh" else shape.scale
+    return replace(shape, size=size, scale=factors, submesh=outline, X_LG=X_ML @ moved)

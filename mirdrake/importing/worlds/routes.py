@@ -1,0 +1,300 @@
+"""Centre lines of roads: of a line of points with a width, and of an area, as lines and arcs that a car can follow.
+
+The centre line of an area is the part of its medial axis that is longest: around a closed circuit, or from one end of a
+road to the other. The medial axis of a polygon is approximated by the Voronoi diagram of points on its boundary
+(J. W. Brandt, V. R. Algazi, "Continuous skeleton computation by Voronoi diagram", CVGIP 55, 1992).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import QhullError, Voronoi
+from shapely.ops import substring
+
+from mirdrake.core.errors import ConfigError, WorldError
+from mirdrake.importing.worlds.entry import number
+from mirdrake.importing.worlds.model import Array
+from mirdrake.worlds.spec import TrackSpec
+from mirdrake.worlds.track_layout import make_track
+from mirdrake.worlds.tracks import Track
+
+WIDEST = 25.0
+"""Mean width up to which an area is a road and not a yard [m]."""
+
+_RADIUS = 7.0  # [m] that a corner gets if there is room: most cars can turn on it
+_LEAST_LINE = 1e-3  # [m] of a line that is left between a corner and its neighbour
+_STRAIGHT = 1e-4  # [rad] turn of a corner that is none
+_BACK = math.radians(170.0)  # turn from which a line goes back
+_BESIDE = 1.2  # [m] between a line to follow and the edge of a wide road: half a car
+_MOST_SEGMENTS = 1500
+_MOST_POINTS = 5000  # on the boundary of an area
+_LONG = 3.0  # length over width of a road
+
+
+@dataclass(frozen=True)
+class Route:
+    """A track of the new world.
+
+    Attributes:
+        track: as it is laid out.
+        text: its keys in the world file, without its name, surface and friction.
+        is_road: its area is that of the road; else it is a line to follow on patches.
+    """
+
+    track: Track
+    text: str
+    is_road: bool
+
+
+def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route | None:
+    """The track along points (n, 2) [m] with a width [m]; None if no track goes through them."""
+    closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-3 + 0.05 * width
+    laid = _rounded(points, closed=closed, width=width)
+    if laid is None:
+        return None
+    (x, y, yaw), segments = laid
+    start = f"start: {{at: [{number(x)}, {number(y)}], yaw: {math.degrees(yaw):.8f} deg}}"
+    parts = [
+        f"{{line: {size:.12g}}}"
+        if angle == 0.0
+        else f"{{arc: {{radius: {size:.12g}, angle: {math.degrees(angle):.13g} deg}}}}"
+        for size, angle in segments
+    ]
+    for road, wide in ((True, width), (False, width), (False, 0.5 * width), (False, min(1.0, 0.2 * width))):
+        if road and not is_road:
+            continue
+        spec = {
+            "start": {"at": (round(x, 4), round(y, 4)), "yaw": math.radians(round(math.degrees(yaw), 8))},
+            "segments": [{"line": size} if angle == 0.0 else
+                         {"arc": {"radius": size, "angle": angle}}
+                         for size, angle in segments],
+            "closed": closed, "width": round(wide, 3), "road": road,
+        }  # fmt: skip
+        try:
+            track = make_track(TrackSpec.model_validate(spec), name="route")
+        except (ConfigError, WorldError, ValueError):
+            continue
+        keys = [start, *(["closed: true"] if closed else []), f"width: {number(round(wide, 3))}"]
+        keys += [] if road else ["road: false"]
+        return Route(track, ", ".join([*keys, f"segments: [{', '.join(parts)}]"]), road)
+    return None
+
+
+def route_in_area(area: shapely.Polygon) -> Route | None:
+    """The track along the middle of an area [m]; None if it is not a road: too wide, or too short."""
+    width = 2.0 * area.area / area.length
+    if width > WIDEST or width < 0.05:
+        return None
+    line, clear = _medial_line(area, width)
+    if len(line) < 2 or float(np.hypot(*np.diff(line, axis=0).T).sum()) < _LONG * width:
+        return None
+    wide = 2.0 * float(np.quantile(clear, 0.25))
+    closed = bool(np.allclose(line[0], line[-1]))
+    if not closed:  # the ends fork into the corners of the area
+        line = _trimmed(line, 0.5 * wide)
+    best: tuple[float, Array] | None = None
+    for smoothness in (0.0, 0.5, 1.0, 1.5, 2.5):
+        simple = _smoothed(line, wide, smoothness, closed=closed)
+        route = route_of_line(simple, wide, is_road=False)
+        if route is None:
+            continue
+        x, y = route.track.point(s := np.linspace(0.0, route.track.length, 400), np.zeros_like(s))
+        if shapely.distance(shapely.points(x, y), area.boundary).min() < min(0.25 * wide, _BESIDE):
+            continue
+        radius = min(route.track.min_radius, _RADIUS)
+        if best is None or radius > best[0] + 0.1:
+            best = radius, simple
+        if radius >= _RADIUS:
+            break
+    if best is None:
+        return None
+    road = route_of_line(best[1], wide)
+    if road is not None and road.is_road:
+        covered = shapely.intersection(road.track.area, area).area
+        if covered > 0.93 * area.area and covered > 0.97 * road.track.area.area:
+            return road
+    return route_of_line(best[1], wide, is_road=False)
+
+
+# --- the inner parts ----------------------------------------------------------------------------------------------
+
+
+def _trimmed(line: Array, length: float) -> Array:
+    """A line without a length at both ends [m]."""
+    whole = shapely.LineString(line)
+    if whole.length < 4.0 * length:
+        return line
+    kept: Array = shapely.get_coordinates(substring(whole, length, whole.length - length))
+    return kept
+
+
+def _smoothed(line: Array, wide: float, smoothness: float, *, closed: bool) -> Array:
+    """A line with few points, smoothed over a multiple of the width of its road [m]."""
+    if smoothness:
+        whole = shapely.LineString(line)
+        count = max(8, math.ceil(whole.length / (0.25 * wide)))
+        even = shapely.get_coordinates(shapely.line_interpolate_point(whole, np.linspace(0.0, whole.length, count + 1)))
+        places = even[:-1] if closed else even
+        sigma = smoothness * wide / (whole.length / count)
+        places = gaussian_filter1d(places, sigma, axis=0, mode="wrap" if closed else "nearest")
+        line = np.vstack((places, places[:1])) if closed else places
+    simple: Array = shapely.get_coordinates(shapely.simplify(shapely.LineString(line), 0.04 * wide))
+    return simple
+
+
+def _rounded(
+    points: Array, *, closed: bool, width: float
+) -> tuple[tuple[float, float, float], list[tuple[float, float]]] | None:
+    """A line of points with arcs in its corners.
+
+    Returns:
+        the pose where it starts, and its segments: length [m] and 0, or radius [m] and turn [rad]; None if it goes back
+        on itself or has too many corners.
+    """
+    places = np.asarray(points, dtype=float)[:, :2]
+    places = shapely.get_coordinates(shapely.simplify(shapely.LineString(places), 0.01)) if len(places) > 2 else places
+    if closed:
+        places = places[:-1] if math.dist(places[0], places[-1]) < 1e-3 + 0.05 * width else places
+        first = int(np.argmax(np.hypot(*(np.roll(places, -1, axis=0) - places).T)))  # start in the longest line
+        places = np.roll(places, -first, axis=0)
+        middle = 0.5 * (places[0] + places[1])
+        places = np.vstack((middle, places[1:], places[:1], middle))
+    steps = np.diff(places, axis=0)
+    lengths = np.hypot(*steps.T)
+    keep = lengths > 1e-4
+    steps, lengths = steps[keep], lengths[keep]
+    if not len(steps) or len(steps) > _MOST_SEGMENTS // 2:
+        return None
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    turns = np.remainder(np.diff(headings) + math.pi, 2.0 * math.pi) - math.pi
+    if len(turns) and np.abs(turns).max() > _BACK:
+        return None
+
+    # Each corner takes up to half of the lines beside it, of the first and the last line all.
+    share = np.full(len(lengths), 0.5)
+    share[0] = share[-1] = 0.98 if len(lengths) > 1 else 1.0
+    cut = np.zeros(len(turns))
+    for at, turn in enumerate(turns):
+        if abs(turn) < _STRAIGHT:
+            continue
+        half = math.tan(abs(turn) / 2.0)
+        room = min(share[at] * lengths[at], share[at + 1] * lengths[at + 1]) - _LEAST_LINE
+        if room <= 0.0:
+            return None
+        off = max(0.25 * width, 0.1) / (1.0 / math.cos(turn / 2.0) - 1.0)  # radius that cuts the corner so far
+        cut[at] = min(room, max(off, _RADIUS, 0.6 * width) * half)
+    segments: list[tuple[float, float]] = []
+    for at, length in enumerate(lengths):
+        left = length - (cut[at - 1] if at else 0.0) - (cut[at] if at < len(turns) else 0.0)
+        if left > 1e-3:
+            segments.append((float(left), 0.0))
+        if at < len(turns) and abs(turns[at]) >= _STRAIGHT:
+            radius = cut[at] / math.tan(abs(turns[at]) / 2.0)
+            if radius < 0.05:
+                return None
+            segments.append((float(radius), float(turns[at])))
+    return (float(places[0, 0]), float(places[0, 1]), float(headings[0])), segments
+
+
+def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
+    """The longest line along the middle of an area, and its distance from the boundary at each point.
+
+    Returns:
+        points (n, 2) [m], of which the last is the first if the line is closed, and distances (n) [m]; empty if there
+        is no line.
+    """
+    none = np.zeros((0, 2)), np.zeros(0)
+    simple = shapely.simplify(area, 0.02 * width)
+    step = max(width / 4.0, simple.length / _MOST_POINTS)
+    points = np.concatenate([shapely.get_coordinates(shapely.segmentize(ring, step)) for ring in
+                             (simple.exterior, *simple.interiors)])  # fmt: skip
+    try:
+        diagram = Voronoi(np.unique(np.round(points, 6), axis=0))
+    except (QhullError, ValueError):
+        return none
+    shapely.prepare(simple)
+    vertices = diagram.vertices
+    inside = shapely.contains_xy(simple, *vertices.T)
+    clear = shapely.distance(shapely.points(vertices), simple.boundary)
+    inside &= clear > 0.2 * width
+    edges: NDArray[np.int64] = np.array(
+        [pair for pair in diagram.ridge_vertices if min(pair) >= 0], dtype=np.int64
+    ).reshape(-1, 2)
+    edges = edges[inside[edges].all(axis=1) & (edges[:, 0] != edges[:, 1])]
+    if not len(edges):
+        return none
+    edges = _pruned(edges, vertices, 0.75 * width)
+    if not len(edges):
+        return none
+
+    ring = _outer_ring(edges, vertices)
+    path = _longest_path(edges, vertices)
+    closes = ring is not None and _length(ring) > max(0.5 * _length(path), 4.0 * width)
+    line = ring if ring is not None and closes else path
+    return line, np.asarray(shapely.distance(shapely.points(line), simple.boundary))
+
+
+def _length(line: Array) -> float:
+    return float(np.hypot(*np.diff(line, axis=0).T).sum()) if len(line) > 1 else 0.0
+
+
+def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArray[np.int64]:
+    """Edges without the branches that end after less than a length [m]."""
+    lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T)
+    alive = np.ones(len(edges), dtype=bool)
+    beside: dict[int, list[int]] = {}
+    for index, (a, b) in enumerate(edges.tolist()):
+        beside.setdefault(a, []).append(index)
+        beside.setdefault(b, []).append(index)
+    for tip in [vertex for vertex, near in beside.items() if len(near) == 1]:
+        branch: list[int] = []
+        total, vertex = 0.0, tip
+        while total < shortest:
+            ways = [index for index in beside[vertex] if alive[index] and index not in branch[-1:]]
+            if len(ways) != 1 or (branch and ways[0] in branch):
+                break
+            branch.append(ways[0])
+            total += lengths[ways[0]]
+            a, b = edges[ways[0]].tolist()
+            vertex = b if a == vertex else a
+        at_fork = sum(bool(alive[index]) for index in beside[vertex]) > 2
+        if branch and total < shortest and at_fork:
+            alive[branch] = False
+    kept: NDArray[np.int64] = edges[alive]
+    return kept
+
+
+def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:
+    """The outermost closed line of edges; None if no line closes."""
+    faces = shapely.get_parts(shapely.polygonize([shapely.LineString(vertices[edge]) for edge in edges]))
+    if not len(faces):
+        return None
+    whole = max(shapely.get_parts(shapely.union_all(faces)), key=shapely.area)
+    ring: Array = shapely.get_coordinates(shapely.get_exterior_ring(whole))
+    return ring
+
+
+def _longest_path(edges: NDArray[np.int64], vertices: Array) -> Array:
+    """The longest of the shortest ways from one point of the edges to another, in the part that hangs together most."""
+    used, index = np.unique(edges, return_inverse=True)
+    index = index.reshape(-1, 2)
+    lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T) + 1e-12
+    graph = coo_matrix((lengths, (index[:, 0], index[:, 1])), shape=(len(used), len(used))).tocsr()
+    _, label = connected_components(graph, directed=False)
+    start = int(np.flatnonzero(label == np.argmax(np.bincount(label)))[0])
+    far = start
+    before = np.zeros(0)
+    for _ in range(2):
+        reach, before = dijkstra(graph, directed=False, indices=far, return_predecessors=True)
+        start, far = far, int(np.argmax(np.where(np.isfinite(reach), reach, -1.0)))
+    path = [far]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    line: Array = vertices[used[path]]
+    return line

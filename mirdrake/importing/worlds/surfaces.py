@@ -1,0 +1,234 @@
+"""Meshes too large for convex parts: walls cut along a grid, roads as outlines, terrain refused."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from mirdrake.importing.vehicles.mesh_convex import make_hull
+from mirdrake.importing.vehicles.mesh_write import weld, write_obj
+from mirdrake.importing.vehicles.model import Shape
+from mirdrake.importing.worlds.model import Array
+from mirdrake.importing.worlds.prop_folder import pieces_of
+
+LARGE = 15.0
+"""Side of a mesh seen from above [m] from which on it may be terrain."""
+
+FLAT = 0.05
+"""Thickness up to which a surface is a part of the ground [m]."""
+
+_ROOM = 2.0  # [m] side of a place that walls may stand around
+_LOW = 0.15  # height over side of what may be terrain or walls around a place
+_UPRIGHT = 0.3  # largest z of the normal of a wall
+_MOST_PARTS = 180
+_MOST_TRIANGLES = 400_000
+_MOST_CORNERS = 400
+
+
+def corners_of(shape: Shape) -> Array:
+    """Triangles of a shape in its model (n, 3, 3) [m].
+
+    Raises:
+        MeshError: the mesh cannot be read.
+    """
+    pieces, _ = pieces_of(shape)
+    corners = np.concatenate([piece.corners for piece in pieces])
+    moved: Array = corners @ shape.X_LG.rotation().matrix().T + shape.X_LG.translation()
+    return moved
+
+
+def kind_of(corners: Array) -> str:
+    """What triangles [m], z up, are: solid, walls or terrain.
+
+    Walls stand around a place that is open from above. Terrain is wide and low, and no hull of it will do. Anything
+    else is solid, and convex parts stand for it.
+    """
+    points = corners.reshape(-1, 3)
+    edges = np.ptp(points, axis=0)
+    side, height = float(edges[:2].max()), float(edges[2])
+    if side < _ROOM or height <= FLAT:
+        return "solid"
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    upright = np.abs(normal[:, 2]) <= _UPRIGHT * area
+    walled = area[upright].sum() > 0.3 * area.sum() or (upright.any() and _is_level(corners[~upright], area[~upright]))
+    gaps = _gaps(corners)
+    if walled and np.mean(gaps > 0.5) > 0.5:
+        return "walls"
+    if side < LARGE or height > _LOW * side or np.mean(gaps * height < max(FLAT, 0.02 * height)) > 0.9:
+        return "solid"
+    return "walls" if walled else "terrain"
+
+
+def _is_level(corners: Array, area: Array) -> bool:
+    """Whether triangles are a floor, but for a fifth of their area."""
+    order = np.argsort(corners.mean(axis=1)[:, 2])
+    height = corners.mean(axis=1)[order, 2]
+    if not len(order):
+        return True
+    middle = height[np.searchsorted(np.cumsum(area[order]), 0.5 * area.sum())]
+    return float(area[order][np.abs(height - middle) > FLAT].sum()) < 0.2 * float(area.sum())
+
+
+def _gaps(corners: Array) -> Array:
+    """Below the top of the hull of triangles, how deep they are open from above, over their height.
+
+    At up to 900 places of a grid within the hull seen from above; 1 where there is no triangle.
+    """
+    hull = make_hull(corners.reshape(-1, 3))
+    low, high = hull.points.min(axis=0), hull.points.max(axis=0)
+    steps = (np.arange(30) + 0.5) / 30.0
+    places = np.stack(np.meshgrid(*(low[k] + steps * (high[k] - low[k]) for k in (0, 1))), axis=-1).reshape(-1, 2)
+    roof = tops_at(hull.points[hull.faces], places)
+    covered = np.isfinite(roof)
+    gaps: Array = np.clip((roof[covered] - tops_at(corners, places[covered])) / (high[2] - low[2]), 0.0, 1.0)
+    return gaps if len(gaps) else np.zeros(1)
+
+
+def tops_at(corners: Array, places: Array) -> Array:
+    """Height of the highest triangle at places (n, 2) [m]; -inf where there is none."""
+    flat = corners[:, :, :2]
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    double = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    some = np.abs(double) > 1e-9
+    corners, flat, a, b, double = corners[some], flat[some], a[some], b[some], double[some]
+    heights = np.full(len(places), -np.inf)
+    if not len(corners):
+        return heights
+    boxes = shapely.box(*flat.min(axis=1).T, *flat.max(axis=1).T)
+    place, face = shapely.STRtree(boxes).query(shapely.points(places), predicate="intersects")
+    p = places[place] - flat[face, 0]
+    u = (p[:, 0] * b[face, 1] - p[:, 1] * b[face, 0]) / double[face]
+    v = (a[face, 0] * p[:, 1] - a[face, 1] * p[:, 0]) / double[face]
+    inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
+    z = corners[face, 0, 2] + u * (corners[face, 1, 2] - corners[face, 0, 2])
+    z += v * (corners[face, 2, 2] - corners[face, 0, 2])
+    np.maximum.at(heights, place[inside], z[inside])
+    return heights
+
+
+def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[Shape]:
+    """Walls as many small shapes of kind convex.
+
+    Each body of the mesh that is convex is one. Of the others, floors do not count, and each shape is what hangs
+    together within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
+
+    Args:
+        shape: that the triangles belong to.
+        corners: in its model (n, 3, 3) [m].
+        folder: for the OBJ files.
+        name: of the files, without number.
+    """
+    points, index = weld(corners.reshape(-1, 3))
+    faces = index.reshape(-1, 3)
+    bodies = [faces[rows] for rows in _bodies(faces)]
+    whole: list[NDArray[np.int64]] = []
+    rest: list[NDArray[np.int64]] = []
+    for body in bodies if len(bodies) <= _MOST_PARTS else ():
+        (whole if _is_full(points, body) else rest).append(body)
+    faces = np.concatenate(rest or [faces[:0]]) if len(bodies) <= _MOST_PARTS else faces
+    parts = [points[np.unique(body)] for body in whole if np.ptp(points[np.unique(body)][:, 2]) > FLAT]
+    triangles = points[faces]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    low, high = points[:, 2].min(), points[:, 2].max()
+    above = triangles.mean(axis=1)[:, 2] > low + max(FLAT, 0.25 * (high - low))
+    faces = faces[above | (np.abs(normal[:, 2]) <= 0.9 * np.linalg.norm(normal, axis=1))]
+    width = 0.5
+    while len(faces):
+        cut = _parts(points, faces, width)
+        if cut is not None and len(cut) + len(parts) <= max(_MOST_PARTS, len(parts) + 1):
+            parts += cut
+            break
+        width *= 1.5
+    folder.mkdir(parents=True, exist_ok=True)
+    shapes = []
+    for number, part in enumerate(parts):
+        hull = make_hull(part)
+        path = folder / f"{name}_{number}.obj"
+        write_obj(hull.points, hull.faces, path)
+        shapes.append(Shape("convex", mesh=path, where=shape.where))
+    return shapes
+
+
+def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Which triangles hang together, as rows of `faces`: by edges that two of them share, not three or more."""
+    edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
+    face = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort(edges.T)
+    edges, face = edges[order], face[order]
+    first = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
+    pair = first[np.diff(np.r_[first, len(edges)]) == 2]
+    graph = coo_matrix((np.ones(len(pair)), (face[pair], face[pair + 1])), shape=(len(faces), len(faces)))
+    _, label = connected_components(graph, directed=False)
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
+    """Whether a body is convex to 2 mm, and closed on top."""
+    hull = make_hull(points[np.unique(faces)])
+    a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1)
+    normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
+    if len(faces) * len(normal) > 2_000_000:
+        return False
+    below = np.einsum("ij,ij->i", normal, a) - points[faces].mean(axis=1) @ normal.T
+    return float(below.min(axis=1).max()) < 2e-3 and float(np.mean(_gaps(points[faces]) < 0.05)) > 0.9
+
+
+def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array] | None:
+    """Corners of what hangs together within the squares of a grid; None if the triangles become too many."""
+    areas = np.linalg.norm(np.ptp(points[faces], axis=1), axis=1)
+    if (np.maximum(1.0, areas / width) ** 2).sum() > _MOST_TRIANGLES:
+        return None
+    points, faces = trimesh.remesh.subdivide_to_size(points, faces, max_edge=width, max_iter=20)
+    square = np.floor(points[faces].mean(axis=1)[:, :2] / width).astype(np.int64)
+    _, cell = np.unique(square, axis=0, return_inverse=True)
+    parts: list[Array] = []
+    order = np.argsort(cell.ravel(), kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(cell.ravel()[order])) + 1):
+        used, inner = np.unique(faces[group], return_inverse=True)
+        inner = inner.reshape(-1, 3)
+        parts += [points[used[np.unique(inner[rows])]] for rows in _bodies(inner)]
+        if len(parts) > 20 * _MOST_PARTS:
+            return None
+    return parts
+
+
+def outline(polygons: Sequence[shapely.Geometry]) -> list[shapely.Polygon]:
+    """Simple polygons [m] that together cover the given ones, to 2 cm; holes are cut open."""
+    whole = shapely.union_all([shapely.make_valid(polygon) for polygon in polygons], grid_size=1e-3)
+    whole = shapely.simplify(whole.buffer(1e-3), 0.02)
+    done: list[shapely.Polygon] = []
+    waiting = [part for part in shapely.get_parts(whole) if part.geom_type == "Polygon"]
+    while waiting:
+        part = waiting.pop()
+        if part.area < 0.01 or len(done) + len(waiting) > 500:
+            continue
+        if not part.interiors and len(part.exterior.coords) <= _MOST_CORNERS:
+            done.append(part)
+            continue
+        xmin, ymin, xmax, ymax = part.bounds
+        hole = part.interiors[0].centroid if part.interiors else part.centroid
+        if xmax - xmin > ymax - ymin:
+            halves = [shapely.box(xmin, ymin, hole.x, ymax), shapely.box(hole.x, ymin, xmax, ymax)]
+        else:
+            halves = [shapely.box(xmin, ymin, xmax, hole.y), shapely.box(xmin, hole.y, xmax, ymax)]
+        for half in halves:
+            pieces = shapely.get_parts(shapely.intersection(part, half))
+            waiting += [piece for piece in pieces if piece.geom_type == "Polygon"]
+    return sorted(done, key=lambda polygon: polygon.bounds)
+
+
+def seen_from_above(corners: Array) -> list[shapely.Polygon]:
+    """The triangles [m] seen from above, without those that stand upright."""
+    flat = corners[:, :, :2]
+    edge1, edge2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area = np.abs(edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0])
+    return [shapely.Polygon(triangle) for triangle in flat[area > 1e-6]]

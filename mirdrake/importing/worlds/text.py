@@ -1,0 +1,165 @@
+"""The new world as YAML text, and its import report."""
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from mirdrake.importing.vehicles.model import Change
+from mirdrake.importing.vehicles.places import Places
+from mirdrake.importing.worlds.entry import Entry, degrees, number
+from mirdrake.importing.worlds.ground import GroundText
+from mirdrake.importing.worlds.model import Sun
+
+_PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
+
+
+def world_text(
+    name: str,
+    *,
+    source: str,
+    ground: GroundText,
+    suns: Sequence[Sun],
+    starts: Mapping[str, str],
+    entries: Sequence[Entry],
+    scenery: Sequence[str],
+    overlaps: Sequence[tuple[str, str]],
+    heights: Mapping[str, float],
+) -> str:
+    """The YAML text of a world.
+
+    Args:
+        name: of the world.
+        source: what the first line says it comes from.
+        ground: base plane and patches.
+        suns: the first one shines.
+        starts: name -> its keys; the first one is that of a run which names none.
+        entries: what stands in it.
+        scenery: keys of meshes that are only drawn.
+        overlaps: pairs of props that overlap in the source.
+        heights: name of a prop -> how far it is off the ground in the source [m].
+    """
+    lines = [
+        f"# Imported from {_plain(source)}; {name}.md says what was changed or left out.",
+        "mirdrake: world/1",
+        f"name: {name}",
+        "",
+    ]
+    parts = [f"surface: {ground.surface}"]
+    if ground.mu is not None:
+        parts.append(f"mu: {ground.mu:.4g}")
+    if ground.size is not None:
+        parts.append(f"size: [{number(ground.size[0])}, {number(ground.size[1])}]")
+    if ground.patches:
+        lines += ["ground:", *(f"  {part}" for part in parts), "  patches:", *ground.patches]
+    else:
+        lines.append(f"ground: {{{', '.join(parts)}}}")
+    if ground.tracks:
+        lines += ["", "tracks:", *(f"  {track}: {{{keys}}}" for track, keys in ground.tracks.items())]
+    if suns:
+        d = suns[0].direction / np.linalg.norm(suns[0].direction)
+        azimuth, elevation = math.atan2(-d[1], -d[0]), math.asin(float(np.clip(-d[2], -1.0, 1.0)))
+        lines += ["", f"lights: {{sun: {{azimuth: {degrees(azimuth)}, elevation: {degrees(elevation)}}}}}"]
+    if starts:
+        lines += ["", "start:"]
+        lines += [f"  {start}: {{{keys}}}" for start, keys in starts.items()]
+    if entries:
+        lines += ["", "props:", *(entry.text() for entry in entries)]
+    if scenery:
+        lines += ["", "scenery:", *(f"  - {{{keys}}}" for keys in scenery)]
+    if overlaps or heights:
+        lines += ["", "rules:  # what overlaps, hangs or is buried in the source may do so here"]
+        lines += [
+            f"  - {{on_ground: {{props: {_pattern(a)}, tolerance: {number(gap)}}}}}" for a, gap in heights.items()
+        ]
+        lines += [f"  - {{allow_overlap: [{_pattern(a)}, {_pattern(b)}]}}" for a, b in overlaps]
+    return "\n".join(lines) + "\n"
+
+
+def _pattern(name: str) -> str:
+    return f'"{name}"' if "*" in name else name
+
+
+def report_text(
+    name: str,
+    *,
+    files: Iterable[Path],
+    entries: Sequence[Entry],
+    changes: Sequence[Change],
+    places: Places,
+    checks: Sequence[str],
+) -> str:
+    """The import report.
+
+    Args:
+        name: of the world.
+        files: of the source.
+        entries: what stands in the new world.
+        changes: with short places.
+        places: how files are named.
+        checks: sentences on what a person should look at.
+    """
+    lines = [f"# Import of {name}", "", "Read were " + ", ".join(f"`{places.file(path)}`" for path in files) + ".", ""]
+    if checks:
+        lines += ["## Please check", "", *(f"- {_cell(check)}" for check in checks), ""]
+    if entries:
+        lines += [
+            "## What stands in the world",
+            "",
+            "| in the source | line | here | as |",
+            "| --- | --- | --- | --- |",
+        ]
+        for entry in entries:
+            key, value = entry.what
+            what = (
+                f"{key} {value}" if isinstance(value, str) else f"{key} {' x '.join(number(side) for side in value)} m"
+            )
+            names = [entry.thing.name, *entry.others]
+            source = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]} ({len(names)})"
+            here = entry.name + ("[]" if entry.layout else "")
+            row = (source, places.short(entry.thing.where), here, what)
+            lines.append("| " + " | ".join(map(_cell, row)) + " |")
+        lines.append("")
+    lines += ["## What was changed or left out", ""]
+    if not changes:
+        lines += ["Nothing.", ""]
+    for file, group in groupby(_sorted(changes), key=lambda row: row[0]):
+        lines += [
+            f"### {_cell(file) or 'the whole'}",
+            "",
+            "| line | what | was | became | why |",
+            "| --- | --- | --- | --- | --- |",
+        ]
+        for _, line, change, count in group:
+            times = f" ({count} times)" if count > 1 else ""
+            cells = (str(line or ""), change.what + times, change.was, change.became, change.why)
+            lines.append("| " + " | ".join(map(_cell, cells)) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _sorted(changes: Sequence[Change]) -> list[tuple[str, int, Change, int]]:
+    """Changes by file and line, with how many there are; those that differ in what there was alone stand once."""
+    rows: dict[tuple[str, ...], tuple[str, int, Change, int]] = {}
+    for change in changes:
+        match = _PLACE.match(change.where)
+        file, line = (match.group(1), int(match.group(2).split("-")[0])) if match else (change.where, 0)
+        key = (file, change.what, change.became, change.why)
+        if key in rows:
+            first = rows[key]
+            rows[key] = (*first[:3], first[3] + 1)
+        else:
+            rows[key] = (file, line, change, 1)
+    return sorted(rows.values(), key=lambda row: row[:2])
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[\x00-\x1f]", " ", text)
+
+
+def _cell(text: str) -> str:
+    """A text that stays in its cell of a table."""
+    return " ".join(str(text).split()).replace("|", "\\|").replace("<", "&lt;")

@@ -1,0 +1,1 @@
+"""The MultibodyPlant: vehicles and world in contact, rest pose, suspension and powertrain."""

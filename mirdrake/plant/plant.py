@@ -1,0 +1,511 @@
+"""From vehicles and a world to a MultibodyPlant.
+
+:func:`make_plant` does it all; :func:`add_vehicle` and :func:`add_world` do their part in any plant of your own
+before it is finalised. The road is one half space; what the eye sees lies on top of it.
+"""
+
+import logging
+import re
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field
+from math import cos, sin, sqrt
+from typing import Literal
+
+from pydantic import Field
+from pydrake.geometry import (
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    Box,
+    CollisionFilterDeclaration,
+    DefaultProximityProperties,
+    GeometryId,
+    GeometrySet,
+    HalfSpace,
+    ProximityProperties,
+    Role,
+    RoleAssign,
+    SceneGraph,
+    SceneGraphConfig,
+    Shape,
+)
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import (
+    Joint,
+    JointActuator,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticSpring,
+    RigidBody,
+    SpatialInertia,
+)
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ModelError
+from mirdrake.core.yaml_io import Period, Schema, Speed
+from mirdrake.plant.obstacles import PropsInPlant, add_props
+from mirdrake.plant.rest_pose import RestPose, find_rest_pose
+from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
+from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
+from mirdrake.vehicles.powertrain_spec import rotor_inertia
+from mirdrake.worlds import World, load_world
+from mirdrake.worlds.scenery import scenery
+
+logging.getLogger("drake").addFilter(
+    # Rigid half spaces do not touch deformable bodies, says Drake at every start; there are none here.
+    lambda record: "half spaces are not currently supported for deformable" not in record.getMessage()
+)
+
+SIDES = ("left", "right")
+
+PARKING_STIFFNESS = 1e7
+"""Of a held wheel [N m/rad]: a car of 2 t on a slope of 5 degrees moves it by a hundredth of a millimetre."""
+
+PARKING_INERTIA = 1e4
+"""Added to a held wheel [kg m²]: Drake softens friction by a thousandth of the mobility of what it holds, which is high
+for a wheel of 1 kg m² and lets a car on a slope creep by 0.05 mm/s; a held wheel is as immobile as its car."""
+
+CROWD = 12
+"""Shapes beside which a half space is safe. It has no bounds, which unbalances the tree in which Drake looks for
+neighbours; where the tree is more than ten levels deeper than a balanced one, rebalancing it ends the process
+(measured with Drake 1.51 and 1.58: 15 shapes may, 100 always do). With a dozen it cannot become so deep."""
+
+_BEYOND, _DEPTH = 1000.0, 10.0  # [m] of a box for the ground, beyond the world and downwards
+
+ROAD_STIFFNESS = 1e9
+"""Point-contact stiffness of the road [N/m]: so much stiffer than a tyre that the tyre's own counts."""
+
+
+class PlantSpec(Schema):
+    """How the plant is stepped and how bodies touch."""
+
+    time_step: Period = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
+    contact: ContactModel = Field("hydroelastic", description="patches (hydroelastic) or the fast points [-]")
+    approximation: Literal["lagged", "sap", "similar"] = Field(
+        "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"
+    )
+    stiction_tolerance: float = Field(1e-5, gt=0.0, description="slip speed taken for sticking [m/s]")
+    rolling_resistance: Literal["tyre", "raw"] = Field(
+        "tyre",
+        description="the tyre's own instead of the discretisation's (tyre), or what discrete contact gives (raw) [-]",
+    )
+    air_density: float = Field(1.2, ge=0.0, description="of the air that vehicles drive through; 0: none [kg/m³]")
+    wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
+    machine_code: bool = Field(
+        False,
+        description="compile control units, too: half a second at the start, which pays in many runs [-]",
+    )
+
+
+@dataclass(frozen=True)
+class TyreSpring:
+    """How a tyre is pressed in at rest: depth = softness x load ** power.
+
+    Attributes:
+        softness: [m/N^power].
+        power: exponent [1].
+    """
+
+    softness: float
+    power: float
+
+    def __call__(self, load: float) -> float:
+        """Compression [m] under a load [N]."""
+        return float(self.softness * max(load, 0.0) ** self.power)
+
+
+def spring_load(spring: TyreSpring, depth: float) -> float:
+    """Load of a tyre [N] at a compression [m]."""
+    return float((max(depth, 0.0) / spring.softness) ** (1.0 / spring.power))
+
+
+@dataclass(frozen=True)
+class VehicleInPlant:
+    """Where a vehicle's parts are in a plant.
+
+    Attributes:
+        name: name of the vehicle in the plant.
+        vehicle: what was loaded.
+        instance: its model instance.
+        base: its base body, frame B of the conventions.
+        wheels: wheel joints, front left, front right, rear left, rear right.
+        steering: steering joints, left and right.
+        wheel_actuators: actuators of the wheel joints.
+        steering_actuators: actuators of the steering joints.
+        tyres: collision geometry of each wheel's tyre.
+        tyre_mu: friction coefficient of each tyre's rubber [-].
+        compression: how far a front and a rear tyre under a load [N] are pressed in at rest [m].
+        parked: whether parking brakes hold the wheels.
+        suspension: joints on which the wheels move up against the body, in the order of the wheels; empty without.
+    """
+
+    name: str
+    vehicle: Vehicle
+    instance: ModelInstanceIndex
+    base: RigidBody
+    wheels: tuple[Joint, ...]
+    steering: tuple[Joint, ...]
+    wheel_actuators: tuple[JointActuator, ...]
+    steering_actuators: tuple[JointActuator, ...]
+    tyres: tuple[GeometryId, ...]
+    tyre_mu: tuple[float, ...]
+    compression: tuple[TyreSpring, TyreSpring]
+    parked: bool = False
+    suspension: tuple[Joint, ...] = ()
+
+    @property
+    def tyre_model(self) -> bool:
+        """Whether tyre forces come from a tyre model in place of contact friction."""
+        return self.vehicle.spec.tyres.kind != "coulomb"
+
+    def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
+        """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
+        context = plant.CreateDefaultContext()
+        plant.SetFloatingBaseBodyPoseInWorldFrame(context, self.base, RigidTransform())
+        weight = plant.CalcTotalMass(context, [self.instance]) * GRAVITY
+        share = plant.CalcCenterOfMassPositionInWorld(context, [self.instance])[0] / self.vehicle.geometry.wheelbase
+        front, rear = self.compression
+        return front(weight * share / 2.0), rear(weight * (1.0 - share) / 2.0)
+
+    def rolling_radii(self, plant: MultibodyPlant) -> tuple[float, float]:
+        """Speed over spin rate of a front and a rear wheel that roll freely on the flat [m].
+
+        The height of the axle at rest, or the effective rolling radius of a tyre model.
+        """
+        geometry, tyres = self.vehicle.geometry, self.vehicle.spec.tyres
+        if tyres.kind != "coulomb":
+            return tyres.rolling_ratio * geometry.front_wheel_radius, tyres.rolling_ratio * geometry.rear_wheel_radius
+        front, rear = self.rest_compressions(plant)
+        return geometry.front_wheel_radius - front, geometry.rear_wheel_radius - rear
+
+
+@dataclass(frozen=True)
+class PlantParts:
+    """A finalised plant with what was put into it.
+
+    Attributes:
+        plant: the plant.
+        scene_graph: its scene graph.
+        world: the world.
+        vehicles: vehicles by name.
+        ground: collision geometries of the road plane.
+        props: the props of the world.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    world: World
+    vehicles: dict[str, VehicleInPlant] = field(default_factory=dict)
+    ground: tuple[GeometryId, ...] = ()
+    props: PropsInPlant = field(default_factory=PropsInPlant)
+
+
+def make_plant(
+    builder: DiagramBuilder,
+    world: World,
+    vehicles: Mapping[str, Vehicle],
+    *,
+    spec: PlantSpec | None = None,
+    parked: Container[str] = (),
+) -> PlantParts:
+    """Add a finalised plant with a world and vehicles to a diagram under construction.
+
+    Args:
+        builder: receives the plant and its scene graph.
+        world: the world.
+        vehicles: vehicles by the name they shall have.
+        spec: step and contact settings.
+        parked: names of the vehicles whose wheels are held by parking brakes.
+    """
+    spec = spec or PlantSpec()
+    config = MultibodyPlantConfig(
+        time_step=spec.time_step,
+        contact_model="point" if spec.contact == "point" else "hydroelastic_with_fallback",
+        discrete_contact_approximation=spec.approximation,
+        stiction_tolerance=spec.stiction_tolerance,
+        use_sampled_output_ports=False,  # contact results of the step to come, solved once for all who ask
+    )
+    # Drake's own defaults, 50 s/m and 0.1 s, would make a tyre of treacle.
+    defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.1, relaxation_time=0.0)
+    plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
+    parts = {
+        name: add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked)
+        for name, vehicle in vehicles.items()
+    }
+    ground, props = add_world(plant, world)
+    for part in parts.values():
+        _match_tyres(plant, scene_graph, part, world)
+    plant.Finalize()
+    return PlantParts(plant, scene_graph, world, parts, ground, props)
+
+
+def add_vehicle(
+    plant: MultibodyPlant,
+    vehicle: Vehicle | str,
+    *,
+    name: str | None = None,
+    contact: ContactModel = "hydroelastic",
+    parked: bool = False,
+) -> VehicleInPlant:
+    """Put a vehicle into a plant that is not finalised yet.
+
+    The tyre cylinders of the vehicle file become smooth contact shapes (:func:`mirdrake.tyres.make_wheel_shape`), and
+    the joints that control.yaml calls servos get their gains, which Drake then solves implicitly.
+
+    Args:
+        plant: a plant with a scene graph.
+        vehicle: a loaded vehicle, or its name.
+        name: name in the plant; the vehicle's own if left out.
+        contact: the contact the tyres shall be shaped for.
+        parked: hold every wheel at its present angle with up to the brakes' torque, for good. (Drake's joint locking
+            would do, but with wheels on the ground it reads out of bounds in 1.51.)
+
+    Raises:
+        ModelError: the plant has no scene graph, or a wheel has no cylinder to roll on.
+    """
+    vehicle = load_vehicle(vehicle) if isinstance(vehicle, str) else vehicle
+    name = name or vehicle.name
+    parser = Parser(plant)
+    scene_graph = parser.scene_graph()
+    if scene_graph is None:
+        raise ModelError(f"add_vehicle: the plant has no scene graph, so '{name}' cannot touch the road")
+    parser.SetAutoRenaming(True)
+    parser.package_map().AddMap(make_package_map(vehicle.packages))
+    urdf = vehicle.urdf
+    if contact == "point":  # else Drake makes meshes of all hydroelastic shapes for nothing, 0.1 s a vehicle
+        urdf = re.sub(r"<drake:(?:compliant|rigid)_hydroelastic\s*/>", "", urdf)
+    (instance,) = parser.AddModelsFromString(urdf, "urdf")
+    if plant.GetModelInstanceName(instance) != name:
+        plant.RenameModelInstance(instance, name)
+
+    joints = vehicle.spec.joints
+    wheels = tuple(plant.GetJointByName(getattr(joints.wheels, wheel), instance) for wheel in WHEELS)
+    steering = tuple(plant.GetJointByName(getattr(joints.steering, side), instance) for side in SIDES)
+    actuators = {
+        actuator.joint().index(): actuator
+        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    }
+    wheel_actuators = tuple(actuators[joint.index()] for joint in wheels)
+    steering_actuators = tuple(actuators[joint.index()] for joint in steering)
+
+    control = vehicle.control
+    driven = vehicle.spec.driven_wheels()
+    for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
+        if parked:
+            actuator.set_controller_gains(PdControllerGains(p=PARKING_STIFFNESS, d=PARKING_STIFFNESS / 100.0))
+            actuator.set_default_gear_ratio(1.0)
+            actuator.set_default_rotor_inertia(PARKING_INERTIA)
+        elif control.wheel_speed.kind == "servo" and wheel in driven:
+            actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
+        rotor = rotor_inertia(vehicle.spec.powertrain, drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
+        if rotor > 0.0 and not parked:
+            actuator.set_default_gear_ratio(1.0)
+            actuator.set_default_rotor_inertia(rotor)
+    if control.steering.kind == "servo":
+        for actuator in steering_actuators:
+            gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
+            actuator.set_controller_gains(gains)
+
+    tyres, turning = [], vehicle.spec.tyres.kind == "coulomb"
+    sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
+    for wheel, joint, radius, width in sizes:
+        # Copies of the ids: those of GetCollisionGeometriesForBody keep the plant alive, and systems keep them.
+        frame = plant.GetBodyFrameIdOrThrow(joint.child_body().index())
+        geometries = scene_graph.model_inspector().GetGeometries(frame, Role.kProximity)
+        if len(geometries) != 1:
+            raise ModelError(
+                f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
+            )
+        shape = make_wheel_shape(
+            contact, radius=radius, width=width, mirrored=wheel.endswith("right"), fine=not turning
+        )
+        place = _place_tyre if turning else _hang_tyre
+        tyres.append(place(plant, scene_graph, joint, geometries[0], shape))
+    inspector, geometry = scene_graph.model_inspector(), vehicle.geometry
+    compression = (
+        _compression(
+            inspector.GetProximityProperties(tyres[0]), contact, geometry.front_wheel_radius, geometry.front_wheel_width
+        ),
+        _compression(
+            inspector.GetProximityProperties(tyres[2]), contact, geometry.rear_wheel_radius, geometry.rear_wheel_width
+        ),
+    )
+    return VehicleInPlant(
+        name=name,
+        vehicle=vehicle,
+        instance=instance,
+        base=plant.GetBodyByName(vehicle.spec.base_link, instance),
+        wheels=wheels,
+        steering=steering,
+        wheel_actuators=wheel_actuators,
+        steering_actuators=steering_actuators,
+        tyres=tuple(tyres),
+        tyre_mu=tuple(
+            inspector.GetProximityProperties(tyre).GetProperty("material", "coulomb_friction").dynamic_friction()
+            for tyre in tyres
+        ),
+        compression=compression,
+        parked=parked,
+        suspension=_add_springs(plant, vehicle, instance),
+    )
+
+
+def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanceIndex) -> tuple[Joint, ...]:
+    """Springs that carry the car at travel 0, and dampers, at the joints of the suspension; the joints."""
+    names, suspension = vehicle.spec.joints.suspension, vehicle.spec.suspension
+    if names is None or suspension is None:
+        return ()
+    joints = tuple(plant.GetJointByName(name, instance) for name in names.names())
+    for joint, corner, load in zip(joints, suspension.corners(), vehicle.spring_loads, strict=True):
+        plant.AddForceElement(PrismaticSpring(joint, -load / corner.stiffness, corner.stiffness))
+        joint.set_default_damping(corner.damping)
+    return joints
+
+
+def _place_tyre(plant: MultibodyPlant, scene_graph: SceneGraph, _: Joint, tyre: GeometryId, shape: Shape) -> GeometryId:
+    """Give the collision geometry of a wheel another shape; its id."""
+    apart = _never_touching(scene_graph, tyre)
+    source = plant.get_source_id()
+    scene_graph.ChangeShape(source_id=source, geometry_id=tyre, shape=shape, X_FG=RigidTransform())
+    _keep_apart(scene_graph, tyre, apart)
+    return tyre
+
+
+def _hang_tyre(
+    plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
+) -> GeometryId:
+    """Put the shape of a tyre that has a law of its own on what carries the wheel, in place of the wheel; its id.
+
+    It has no friction, so nobody can tell whether it turns, but Drake: a discrete step sees the patch of a turning
+    shape at the old angle and its pressure at the new one, and with it moments about all axes that go with speed times
+    step (:mod:`mirdrake.tyres.rolling_resistance`). The patch of a shape that does not turn stands still.
+    """
+    apart, source = _never_touching(scene_graph, tyre), plant.get_source_id()
+    properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+    scene_graph.RemoveRole(source, tyre, Role.kProximity)
+    X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
+    X_PW = X_PJ.multiply(X_WJ.inverse())
+    hung = plant.RegisterCollisionGeometry(wheel.parent_body(), X_PW, shape, f"{wheel.name()}_tyre", properties)
+    _keep_apart(scene_graph, hung, apart)
+    return hung
+
+
+def _keep_apart(scene_graph: SceneGraph, tyre: GeometryId, others: list[GeometryId]) -> None:
+    declaration = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(tyre), GeometrySet(others))
+    scene_graph.collision_filter_manager().Apply(declaration)
+
+
+def _never_touching(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryId]:
+    """Shapes that a collision filter keeps from a tyre; changing the tyre's shape would lift it (Drake 1.51, 1.58)."""
+    inspector = scene_graph.model_inspector()
+    others = inspector.GetGeometryIds(GeometrySet(inspector.GetAllGeometryIds()), Role.kProximity)
+    return [other for other in others if other != tyre and inspector.CollisionFiltered(tyre, other)]
+
+
+def _compression(material: ProximityProperties, contact: ContactModel, radius: float, width: float) -> TyreSpring:
+    """Compression of a tyre at rest under a load.
+
+    Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
+    2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5.
+    """
+    if contact == "point":
+        stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
+        return TyreSpring(1.0 / stiffness, 1.0)
+    modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
+    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0)
+
+
+def matched_friction(tyre: float, road: float, *, plane: float) -> float:
+    """Coefficient [-] for the shape of a tyre on the physical plane.
+
+    Args:
+        tyre: of the tyre.
+        road: of the ground below it; the smaller one of both counts.
+        plane: of the physical plane, the largest in the world.
+
+    Returns:
+        m for which 2 m plane / (m + plane), Drake's rule for a pair, is the smaller one of tyre and road.
+    """
+    wanted = min(tyre, road)
+    return wanted * plane / (2.0 * plane - wanted)
+
+
+def _match_tyres(plant: MultibodyPlant, scene_graph: SceneGraph, part: VehicleInPlant, world: World) -> None:
+    """Give the tyres the friction that they find on ground like the physical plane; none to those with a model."""
+    for tyre, own in zip(part.tyres, part.tyre_mu, strict=True):
+        properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+        value = 0.0 if part.tyre_model else matched_friction(own, world.road_mu, plane=world.road_mu)
+        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(value, value))
+        scene_graph.AssignRole(plant.get_source_id(), tyre, properties, RoleAssign.kReplace)
+
+
+def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[GeometryId, ...], PropsInPlant]:
+    """Put a world's ground, scenery and props into a plant that is not finalised yet, after all that moves on it.
+
+    The road is the plane z = 0 of the world frame. A slope tilts gravity, not the frame, so that the road stays the
+    plane z = 0. It is a half space where that is safe, see :data:`CROWD`: on the world body beside few props, on a body
+    of its own beside few things that move. Else it is the top of a box, which costs up to twice the step time.
+
+    Returns:
+        the collision geometries of the road, and the props.
+    """
+    world = load_world(world) if isinstance(world, str) else world
+    props = add_props(plant, world)
+    material = ProximityProperties()
+    friction = CoulombFriction(world.road_mu, world.road_mu)
+    AddContactMaterial(friction=friction, dissipation=0.0, point_stiffness=ROAD_STIFFNESS, properties=material)
+    AddRigidHydroelasticProperties(material)
+    body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform()
+    still = len(plant.GetCollisionGeometriesForBody(body))
+    if still > CROWD:
+        if plant.num_collision_geometries() - still > CROWD:
+            side = 2.0 * (max(map(abs, world.ground.extent)) + _BEYOND)
+            shape, X_BG = Box(side, side, _DEPTH), RigidTransform([0.0, 0.0, -_DEPTH / 2.0])
+        else:
+            body = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.Zero())
+            plant.WeldFrames(plant.world_frame(), body.body_frame())
+    ground = plant.RegisterCollisionGeometry(body, X_BG, shape, "road", material)
+    plant.mutable_gravity_field().set_gravity_vector(world.ground.gravity)
+    for item in scenery(world):
+        rgba = item.rgba if item.rgba is not None else [1.0, 1.0, 1.0, 1.0]
+        plant.RegisterVisualGeometry(plant.world_body(), item.X_WG, item.shape, f"scenery/{item.name}", rgba)
+    return (ground,), props
+
+
+def set_start(
+    plant: MultibodyPlant,
+    context: Context,
+    part: VehicleInPlant,
+    *,
+    x: float,
+    y: float,
+    yaw: float,
+    speed: float = 0.0,
+) -> None:
+    """Put a vehicle on the road, its tyres and springs compressed as at rest, rolling freely straight ahead.
+
+    Args:
+        plant: the finalised plant.
+        context: the plant's context, changed.
+        part: the vehicle.
+        x: position of the rear axle's centre in the world [m].
+        y: the same, to the left [m].
+        yaw: heading [rad].
+        speed: forward speed [m/s]; the wheels turn with it, unless the vehicle is parked: then they slide.
+    """
+    pose = find_rest_pose(plant, part, yaw=yaw)
+    if pose is None:  # too steep to stand there
+        front, rear = part.rest_compressions(plant)
+        pose = RestPose(-rear, (front - rear) / part.vehicle.geometry.wheelbase, 0.0, (0.0,) * len(WHEELS))
+    for joint, travel in zip(part.suspension, pose.travel, strict=False):
+        joint.set_translation(context, travel)
+    X_WB = RigidTransform(RollPitchYaw(pose.roll, pose.pitch, yaw), [x, y, pose.z])
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
+    velocities = plant.GetVelocities(context).copy()
+    start = part.base.floating_velocities_start_in_v()
+    velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
+    for joint, radius in zip(part.wheels, [radius for radius in part.rolling_radii(plant) for _ in SIDES], strict=True):
+        velocities[joint.velocity_start()] = 0.0 if part.parked else speed / radius
+    plant.SetVelocities(context, velocities)

@@ -1,0 +1,7 @@
+"""What drives and brakes: motors, engines, gears, brakes, pedals and their actuators."""
+
+from mirdrake.plant.powertrain.actuator import ActuatorLaw
+from mirdrake.plant.powertrain.law import Measured, PowertrainLaw, Torques
+from mirdrake.plant.powertrain.system import PEDALS, STATUS, WHEEL_TORQUE, Powertrain
+
+__all__ = ["PEDALS", "STATUS", "WHEEL_TORQUE", "ActuatorLaw", "Measured", "Powertrain", "PowertrainLaw", "Torques"]

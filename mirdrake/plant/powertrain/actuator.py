@@ -1,0 +1,108 @@
+"""An actuator between what is asked and what acts: a pure delay, then a lag of first order with a limited rate.
+
+The input is held between two steps, so that the step is exact: with y the output, u the delayed input, τ the time
+constant and R the largest rate, dy/dt = (u - y) / τ within ± R. While |u - y| > R τ the output runs at the rate R; from
+then on the rest decays with exp(-t/τ). Without a time constant the output follows at once, within the rate.
+"""
+
+from collections.abc import MutableSequence
+from math import exp, inf
+from typing import NamedTuple
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
+from mirdrake.vehicles.powertrain_spec import Actuator
+
+
+class ActuatorNumbers(NamedTuple):
+    """Of an actuator behind its delay: time between steps [s], time constant [s], largest change a second."""
+
+    period: float
+    time_constant: float
+    rate: float
+
+
+class ActuatorLaw:
+    """One actuator, stepped at a fixed period; its memory is a list of `size` numbers of the caller's.
+
+    Attributes:
+        size: numbers to remember: the inputs on their way, then the output.
+        numbers: what happens behind the delay.
+
+    Args:
+        actuator: delay, time constant and rate.
+        period: time between steps [s].
+
+    Raises:
+        ConfigError: the delay is not a multiple of the period.
+    """
+
+    def __init__(self, actuator: Actuator, *, period: float) -> None:
+        self._steps = round(actuator.delay / period)
+        if abs(self._steps * period - actuator.delay) > 1e-9:
+            near = max(self._steps, 1) * period
+            raise ConfigError(
+                f"{where(actuator, 'delay')}: {actuator.delay:g} s is not a multiple of the {period:g} s between two "
+                f"set-points; write for example {near:g}"
+            )
+        rate = inf if actuator.rate is None else actuator.rate
+        self.numbers = ActuatorNumbers(period, actuator.time_constant, rate)
+        self.size = self._steps + 1
+
+    def rest(self, value: float) -> list[float]:
+        """The memory of an actuator that has stood at a value."""
+        return [value] * self.size
+
+    def step(self, memory: list[float], value: float) -> tuple[list[float], float]:
+        """Advance by one period with the value asked for now.
+
+        Returns:
+            The memory for the next step, and the output at the end of the period; without delay and lag the value.
+        """
+        line = list(memory)
+        output = actuator_step(line, 0, self.size, value, self.numbers)
+        return line, output
+
+
+def actuator_step(memory: MutableSequence[float], at: int, size: int, value: float, numbers: ActuatorNumbers) -> float:
+    """:meth:`ActuatorLaw.step` at a place of a longer memory, which is changed.
+
+    Args:
+        memory: of everything.
+        at: where the actuator's begins.
+        size: of it.
+        value: asked for now.
+        numbers: of the actuator.
+
+    Returns:
+        The output at the end of the period.
+    """
+    last = at + size - 1
+    due = memory[at] if size > 1 else value
+    for i in range(at, last - 1):
+        memory[i] = memory[i + 1]
+    if size > 1:
+        memory[last - 1] = value
+    memory[last] = follow(memory[last], due, numbers.period, numbers.time_constant, numbers.rate)
+    return memory[last]
+
+
+def follow(output: float, wanted: float, period: float, time_constant: float, rate: float = inf) -> float:
+    """Output of a lag with a limited rate after a period in which `wanted` stands still; exact.
+
+    Args:
+        output: at the start of the period.
+        wanted: what it goes to.
+        period: [s].
+        time_constant: τ [s]; 0: no lag.
+        rate: largest change a second.
+    """
+    gap = wanted - output
+    if rate == inf:
+        return wanted if time_constant == 0.0 else wanted - gap * exp(-period / time_constant)
+    sign, distance = (1.0, gap) if gap >= 0.0 else (-1.0, -gap)
+    running = max(distance - rate * time_constant, 0.0) / rate  # time at the full rate
+    if running >= period:
+        return output + sign * rate * period
+    rest = distance - rate * running
+    return wanted - sign * rest * exp(-(period - running) / time_constant) if time_constant > 0.0 else wanted

@@ -1,0 +1,174 @@
+"""How a vehicle stands: height, pitch, roll and travel of its wheels, so that nothing moves when a run begins.
+
+Seven unknowns: height z, pitch θ and roll φ of the vehicle frame, and the load N of each wheel. Four equations say that
+wheel, tyre and spring fit between body and road, three that the loads carry the car, with c the centre of mass, p the
+wheel centres (p_y: where their planes meet the road) and g gravity in axes along and across the car:
+
+    R - p_z = compression(N)              Σ N = -m g_z
+    Σ p_x N = m (c_z g_x - c_x g_z)       Σ p_y N = m (c_z g_y - c_y g_z)
+
+The road holds the car at the road's height, so its forces along the road have no moment here: the car is held by its
+brakes or moves at constant speed. Newton's method with finite differences finds all of it in a few steps.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import Context
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.vehicles import Vehicle
+
+_ITERATIONS = 20
+_SCALE = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0, 1.0])  # steps of the finite differences [m, rad, rad, N]
+
+
+class Standing(Protocol):
+    """What is asked of a vehicle in a plant, :class:`mirdrake.plant.plant.VehicleInPlant`."""
+
+    @property
+    def vehicle(self) -> Vehicle: ...  # noqa: D102
+    @property
+    def instance(self) -> ModelInstanceIndex: ...  # noqa: D102
+    @property
+    def base(self) -> RigidBody: ...  # noqa: D102
+    @property
+    def suspension(self) -> tuple[Joint, ...]: ...  # noqa: D102
+    @property
+    def compression(self) -> tuple[Callable[[float], float], Callable[[float], float]]: ...  # noqa: D102
+
+
+class RestPose(NamedTuple):
+    """How a vehicle stands on the road plane.
+
+    Attributes:
+        z: height of the vehicle frame's origin [m].
+        pitch: positive nose down [rad].
+        roll: positive to the right [rad].
+        travel: of each wheel, in the order of WHEELS [m]; zeros without suspension.
+    """
+
+    z: float
+    pitch: float
+    roll: float
+    travel: tuple[float, ...]
+
+
+def check_balance(
+    plant: MultibodyPlant, context: Context, vehicle: Vehicle, instance: ModelInstanceIndex, *, above: bool = False
+) -> None:
+    """Refuse a vehicle that does not stand on both of its axles.
+
+    Args:
+        plant: holds the vehicle, finalised.
+        context: of the plant, with the vehicle frame at the origin of the world.
+        vehicle: the vehicle.
+        instance: its model instance.
+        above: refuse a centre of mass below the road, too; a car then stands, but its load goes the wrong way.
+
+    Raises:
+        ConfigError: it tips over, or its centre of mass is below the road; with the place of the link that does most
+            about it.
+    """
+    x, _, z = plant.CalcCenterOfMassPositionInWorld(context, [instance]).tolist()
+    length = vehicle.geometry.wheelbase
+    if x <= 0.0:
+        told, axis, start = f"{-x:.3g} m behind the rear axle: it tips over backwards", 0, 0.0
+    elif x >= length:
+        told, axis, start = f"{x - length:.3g} m ahead of the front axle: it tips over forwards", 0, length
+    elif above and z <= 0.0:
+        told, axis, start = f"{-z:.3g} m below the road", 2, 0.0
+    else:
+        return
+    sign = 1.0 if x >= length else -1.0
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+
+    def pull(body: RigidBody) -> float:
+        centre = body.CalcCenterOfMassInBodyFrame(context)
+        place = plant.EvalBodyPoseInWorld(context, body).multiply(centre)
+        return float(sign * body.get_mass(context) * (place[axis] - start))
+
+    worst = max(bodies, key=pull).name()
+    at = vehicle.link_places.get(worst, "")
+    raise ConfigError(
+        f"{at}{': ' if at else ''}the centre of mass of '{vehicle.name}' is {told}; check mass and origin of link "
+        f"'{worst}', which pulls it there the most"
+    )
+
+
+def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -> RestPose | None:
+    """How a vehicle stands under the plant's gravity, or None where it does not stand on all wheels.
+
+    Args:
+        plant: the finalised plant.
+        part: the vehicle.
+        yaw: its heading, of interest on a slope [rad].
+    """
+    geometry, springs = part.vehicle.geometry, part.vehicle.spec.suspension
+    context = plant.CreateDefaultContext()
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    mass = float(plant.CalcTotalMass(context, [part.instance]))
+    com = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])
+    g = RotationMatrix.MakeZRotation(-yaw).multiply(plant.gravity_field().gravity_vector())
+    tracks = np.array([geometry.front_track, -geometry.front_track, geometry.rear_track, -geometry.rear_track])
+    radii = np.array(geometry.wheel_radii)
+    centres = np.column_stack([[geometry.wheelbase] * 2 + [0.0] * 2, 0.5 * tracks, radii])
+    carried = np.zeros(4)  # road load of each wheel at travel 0
+    if springs is not None:
+        below = [plant.GetBodiesKinematicallyAffectedBy([joint.index()]) for joint in part.suspension]
+        unsprung = [sum(plant.get_body(body).default_mass() for body in bodies) for bodies in below]
+        carried = np.array(part.vehicle.spring_loads) - g[2] * np.array(unsprung)
+
+    def travel(loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        if springs is None:
+            return np.zeros(4)
+        found = []
+        for axle, spring in ((0, springs.front), (2, springs.rear)):
+            left, right = (loads - carried)[axle : axle + 2]
+            both, apart = (
+                (left + right) / spring.stiffness,
+                (left - right) / (spring.stiffness + 2.0 * spring.anti_roll),
+            )
+            found += [0.5 * (both + apart), 0.5 * (both - apart)]
+        return np.array(found)
+
+    def residual(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        z, pitch, roll, *loads = unknown
+        N = np.array(loads)
+        R_WB = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix()
+        lifted = centres + np.outer(travel(N), [0.0, 0.0, 1.0])
+        p, c = lifted @ R_WB.T + [0.0, 0.0, z], R_WB @ com + [0.0, 0.0, z]
+        pressed = [part.compression[i // 2](load) for i, load in enumerate(loads)]
+        sums = [N.sum() + mass * g[2], p[:, 0] @ N - mass * (c[2] * g[0] - c[0] * g[2])]
+        across = p[:, 1] - radii * R_WB[1, 2]  # a leaning wheel stands on the point of its plane that is on the road
+        sums += [across @ N - mass * (c[2] * g[1] - c[1] * g[2])]
+        return np.concatenate([radii - p[:, 2] - pressed, np.array(sums) / (mass * 10.0)])
+
+    share = com[0] / geometry.wheelbase
+    start = -0.5 * mass * g[2] * np.array([share, share, 1.0 - share, 1.0 - share])
+    pressed = [part.compression[i // 2](load) for i, load in enumerate(start)]
+    unknown = np.array([-pressed[2], (pressed[0] - pressed[2]) / geometry.wheelbase, 0.0, *start])
+    if (start <= 0.0).any():
+        return None
+    for _ in range(_ITERATIONS):
+        now = residual(unknown)
+        if np.abs(now).max() < 1e-12:
+            break
+        slopes = [(residual(unknown + step) - now) / step.sum() for step in np.diag(_SCALE)]
+        unknown = unknown - np.linalg.solve(np.column_stack(slopes), now)
+        if not np.isfinite(unknown).all() or (unknown[3:] <= 0.0).any():
+            return None
+    if np.abs(residual(unknown)).max() > 1e-9:
+        return None
+    moved: Sequence[float] = travel(unknown[3:]).tolist()
+    if any(
+        not joint.position_lower_limits()[0] < z < joint.position_upper_limits()[0]
+        for joint, z in zip(part.suspension, moved, strict=False)
+    ):
+        return None
+    return RestPose(float(unknown[0]), float(unknown[1]), float(unknown[2]), tuple(moved))

@@ -1,0 +1,213 @@
+"""Incidents of a run that are reported at once: impossible starts, collisions, vehicles that leave the ground."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.vehicles.powertrain_spec import ElectricPowertrain, EnginePowertrain
+from mirdrake.worlds import PlacedProp, Start, World
+from mirdrake.worlds.clearance import Volume, clearance, clearance_between, place_outline
+
+NEAR = 0.3
+"""A contact further than this [m] from every prop and vehicle is with something else: the body is on the road, say."""
+
+Array = NDArray[np.float64]
+
+LEAST_DEPTH = 1e-3
+"""Depth from which a vehicle starts inside something [m]."""
+
+_FASTER = 1.02  # start speed over the top speed from which it is reported
+_MOVING = 0.05  # [m/s] speed of a vehicle that does not stand
+
+
+@dataclass(frozen=True)
+class Incident:
+    """Something that a user should know at once.
+
+    Attributes:
+        time: since the start of the run [s].
+        kind: start, collision or ground.
+        text: one line.
+        vehicle: whose.
+        other: what it touches, for a collision.
+        speed: of the vehicle at that time [m/s].
+    """
+
+    time: float
+    kind: str
+    text: str
+    vehicle: str
+    other: str = ""
+    speed: float = 0.0
+
+
+@dataclass
+class Incidents:
+    """Finds incidents in the samples of a run, block by block; each collision with one thing is reported once.
+
+    Args:
+        world: where the run takes place.
+        vehicles: by name.
+        volumes: what they can touch something with, by name.
+    """
+
+    world: World
+    vehicles: Mapping[str, VehicleInPlant]
+    volumes: Mapping[str, Volume]
+    found: list[Incident] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._props = [prop for prop in self.world.props if not prop.prop.driven_over]
+        self._tree = shapely.STRtree([prop.footprint for prop in self._props])
+        self._outside: set[str] = set()
+
+    def check_starts(self, starts: Mapping[str, Start]) -> list[Incident]:
+        """What is impossible about the starts of the vehicles, by name."""
+        found = [
+            Incident(0.0, "start", f"{name}: {text}", name)
+            for name, start in starts.items()
+            for text in self._start_faults(name, start, starts)
+        ]
+        self.found += found
+        return found
+
+    def look(self, times: Array, columns: Mapping[str, Array]) -> list[Incident]:
+        """New incidents in some samples.
+
+        Args:
+            times: of the samples (n) [s].
+            columns: signals by name (n each).
+        """
+        if not len(times):
+            return []
+        poses = {name: _poses(columns, name) for name in self.vehicles if f"{name}.x" in columns}
+        found = [incident for name in poses for incident in self._collisions(name, poses, times, columns)]
+        found += [incident for name, places in poses.items() for incident in self._left_ground(name, places, times)]
+        found.sort(key=lambda incident: incident.time)
+        self.found += found
+        return found
+
+    # --- starts ---------------------------------------------------------------------------------------------------
+
+    def _start_faults(self, name: str, start: Start, starts: Mapping[str, Start]) -> Iterator[str]:
+        volume, pose = self.volumes[name], np.array([[start.x, start.y, start.yaw]])
+        for prop in self._near(volume, pose):
+            depth = -float(clearance(volume, pose, [prop])[0])
+            if depth > LEAST_DEPTH:
+                yield f"starts in '{prop.name}', {depth:.2f} m deep; move the start or the prop"
+        for other, place in starts.items():
+            if other != name and list(starts).index(other) < list(starts).index(name):
+                there = np.array([[place.x, place.y, place.yaw]])
+                depth = -float(clearance_between(volume, pose, self.volumes[other], there)[0])
+                if depth > LEAST_DEPTH:
+                    yield f"starts in '{other}', {depth:.2f} m deep; move one of them"
+        if volume.slabs and not self._is_on_ground(place_outline(volume.outline, pose)[0]).all():
+            yield f"stands beyond the ground at its start, {self._ground}; move the start or set ground.size"
+        yield from self._speed_faults(name, start)
+
+    def _speed_faults(self, name: str, start: Start) -> Iterator[str]:
+        part, speed = self.vehicles[name], start.speed
+        ahead, back = top_speeds(part)
+        if speed > _FASTER * ahead:
+            yield f"starts at {speed:.4g} m/s; its top speed is {ahead:.1f} m/s; lower its start speed"
+        elif -speed > _FASTER * back:
+            yield f"starts at {speed:.4g} m/s; its top speed backwards is {back:.1f} m/s; lower its start speed"
+        if abs(speed) > _MOVING and part.parked:
+            yield f"starts at {speed:.4g} m/s although it is parked: its wheels slide"
+        if start.track is not None and start.s is not None:
+            curvature = abs(float(self.world.tracks[start.track].curvature_at(start.s)))
+            mu = float(self.world.mu(start.x, start.y))
+            limit = math.sqrt(mu * float(-self.world.ground.gravity[2]) / curvature) if curvature > 0.0 else math.inf
+            if abs(speed) > limit:
+                yield (
+                    f"starts at {speed:.4g} m/s in a bend of {1.0 / curvature:.0f} m radius, where friction {mu:g} "
+                    f"allows {limit:.1f} m/s"
+                )
+
+    # --- while it drives ------------------------------------------------------------------------------------------
+
+    def _collisions(
+        self, name: str, poses: Mapping[str, Array], times: Array, columns: Mapping[str, Array]
+    ) -> Iterator[Incident]:
+        """What a vehicle touches for the first time: its shapes overlap it, or the physics has a contact near it."""
+        volume, mine = self.volumes[name], poses[name]
+        contacts = columns.get("other_contacts", np.zeros(len(times))) > 0.0
+        known = {(one.vehicle, one.other) for one in self.found if one.kind == "collision"}
+        gaps = {
+            prop.name: clearance(volume, mine, [prop])
+            for prop in self._near(volume, mine)
+            if (name, prop.name) not in known
+        }
+        for other, theirs in poses.items():
+            if other != name and (name, other) not in known and self._may_meet(name, mine, other, theirs):
+                gaps[other] = clearance_between(volume, mine, self.volumes[other], theirs)
+        nearest = np.min(list(gaps.values()), axis=0) if gaps else np.empty(0)
+        for other, gap in gaps.items():
+            touches = (gap <= 0.0) | (contacts & (gap < NEAR) & (gap <= nearest))
+            if touches.any():
+                row = int(np.argmax(touches))
+                before = max(row - 1, 0)  # the sample of the contact may already be slower
+                speed = float(np.hypot(columns[f"{name}.vx"][before], columns[f"{name}.vy"][before]))
+                text = f"{name}: collision with '{other}' at {speed:.1f} m/s"
+                yield Incident(float(times[row]), "collision", text, name, other, speed)
+
+    def _left_ground(self, name: str, poses: Array, times: Array) -> Iterator[Incident]:
+        good = np.isfinite(poses).all(axis=1)
+        outside = good & ~self._is_on_ground(poses[:, :2])
+        if outside.any() and name not in self._outside:
+            row = int(np.argmax(outside))
+            x, y = poses[row, :2].tolist()
+            text = f"{name}: left the world's ground at ({x:.1f}, {y:.1f}) m, {self._ground}"
+            yield Incident(float(times[row]), "ground", text, name)
+        if good.any():  # it may come back, and leave again
+            (self._outside.add if outside[good][-1] else self._outside.discard)(name)
+
+    # --- what is near ---------------------------------------------------------------------------------------------
+
+    def _near(self, volume: Volume, poses: Array) -> list[PlacedProp]:
+        """Props that a vehicle may touch on its way, or have a contact with."""
+        good = poses[np.isfinite(poses).all(axis=1)]
+        if not self._props or not volume.slabs or not len(good):
+            return []
+        reach = float(np.hypot(*volume.outline.T).max()) + NEAR
+        line = shapely.LineString(good[:, :2]) if len(good) > 1 else shapely.Point(good[0, :2])
+        return [self._props[index] for index in sorted(self._tree.query(line, predicate="dwithin", distance=reach))]
+
+    def _may_meet(self, name: str, mine: Array, other: str, theirs: Array) -> bool:
+        reach = NEAR + sum(
+            float(np.hypot(*self.volumes[one].outline.T).max()) for one in (name, other) if self.volumes[one].slabs
+        )
+        apart = np.hypot(*(mine[:, :2] - theirs[:, :2]).T)
+        return bool((apart[np.isfinite(apart)] < reach).any())
+
+    def _is_on_ground(self, points: Array) -> NDArray[np.bool_]:
+        xmin, ymin, xmax, ymax = self.world.ground.extent
+        return np.asarray((points >= (xmin, ymin)).all(axis=1) & (points <= (xmax, ymax)).all(axis=1))
+
+    @property
+    def _ground(self) -> str:
+        xmin, ymin, xmax, ymax = self.world.ground.extent
+        return f"which reaches from ({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m"
+
+
+def top_speeds(part: VehicleInPlant) -> tuple[float, float]:
+    """Top speed of a vehicle ahead and backwards [m/s], of its wheels' limits, its motor's and its governor's."""
+    radius, drive = min(part.vehicle.geometry.wheel_radii), part.vehicle.spec.powertrain
+    limits = [float(joint.velocity_upper_limits()[0]) * radius for joint in part.wheels]
+    wheels = min([limit for limit in limits if limit > 0.0], default=math.inf)
+    if isinstance(drive, ElectricPowertrain):
+        motor = drive.max_speed / drive.gear * radius
+        return min(wheels, motor, drive.governed_speed or math.inf), min(wheels, motor)
+    if isinstance(drive, EnginePowertrain):
+        engine = drive.torque_curve[-1][0] * radius / drive.final_drive
+        return min(wheels, engine / drive.gears[-1]), min(wheels, engine / (drive.reverse or drive.gears[0]))
+    return wheels, wheels
+
+
+def _poses(columns: Mapping[str, Array], name: str) -> Array:
+    return np.column_stack([columns[f"{name}.{key}"] for key in ("x", "y", "yaw")])

@@ -1,0 +1,275 @@
+"""Runs and their folders: labelled signals with units, written so that a kill leaves them readable.
+
+::
+
+    runs/<diagram>-<UTC time>/
+      spec.yaml          the resolved spec, seed, versions and hash
+      scene/             the world and the vehicles as they were, see :mod:`mirdrake.assembly.scene`
+      signals.parquet    time [s] and named signals; units in the column metadata
+      events.jsonl       what happened, one JSON object a line
+      ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
+      ego.lidar.parquet  scans of a sensor whose samples are arrays, one a row
+      ego.imu.parquet    samples of a sensor whose samples are vectors, at its own rate, one a row
+      summary.json       figures of the run
+      recording.html     Meshcat replay        report.html, diagram.svg
+
+While a run goes on, a Parquet table is a folder of finished parts, which pandas and pyarrow read like a file; at the
+end, also after Ctrl-C, it becomes one file. Whatever kills the process, all parts written so far can be read.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property, wraps
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+from numpy.typing import NDArray
+
+from mirdrake.assembly.scene import Scene, read_scene, write_scene
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.recording.arrays import RunArrays
+from mirdrake.core.recording.files import reading, told
+from mirdrake.core.recording.files import write_file as write_file  # with `as`: also public here
+from mirdrake.core.recording.parts import PartedTable, read_part, stored
+from mirdrake.core.recording.pictures import Picture, parse_start, picture_folders, read_pictures
+from mirdrake.core.recording.pictures import picture_name as picture_name
+from mirdrake.core.recording.vectors import ROWS, make_table
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a simulation gave.
+
+    Attributes:
+        folder: where it was written, or None if it is only in memory.
+        spec: the resolved diagram spec as plain data, with seed and versions.
+        summary: figures of the run, see summary.json.
+        units: unit of every signal, "" for pure numbers.
+        events: what happened: time [s], kind, text.
+        table: the samples of a run that is only in memory; use :attr:`signals`.
+        laid_out: the scene of a run that was made in this process; use :meth:`scene`.
+    """
+
+    folder: Path | None
+    spec: dict[str, Any]
+    summary: dict[str, Any]
+    units: dict[str, str] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    table: pd.DataFrame | None = None
+    laid_out: Scene | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def signals(self) -> pd.DataFrame:
+        """Samples by name, index ``time`` [s]; read from the folder when first asked for.
+
+        ``signals.attrs["units"]`` has the unit of each column.
+        """
+        table = self.table if self.table is not None else read_signals(self.folder)
+        table.attrs["units"] = dict(self.units)
+        return table
+
+    def scene(self) -> Scene:
+        """Return the world and the vehicles of the run as they were, read from the folder when first asked for.
+
+        Raises:
+            RunError: the run carries no scene, or a damaged one.
+        """
+        return self._scene
+
+    @cached_property
+    def _scene(self) -> Scene:
+        if self.laid_out is not None:
+            return self.laid_out
+        if self.folder is None:
+            raise RunError("run: it is only in memory and carries no scene")
+        return read_scene(self.folder)
+
+    @property
+    def start(self) -> datetime:
+        """Date and time of the start, which pictures are named after."""
+        with reading((self.folder or Path()) / SPEC):
+            return parse_start(_mapping(self.spec.get("record", {})).get("start_time"))
+
+    @cached_property
+    def arrays(self) -> RunArrays:
+        """Samples by sensor at its own rate: ``run.arrays["ego.lidar"]["ranges"]``, ``run.arrays["ego.imu"]["wz"]``."""
+        return RunArrays(self.folder, signals=SIGNALS)
+
+    @cached_property
+    def pictures(self) -> dict[str, list[Picture]]:
+        """Recorded pictures in the order of time, by camera: ``run.pictures["ego.front_camera"][0].pixels``."""
+        return {path.name: read_pictures(path, self.start) for path in picture_folders(self.folder)}
+
+    def __getitem__(self, name: str) -> pd.Series:
+        """One signal by name."""
+        if name not in self.signals:
+            raise ConfigError(f"run: no signal '{name}'; {did_you_mean(name, map(str, self.signals.columns))}")
+        return self.signals[name]
+
+
+def load_run(folder: Path | str) -> Run:
+    """A run folder, also one whose run was killed.
+
+    Raises:
+        ConfigError: it is no run folder.
+    """
+    folder = Path(folder)
+    if not (folder / SPEC).is_file():
+        raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
+    with reading(folder / SPEC):
+        spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
+    summary: dict[str, Any] = {"stop_reason": "killed"}
+    with reading(folder / SUMMARY):
+        if (folder / SUMMARY).exists():
+            summary = _mapping(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
+    with reading(folder / SIGNALS):
+        schema = _stored_schema(folder)
+        units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
+    with reading(folder / EVENTS):
+        events = [_mapping(event) for event in _read_events(folder)]
+    run = Run(folder, spec, summary, units, events)
+    with reading(folder / SIGNALS):
+        if "simulated_s" not in summary and len(run.signals):
+            summary["simulated_s"] = float(run.signals.index[-1])
+    return run
+
+
+@contextmanager
+def reading_run(folder: Path | None) -> Iterator[None]:
+    """Raise what the contents of a damaged run folder cause where they are used as a ConfigError with one line.
+
+    What cannot be read at all is reported where it is read; this is for values that do not fit one another.
+    """
+    try:
+        with reading(folder or Path()):
+            yield
+    except (RuntimeError, AssertionError, SystemExit) as error:  # of Drake; a failed assertion is a SystemExit
+        reason = next(iter(str(error).splitlines()), "")
+        raise ConfigError(f"{folder}: damaged, cannot be used: {reason[:160]}") from error
+
+
+def reads_run(function: Callable[Concatenate[Run, Given], Found]) -> Callable[Concatenate[Run, Given], Found]:
+    """Make a function of a run raise what a damaged run folder causes in it as a ConfigError; a decorator."""
+
+    @wraps(function)
+    def read(run: Run, /, *arguments: Given.args, **options: Given.kwargs) -> Found:
+        with reading_run(run.folder):
+            return function(run, *arguments, **options)
+
+    return read
+
+
+def _mapping(data: Any) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise ValueError("it has no mapping (key: value) at its top")
+    return data
+
+
+def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """The samples in a run folder, index ``time`` [s].
+
+    Args:
+        folder: the run folder; None gives an empty table.
+        columns: only these, as far as they exist.
+    """
+    with reading((folder or Path()) / SIGNALS):
+        parts = stored(folder / SIGNALS) if folder is not None else []
+        if not parts:
+            return pd.DataFrame(index=pd.Index([], name="time"))
+        known = pq.read_schema(parts[0]).names
+        wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
+        table: pd.DataFrame = pa.concat_tables([read_part(part, wanted) for part in parts]).to_pandas()
+        return table.set_index("time")
+
+
+def _stored_schema(folder: Path) -> pa.Schema:
+    parts = stored(folder / SIGNALS)
+    return pq.read_schema(parts[0]) if parts else pa.schema([])
+
+
+def _read_events(folder: Path) -> list[dict[str, Any]]:
+    if not (folder / EVENTS).is_file():
+        return []
+    lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
+    return [json.loads(line) for line in lines if line.endswith("\n")]
+
+
+def spec_hash(spec: Mapping[str, Any]) -> str:
+    """SHA-256 of a spec as canonical JSON: equal specs, equal hash."""
+    return hashlib.sha256(json.dumps(spec, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+class RunWriter:
+    """Writes a run folder while the run goes on.
+
+    Args:
+        folder: created; must not exist yet or be empty.
+        spec: the resolved spec as plain data.
+        scene: the world and the vehicles, if there are any.
+
+    Raises:
+        RunError: the folder cannot be made.
+    """
+
+    def __init__(self, folder: Path, spec: Mapping[str, Any], scene: Scene | None = None) -> None:
+        self.folder = folder
+        self._signals = PartedTable(folder / SIGNALS, rows=ROWS)
+        new = not folder.exists()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise RunError(f"{folder}: is not empty; choose another folder with --out")
+        except OSError as error:
+            raise RunError(f"{folder}: cannot be made: {error.strerror}; choose another folder with --out") from None
+        try:
+            write_file(folder / SPEC, yaml.safe_dump(dict(spec), sort_keys=False, allow_unicode=True, width=100))
+        except RunError:
+            if new:
+                folder.rmdir()
+            raise
+        if scene is not None:
+            write_scene(scene, folder)
+
+    def write_signals(self, times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> None:
+        """Add a block of samples; it is on disk within a quarter of a second."""
+        if not len(times):
+            return
+        self._signals.add(make_table(times, columns, units))
+
+    def flush(self) -> None:
+        """Write the blocks that are still in memory."""
+        self._signals.flush()
+
+    def write_event(self, at: float, kind: str, text: str) -> None:
+        """Add a line to events.jsonl."""
+        path = self.folder / EVENTS
+        with told(path), path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"time": round(at, 6), "kind": kind, "text": text}) + "\n")
+
+    def finish(self, summary: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+        """Make signals.parquet one file and write summary.json.
+
+        How the parts were cut does not show in the file: equal samples give equal bytes.
+
+        Args:
+            summary: called when all samples are on disk.
+        """
+        self._signals.finish()
+        figures = dict(summary())
+        pa.default_memory_pool().release_unused()
+        write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
+        return figures

@@ -1,0 +1,318 @@
+"""What a run keeps while it goes on: blocks of samples, events, and what sensors say, sample by sample."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydrake.systems.framework import Context
+
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.controllers.ackermann import Ackermann
+from mirdrake.core.errors import RunError
+from mirdrake.core.recording.arrays import SUFFIX, ArrayLog
+from mirdrake.core.recording.pictures import PictureLog, make_pool
+from mirdrake.core.recording.vectors import VectorLog
+from mirdrake.core.signals import signals_of
+from mirdrake.core.vectors import STATE
+from mirdrake.runs.logs import RunWriter
+from mirdrake.runs.telemetry import Array, Columns
+from mirdrake.sensors import GroundTruth
+
+_VX = [signal.name for signal in STATE].index("vx")
+
+
+class Blocks:
+    """The blocks of samples of a run, written as they come or kept until the end."""
+
+    def __init__(self, writer: RunWriter | None) -> None:
+        self._writer = writer
+        self.written = writer is not None
+        self._times: list[Array] = []
+        self._columns: list[Columns] = []
+
+    def add(self, times: Array, columns: Columns, units: Mapping[str, str]) -> None:
+        """Keep a block, or write it."""
+        if not times.size:
+            return
+        if self._writer is not None:
+            self._writer.write_signals(times, columns, units)
+        else:
+            self._times.append(times)
+            self._columns.append(columns)
+
+    def frame(self) -> pd.DataFrame:
+        """All blocks as one table."""
+        if not self._times:
+            return pd.DataFrame(index=pd.Index([], name="time"))
+        data = {name: np.concatenate([block[name] for block in self._columns]) for name in self._columns[0]}
+        return pd.DataFrame(data, index=pd.Index(np.concatenate(self._times), name="time"))
+
+
+class Events:
+    """What happens in a run, found in its samples."""
+
+    def __init__(self, writer: RunWriter | None) -> None:
+        self._writer = writer
+        self._last: dict[str, float] = {}
+        self.entries: list[dict[str, Any]] = []
+
+    def add(self, time: float, kind: str, text: str) -> None:
+        """Keep an event, and write it."""
+        self.entries.append({"time": round(time, 6), "kind": kind, "text": text})
+        if self._writer is not None:
+            self._writer.write_event(time, kind, text)
+
+    def look(self, times: Array, columns: Columns, vehicles: list[str]) -> None:
+        """Wheels that leave or regain the road, laps, and contacts that are not tyres on the road."""
+        if not len(times):  # a run may end before the first sample of a block
+            return
+        watched = {f"{name}.wheels_on_road": "road" for name in vehicles} | {f"{name}.lap": "lap" for name in vehicles}
+        for key, kind in (watched | {"other_contacts": "contact"}).items():
+            if key not in columns:
+                continue
+            values = np.floor(columns[key] + 1e-6)
+            before = self._last.get(key, float(values[0]) if kind != "contact" else 0.0)
+            for index in np.flatnonzero(np.diff(values, prepend=before)):
+                self._report(float(times[index]), kind, key.split(".")[0], float(values[index]))
+            self._last[key] = float(values[-1])
+
+    def _report(self, time: float, kind: str, name: str, value: float) -> None:
+        texts = {
+            "road": f"{name}: {value:.0f} of 4 wheels on the road",
+            "lap": f"{name}: lap {value:.0f} completed",
+            "contact": f"{value:.0f} contacts that are not tyres on the road",
+        }
+        self.add(time, kind, texts[kind])
+
+
+class Recorder:
+    """A monitor that writes the samples of sensors in the moment that there are new ones; use it as a context manager.
+
+    A sample is written once it is shown, with the moment it was taken at as its time; one that is lost is not. Those
+    still on their way when the run ends are written then, see :meth:`counts`. Steps of the simulator end at these
+    moments, as they are events of the sensors, so that none is missed.
+
+    What it asks of a sensor: an attribute ``record`` that says "pictures" or "array", else its samples are vectors; its
+    ``rate`` [Hz] and ``latency`` [s]; and ``under_way(context)``, samples that are taken and not shown yet. One of
+    pictures has ports ``stamp`` [s] and ``shot``, an object with ``pictures``, arrays by name; or a method
+    ``look(context)``, which gives an array, or several by name. One of arrays has a port ``sample`` or an abstract one
+    of a dataclass with a ``time`` [s], and may have a port ``stamp`` [s]. One of vectors has ``sample`` and ``stamp``;
+    others are not written here.
+
+    Args:
+        assembly: the built diagram.
+        folder: of the run.
+    """
+
+    def __init__(self, assembly: Assembly, folder: Path) -> None:
+        start = assembly.spec.record.start
+        self._pool = make_pool() if assembly.cameras else None
+        self._cameras = [
+            _Camera(
+                camera,
+                partial(PictureLog, pool=self._pool, start=start),
+                folder / name,
+                assembly.diagram.GetSubsystemByName(f"{vehicle}.truth"),
+                Ackermann(assembly.parts.vehicles[vehicle].vehicle.geometry),
+            )
+            for name, (camera, vehicle) in assembly.cameras.items()
+        ]
+        self._samples = [
+            _Samples(sensor, ArrayLog(folder / f"{name}{SUFFIX}", units={"ranges": "m"}))
+            for name, sensor in assembly.arrays.items()
+        ]
+        for name, sensor in vector_sensors(assembly).items():
+            units = {signal.name: signal.unit for signal in signals_of(sensor.GetOutputPort("sample")) or ()}
+            self._samples.append(_Samples(sensor, VectorLog(folder / f"{name}{SUFFIX}", units)))
+        self._streams: list[_Camera | _Samples] = [*self._cameras, *self._samples]
+        self._context: Context | None = None
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Write what is on its way and what is still in memory; after a failure, as much of it as goes."""
+        fault: RunError | None = None
+        for stream in self._streams:
+            try:
+                if self._context is not None:
+                    stream.finish(self._context)
+            except RunError as error:
+                fault = fault or error
+            try:
+                stream.close()
+            except RunError as error:
+                fault = fault or error
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        if fault is not None and kind is None:
+            raise fault
+
+    def __call__(self, context: Context) -> None:
+        """Look at every sensor."""
+        self._context = context
+        for stream in self._streams:
+            stream.look(context)
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """How many samples there are by sensor (``recorded``), and how many of them, the last, nobody was shown yet.
+
+        These (``under_way``) were taken so shortly before the end that their latency had not passed.
+        """
+        recorded = {path.name: log.count for camera in self._cameras for path, log in camera.logs.items()}
+        recorded |= {samples.log.name: samples.log.count for samples in self._samples}
+        late = {camera.folder.name: camera.late for camera in self._cameras}
+        late |= {samples.log.name: samples.late for samples in self._samples}
+        late = {name: count for name, count in late.items() if count}
+        return {key: counts for key, counts in (("recorded", recorded), ("under_way", late)) if counts}
+
+
+def vector_sensors(assembly: Assembly) -> dict[str, Any]:
+    """The sensors of a diagram whose samples are vectors and shall be recorded, by name."""
+    names = [f"{vehicle}.{sensor}" for vehicle, sensors in assembly.spec.sensors.items() for sensor in sensors]
+    if not assembly.spec.record.signals:
+        return {}
+    found = {name: assembly.diagram.GetSubsystemByName(name) for name in names if name in assembly.taps}
+    return {name: sensor for name, sensor in found.items() if sensor.HasOutputPort("stamp")}
+
+
+@dataclass
+class _Camera:
+    """A camera, where its pictures go, and who knows what its vehicle does."""
+
+    camera: Any
+    make_log: Callable[[Path], PictureLog]
+    folder: Path
+    truth: GroundTruth
+    ackermann: Ackermann
+    taken: int = 0
+    last: float = -inf
+    late: int = 0
+    logs: dict[Path, PictureLog] = field(default_factory=dict)
+    _drives: deque[tuple[float, float, float]] = field(default_factory=deque)
+
+    def look(self, context: Context) -> None:
+        """Write a picture if there is a new one.
+
+        A camera with a ``stamp`` has drawn it already; to draw it here would draw some of them twice.
+        """
+        time = context.get_time()
+        due = time >= self.taken / self.camera.rate - 1e-9
+        if due:
+            self.taken += 1
+            truth = self.truth.GetMyContextFromRoot(context)
+            steering = self.ackermann.bicycle_angle(*self.truth.steering_angles.Eval(truth))
+            self._drives.append((time, steering, float(self.truth.state.Eval(truth)[_VX])))
+        if not self.camera.HasOutputPort("stamp"):
+            if due:
+                self._write(time, self.camera.look(context))
+            return
+        self._look(context)
+
+    def finish(self, context: Context) -> None:
+        """The end of the run: write what is shown and what is under way."""
+        if self.camera.HasOutputPort("stamp"):
+            self._look(context)
+        if hasattr(self.camera, "under_way"):
+            for time, shot in self.camera.under_way(self.camera.GetMyContextFromRoot(context)):
+                self._write(time, shot.pictures)
+                self.late += 1
+
+    def _look(self, context: Context) -> None:
+        own = self.camera.GetMyContextFromRoot(context)
+        stamp = float(self.camera.GetOutputPort("stamp").Eval(own)[0])
+        if stamp > self.last:
+            self.last = stamp
+            self._write(stamp, self.camera.GetOutputPort("shot").Eval(own).pictures)
+
+    def _write(self, time: float, seen: Any) -> None:
+        """Write the pictures of a moment [s], with what the vehicle did then."""
+        while len(self._drives) > 1 and self._drives[0][0] < time - 1e-6:  # those of lost pictures
+            self._drives.popleft()
+        _, steering, speed = self._drives.popleft()
+        for name, pixels in (seen if isinstance(seen, Mapping) else {"color": seen}).items():
+            path = self.folder if name == "color" else self.folder.with_name(f"{self.folder.name}.{name}")
+            if path not in self.logs:
+                self.logs[path] = self.make_log(path)
+            self.logs[path].write(time, pixels, steering=steering, speed=speed)
+
+    def close(self) -> None:
+        """All pictures to disk."""
+        _close_all(list(self.logs.values()))
+
+
+@dataclass
+class _Samples:
+    """A sensor whose samples are arrays or vectors, and where they go."""
+
+    sensor: Any
+    log: ArrayLog | VectorLog
+    last: float = -inf
+    late: int = 0
+
+    def __post_init__(self) -> None:
+        ports = [self.sensor.get_output_port(index) for index in range(self.sensor.num_output_ports())]
+        by_name = {port.get_name(): port for port in ports}
+        self._stamp = by_name.pop("stamp", None)
+        self._port = by_name.get("sample", next(iter(by_name.values())))
+        latency, rate = getattr(self.sensor, "latency", 0.0), float(self.sensor.rate)
+        self._wait = (1.0 / rate if self._stamp is not None else 0.0) + latency - 1e-9
+        self._count = 0
+
+    def look(self, context: Context) -> None:
+        """Write a sample if there is a new one."""
+        self.log.flush_if_due()
+        if context.get_time() >= self.last + self._wait:  # before that there is none
+            self._look(context)
+
+    def finish(self, context: Context) -> None:
+        """The end of the run: write what is shown and what is under way."""
+        self._look(context)
+        if hasattr(self.sensor, "under_way"):
+            for time, sample in self.sensor.under_way(self.sensor.GetMyContextFromRoot(context)):
+                self._write(time, sample)
+                self.late += 1
+
+    def _look(self, context: Context) -> None:
+        if self._stamp is None and context.get_time() <= self._due() + 1e-9:
+            return
+        own = self.sensor.GetMyContextFromRoot(context)
+        if self._stamp is not None:
+            time = float(self._stamp.Eval(own)[0])
+            if time <= self.last:
+                return
+        sample = self._port.Eval(own)
+        if self._stamp is None:
+            time = float(getattr(sample, "time", self._count / self.sensor.rate))
+            if time <= self.last:
+                return
+        self._write(time, sample)
+
+    def _write(self, time: float, sample: Any) -> None:
+        self.log.write(time, sample)
+        self._count += 1
+        self.last = time
+
+    def _due(self) -> float:
+        return self._count / float(self.sensor.rate) + float(getattr(self.sensor, "latency", 0.0))
+
+    def close(self) -> None:
+        """All samples to disk, as one file."""
+        self.log.close()
+
+
+def _close_all(logs: list[PictureLog]) -> None:
+    fault: RunError | None = None
+    for log in logs:
+        try:
+            log.close()
+        except RunError as error:
+            fault = error
+    if fault is not None:
+        raise fault

@@ -1,0 +1,426 @@
+"""From a diagram to a run: seed, initial state, advance, progress, reasons to stop."""
+
+import math
+import os
+import re
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.math import RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, System
+
+from mirdrake.assembly.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, assemble
+from mirdrake.controllers.behaviours.outline import volume_of
+from mirdrake.core.errors import ConfigError, DivergedError, RunError
+from mirdrake.core.yaml_io import shown, where
+from mirdrake.runs.incidents import Incident, Incidents
+from mirdrake.runs.logs import Run, RunWriter, read_signals
+from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
+from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
+from mirdrake.runs.telemetry import Array, Columns, Telemetry
+from mirdrake.tyres import RoadFriction
+from mirdrake.worlds import Start
+
+BLOCK = 1.0
+"""Simulated time between two looks at the logs [s], the grain of the progress bar."""
+
+SLOW_BLOCK = 0.25
+"""The same with cameras [s]."""
+
+LONG_BLOCK = 10.0
+"""The same where nobody waits for the samples [s]."""
+
+SLICE = 0.125
+"""Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
+
+Progress = Callable[[float, float], None]
+
+Report = Callable[[Incident], None]
+
+_DIVERGENCE = re.compile(
+    r"converge|\bnan\b|not finite|non-?finite|infinit|singular|factori[sz]|unstable", re.IGNORECASE
+)
+"""Words of Drake's when numbers have become too large to go on."""
+
+
+def simulate(
+    spec: DiagramSpec | Mapping[str, Any] | str,
+    *,
+    duration: float | None = None,
+    folder: Path | str | None = None,
+    meshcat: Meshcat | None = None,
+    realtime_rate: float = 0.0,
+    progress: Progress | None = None,
+) -> Run:
+    """Simulate a diagram once.
+
+    Args:
+        spec: a diagram spec, its data or its name.
+        duration: simulated time [s]; the spec's if left out.
+        folder: run folder to write; None keeps the run in memory.
+        meshcat: shows the run while it goes on.
+        realtime_rate: 1 for real time, 0 for as fast as it goes.
+        progress: called with simulated time and duration [s] every simulated second.
+
+    Returns:
+        the run, also when it was interrupted by Ctrl-C or diverged: see ``summary["stop_reason"]``.
+
+    Raises:
+        ConfigError, ModelError, WorldError, DiagramError: the diagram cannot be built.
+        RunError: the folder cannot be written, or a block of the user's raised.
+    """
+    return Simulation(assemble(spec, meshcat=meshcat)).run(
+        duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress
+    )
+
+
+class Simulation:
+    """A built diagram that can be run again and again; each run starts from a new Context.
+
+    Args:
+        assembly: from :func:`mirdrake.assembly.diagram.assemble`.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        self._simulator = Simulator(assembly.diagram)
+        self._volumes = {name: volume_of(part.vehicle) for name, part in assembly.parts.vehicles.items()}
+        self._friction = RoadFriction(assembly.parts, assembly.tyres)
+
+    def run(
+        self,
+        *,
+        duration: float | None = None,
+        folder: Path | str | None = None,
+        realtime_rate: float = 0.0,
+        progress: Progress | None = None,
+        change: Callable[[Context], None] | None = None,
+        monitor: Callable[[Context], None] | None = None,
+        until: Callable[[Context], bool] | None = None,
+        report: Report | None = None,
+    ) -> Run:
+        """One run; see :func:`simulate`.
+
+        Args:
+            duration: see :func:`simulate`, as are the next three.
+            folder: see :func:`simulate`.
+            realtime_rate: see :func:`simulate`.
+            progress: see :func:`simulate`.
+            change: changes the new Context before the start, for example gains or masses.
+            monitor: called with the Context after every step; it looks and changes nothing.
+            until: asked with the Context after every step, and at the start; the run ends as soon as it says True, with
+                the stop reason "condition".
+            report: called at once with every impossible start, collision, and vehicle that leaves the ground.
+        """
+        assembly, simulator = self.assembly, self._simulator
+        end = assembly.spec.duration if duration is None else duration
+        if not (math.isfinite(end) and end > 0.0):
+            raise ConfigError(f"duration {end} s is not allowed; it must be a positive time")
+        data = resolved_spec(assembly, duration=end)
+        context = assembly.make_context()
+        if change is not None:
+            change(context)
+        self._check_inputs(context)
+        writer = RunWriter(Path(folder), data, assembly.scene) if folder is not None else None
+        simulator.reset_context(context)
+        simulator.set_target_realtime_rate(realtime_rate)
+        simulator.clear_monitor()
+        watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
+        view = _View(assembly, assembly.meshcat) if assembly.meshcat is not None else None
+        if view is not None:
+            watchers.append(view)
+        if self._friction.varies:
+            self._friction.start()
+            watchers.insert(0, self._friction.watch)
+        recorder = None
+        if writer is not None and (assembly.cameras or assembly.arrays or vector_sensors(assembly)):
+            recorder = Recorder(assembly, writer.folder)
+            watchers.append(recorder)
+        met = threading.Event()
+        if watchers or until is not None:
+            simulator.set_monitor(lambda context: _watch(assembly.diagram, watchers, until, met, context))
+        telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
+        began = time.perf_counter()
+        reason, failure = "duration", None
+        incidents = Incidents(assembly.parts.world, assembly.parts.vehicles, self._volumes)
+        logs = _Logs(telemetry, blocks, events, incidents, report)
+        logs.report(incidents.check_starts(self._starts(context)))
+        try:
+            with _interrupt() as interrupted, recorder or nullcontext():
+                simulator.Initialize()
+                reason = self._advance(context, end, logs, progress, interrupted, met)
+        except KeyboardInterrupt:
+            reason = "interrupted"
+        except RunError as error:
+            if not isinstance(error, DivergedError):  # the folder cannot be written any more
+                raise
+            reason = f"diverged: {error}"
+        except (Exception, SystemExit) as error:  # a block of the user's may call sys.exit
+            if _is_divergence(error):
+                reason = f"diverged: the solver failed: {str(error).strip().split('. ')[0].splitlines()[0]}"
+            else:
+                failure = _failure(error)
+                reason = f"failed: {failure}"
+        times, columns = telemetry.read(context)
+        blocks.add(times, columns, telemetry.units)
+        logs.report(incidents.look(times, columns))
+        wall = time.perf_counter() - began
+        simulated = float(context.get_time())
+        if failure is None and reason not in {"duration", "laps", "condition"}:
+            events.add(simulated, "stop", reason)
+        elif failure is not None:
+            events.add(simulated, "failure", failure)
+
+        if view is not None:
+            view.draw(context)
+            if view.failed:
+                events.add(view.failed_at, "view", "Meshcat has ended; the run went on without its page")
+        figures = partial(
+            make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason, incidents=incidents.found
+        )
+        recorded = recorder.counts() if recorder is not None else {}
+        table, summary = None, {}
+        if writer is not None:
+            read = partial(read_signals, writer.folder, figure_columns(assembly))
+            summary = writer.finish(lambda: figures(read()) | recorded)
+        else:
+            table = blocks.frame()
+            summary = figures(table)
+        if failure is not None:
+            place = f"{writer.folder}: " if writer is not None else ""
+            raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {failure}")
+        written = writer.folder if writer else None
+        return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
+
+    def _starts(self, context: Context) -> dict[str, Start]:
+        """Where the vehicles start: as asked for, or where `change` put them."""
+        plant = self.assembly.parts.plant
+        plant_context, starts = plant.GetMyContextFromRoot(context), {}
+        for name, part in self.assembly.parts.vehicles.items():
+            asked = self.assembly.starts[name]
+            pose = part.base.EvalPoseInWorld(plant_context)
+            velocity = part.base.EvalSpatialVelocityInWorld(plant_context).translational()
+            x, y, _ = pose.translation().tolist()
+            yaw = float(RollPitchYaw(pose.rotation()).yaw_angle())
+            speed = float(velocity @ pose.rotation().matrix()[:, 0])
+            moved = math.hypot(x - asked.x, y - asked.y) > 1e-6
+            starts[name] = Start(x, y, yaw, speed, None if moved else asked.track, None if moved else asked.s)
+        return starts
+
+    def _check_inputs(self, context: Context) -> None:
+        """Refuse a diagram with open inputs, as of a vehicle that nobody drives, unless `change` gave them values."""
+        diagram, spec = self.assembly.diagram, self.assembly.spec
+        ports = [diagram.get_input_port(index) for index in range(diagram.num_input_ports())]
+        open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
+        if open_ports:
+            place, name = where(spec, "control"), open_ports[0].split(".")[0]
+            raise ConfigError(
+                f"{place}: nobody drives '{name}' (open inputs: {', '.join(open_ports)}); "
+                f"add control.{name}, for example {{kind: constant, speed: 5}}, or connect blocks of yours to them"
+            )
+
+    def _advance(
+        self,
+        context: Context,
+        end: float,
+        logs: "_Logs",
+        progress: Progress | None,
+        interrupted: threading.Event,
+        met: threading.Event,
+    ) -> str:
+        """Advance block by block until something stops the run; returns the reason."""
+        telemetry, blocks, events = logs.telemetry, logs.blocks, logs.events
+        plant = self.assembly.parts.plant
+        plant_context = plant.GetMyContextFromRoot(context)
+        laps = self.assembly.spec.laps
+        vehicles = list(self.assembly.parts.vehicles)
+        count = 0
+        commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
+        watched = blocks.written or laps is not None or progress is not None
+        slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
+        if blocks.written and self.assembly.cameras:  # may be slower than real time, and a kill shall not lose more
+            slices = round(SLOW_BLOCK / SLICE)
+        while context.get_time() < end - 1e-9:
+            count += 1
+            if not met.is_set():
+                self._simulator.AdvanceTo(min(count * SLICE, end))
+            stopping = interrupted.is_set() or met.is_set()
+            if count % slices and not stopping and context.get_time() < end - 1e-9:
+                continue
+            times, columns = telemetry.read(context)
+            blocks.add(times, columns, telemetry.units)
+            events.look(times, columns, vehicles)
+            logs.report(logs.incidents.look(times, columns))
+            if progress is not None:
+                progress(context.get_time(), end)
+            if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
+                return f"diverged: {_not_finite(times, columns) or 'a position or velocity is no number'}"
+            fault = _not_finite(times, {name: columns[name] for name in commands if name in columns})
+            if fault is not None:
+                return f"diverged: {fault}"
+            lap = columns.get(f"{vehicles[0]}.lap")
+            if laps is not None and lap is not None and lap.size and lap[-1] >= laps:
+                return "laps"
+            if met.is_set():
+                return "condition"
+            if interrupted.is_set() and context.get_time() < end - 1e-9:
+                return "interrupted"
+        return "duration"
+
+
+class _Logs(NamedTuple):
+    """What takes the samples of a run."""
+
+    telemetry: Telemetry
+    blocks: Blocks
+    events: Events
+    incidents: Incidents
+    reporter: Report | None
+
+    def report(self, incidents: Sequence[Incident]) -> None:
+        """Keep incidents as events, and pass them on at once."""
+        for incident in incidents:
+            self.events.add(incident.time, incident.kind, incident.text)
+            if self.reporter is not None:
+                self.reporter(incident)
+
+
+def _is_divergence(error: BaseException) -> bool:
+    """Whether Drake itself, not a block written in Python, gave up because of numbers that it cannot go on with."""
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    own = frame is not None and Path(frame.tb_frame.f_code.co_filename) == Path(__file__)
+    return own and _DIVERGENCE.search(str(error)) is not None
+
+
+def _not_finite(times: Array, columns: Columns) -> str | None:
+    """The first sample that is no finite number, in words."""
+    bad = {name: ~np.isfinite(values) for name, values in columns.items()}
+    wrong = [(int(np.argmax(rows)), name) for name, rows in bad.items() if rows.any()]
+    if not wrong:
+        return None
+    row, name = min(wrong)
+    return f"{name} is {columns[name][row]:g} at t = {times[row]:g} s"
+
+
+@contextmanager
+def _interrupt() -> Iterator[threading.Event]:
+    """While inside, Ctrl-C sets the event, and the run stops between two slices; a second Ctrl-C stops it at once.
+
+    An exception in the middle of a step would leave logs of unequal length. Outside the main thread, and where somebody
+    else handles Ctrl-C, everything stays as it is.
+    """
+    event = threading.Event()
+    mine = threading.current_thread() is threading.main_thread()
+    if not mine or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield event
+        return
+
+    def handle(number: int, frame: Any) -> None:
+        if event.is_set():
+            signal.default_int_handler(number, frame)
+        event.set()
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _failure(error: BaseException) -> str:
+    """An exception of a block as one line, with the file and line that raised it if these are the user's."""
+    lines = str(error).strip().splitlines()
+    text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    if frame is None:
+        return text
+    file = Path(frame.tb_frame.f_code.co_filename)
+    return text if file.is_relative_to(Path(__file__).parents[1]) else f"{shown(file)}:{frame.tb_lineno}: {text}"
+
+
+class _View:
+    """Draws a run in Meshcat until Meshcat ends.
+
+    A copy of the scene graph with a MeshcatVisualizer makes a diagram of its own, which gets the poses of each drawing:
+    an exception of Meshcat does not reach the simulator, neither at the start nor within a step.
+
+    Args:
+        assembly: the diagram that runs.
+        meshcat: where to draw.
+
+    Attributes:
+        failed: whether Meshcat has ended.
+        failed_at: simulated time at which it was noticed [s].
+    """
+
+    def __init__(self, assembly: Assembly, meshcat: Meshcat) -> None:
+        self._plant = assembly.parts.plant
+        builder = DiagramBuilder()
+        scene_graph: Any = builder.AddSystem(assembly.parts.scene_graph.Clone())
+        params = MeshcatVisualizerParams(delete_on_initialization_event=False)
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self._poses = scene_graph.get_source_pose_port(self._plant.get_source_id())
+        self._poses_context = scene_graph.GetMyMutableContextFromRoot(self._context)
+        self._next = 0.0
+        self.failed, self.failed_at = False, 0.0
+
+    def __call__(self, context: Context) -> None:
+        """Draw, if it is time to."""
+        time = context.get_time()
+        if time >= self._next:
+            self._next = time + DRAWING_PERIOD
+            self.draw(context)
+
+    def draw(self, context: Context) -> None:
+        """Draw the state of a Context of the whole diagram."""
+        if self.failed:
+            return
+        poses = self._plant.get_geometry_pose_output_port()
+        self._poses.FixValue(self._poses_context, poses.EvalAbstract(self._plant.GetMyContextFromRoot(context)))
+        self._context.SetTime(context.get_time())
+        try:
+            self._diagram.ForcedPublish(self._context)
+        except RuntimeError:
+            self.failed, self.failed_at = True, context.get_time()
+
+
+def _watch(
+    system: System,
+    watchers: list[Callable[[Context], None]],
+    until: Callable[[Context], bool] | None,
+    met: threading.Event,
+    context: Context,
+) -> EventStatus:
+    """Drake's monitor: everybody looks; the event is set when the condition is met, and the step was the last."""
+    for watcher in watchers:
+        watcher(context)
+    if until is None or not until(context):
+        return EventStatus.DidNothing()
+    met.set()
+    return EventStatus.ReachedTermination(system, "condition")
+
+
+def default_folder(name: str, *, base: Path | None = None) -> Path:
+    """``runs/<name>-<UTC time>`` below a folder, with a number added if it is taken."""
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    root = (base or Path.cwd()) / "runs"
+    folder, number = root / f"{name}-{stamp}", 1
+    while folder.exists():
+        number += 1
+        folder = root / f"{name}-{stamp}-{number}"
+    return Path(os.path.relpath(folder)) if base is None else folder

@@ -1,0 +1,167 @@
+"""What a run was made from, and its figures: the provenance in spec.yaml, and summary.json."""
+
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydrake.systems.framework import System
+
+from mirdrake.assembly.diagram import Assembly
+from mirdrake.assembly.scene import Scene
+from mirdrake.controllers.spec import ScheduleSpec
+from mirdrake.core.paths import installed_version
+from mirdrake.runs.incidents import Incident
+from mirdrake.runs.logs import spec_hash
+from mirdrake.runs.telemetry import Array
+
+VEHICLE_FIGURES = (
+    "laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s", "distance_m", "max_speed_mps",
+)  # fmt: skip
+"""Figures of each vehicle in summary.json."""
+
+STRAIGHT = 1e-4
+"""Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
+STEADY = 2.0
+
+
+def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
+    """The spec with every default, the hash of what it refers to, and the versions in use: enough to repeat a run."""
+    data = assembly.spec.model_dump(mode="json")
+    data["duration"] = duration
+    data.pop("provenance", None)
+    folder = data.pop("folder", None)  # the hash is that of the contents, wherever they lie
+    vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
+    content = scene_hashes(Scene(assembly.parts.world, vehicles))
+    for name, driver in assembly.spec.control.items():
+        if isinstance(driver, ScheduleSpec) and driver.file is not None:
+            content[f"{name}.commands"] = spec_hash({"rows": driver.schedule().rows})
+    for name, system in assembly.user_systems().items():
+        content[name] = spec_hash({"source": _source_text(system)})
+    versions = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
+    versions["python"] = platform.python_version()
+    digest = spec_hash({"spec": data, "content": content})
+    if folder is not None:
+        data["folder"] = folder
+    data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
+    return data
+
+
+def scene_hashes(scene: Scene) -> dict[str, str]:
+    """Return the hashes of what the files of vehicles and world state, by the vehicles' names and ``world``."""
+    hashes = {
+        name: spec_hash(
+            {
+                "urdf": vehicle.urdf,
+                "spec": vehicle.spec.model_dump(mode="json"),
+                "control": vehicle.control.model_dump(mode="json"),
+                "sensors": vehicle.sensors.model_dump(mode="json"),
+            }
+        )
+        for name, vehicle in scene.vehicles.items()
+    }
+    return hashes | {"world": spec_hash(scene.world.spec.model_dump(mode="json"))}
+
+
+def changed_since(scene: Scene, provenance: Mapping[str, Any] | None) -> list[str]:
+    """Return the vehicles whose files have changed, and ``world``, since the run whose provenance is given.
+
+    Args:
+        scene: as it is now.
+        provenance: of the spec.yaml of that run; None if the spec is not of a run.
+    """
+    before = (provenance or {}).get("content_sha256") or {}
+    now = scene_hashes(scene)
+    return [name for name in now if name in before and before[name] != now[name]]
+
+
+def _source_text(system: System) -> str:
+    """The file that defines a user's class; empty for a class without one."""
+    module = sys.modules.get(type(system).__module__)
+    file = getattr(module, "__file__", None)
+    return Path(file).read_text(encoding="utf-8", errors="replace") if file and file.endswith(".py") else ""
+
+
+def make_summary(
+    assembly: Assembly,
+    data: Mapping[str, Any],
+    signals: pd.DataFrame,
+    *,
+    simulated: float,
+    wall: float,
+    reason: str,
+    incidents: Sequence[Incident] = (),
+) -> dict[str, Any]:
+    """The figures of a run, as in summary.json."""
+    summary: dict[str, Any] = {
+        "diagram": data["name"],
+        "world": data["world"]["name"],
+        "simulated_s": round(simulated, 9),
+        "wall_s": round(wall, 3),
+        "real_time_factor": round(simulated / wall, 2) if wall > 0.0 else None,
+        "stop_reason": reason,
+        "seed": data["seed"],
+        "spec_sha256": data["provenance"]["spec_sha256"],
+        "versions": data["provenance"]["versions"],
+        "vehicles": {},
+    }
+    for name, part in assembly.parts.vehicles.items():
+        summary["vehicles"][name] = {"model": part.vehicle.name} | _vehicle_figures(signals, name)
+        summary["vehicles"][name]["collisions"] = [
+            {"time": round(one.time, 6), "with": one.other, "speed_mps": round(one.speed, 3)}
+            for one in incidents
+            if one.kind == "collision" and one.vehicle == name
+        ]
+    return summary
+
+
+_FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "curvature")
+
+
+def figure_columns(assembly: Assembly) -> list[str]:
+    """The signals that the figures of a summary are made of."""
+    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
+
+
+def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
+    """Figures of one vehicle; those that the world or the run cannot give are None."""
+
+    def column(suffix: str) -> Array | None:
+        key = f"{name}.{suffix}"
+        return signals[key].to_numpy() if key in signals and len(signals) else None
+
+    figures: dict[str, Any] = dict.fromkeys(VEHICLE_FIGURES)
+    vx, command, wheels = column("vx"), column("speed_command"), column("wheels_on_road")
+    lap, lateral, curvature = column("lap"), column("lateral_error"), column("curvature")
+    if vx is None or len(signals) < 2:
+        return figures
+    times = signals.index.to_numpy()
+    step = float(times[1] - times[0])
+    figures["distance_m"] = round(float(np.sum(np.abs(vx)) * step), 3)
+    figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)
+    if wheels is not None:
+        figures["off_road_s"] = round(float(np.sum(wheels < 4) * step), 3)
+    if lap is not None:
+        figures["laps"] = round(float(lap[-1]), 4)
+    if lateral is not None:
+        figures["max_abs_lateral_error_m"] = round(float(np.max(np.abs(lateral))), 4)
+    if command is not None:
+        steady = _steady(command, samples=max(1, round(STEADY / step))) & (np.abs(command) > 0.1)
+        if curvature is not None:
+            steady &= np.abs(curvature) < STRAIGHT
+        if steady.any():
+            error = np.mean((vx[steady] - command[steady]) / command[steady])
+            figures["mean_speed_error_percent"] = round(100.0 * float(error), 4)
+    return figures
+
+
+def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Where a signal has not changed during the last samples."""
+    changed = np.abs(np.diff(values, prepend=values[0])) > 1e-9
+    changed[0] = True
+    last = np.maximum.accumulate(np.where(changed, np.arange(values.size), 0))
+    result: np.ndarray[Any, np.dtype[np.bool_]] = np.arange(values.size) - last >= samples
+    return result

@@ -1,0 +1,210 @@
+"""From logged vectors to named signals with units: the columns of signals.parquet.
+
+Only raw vectors are logged while a simulation runs. Everything that follows from them, such as roll and pitch or the
+lateral error on the track, is computed here for a whole block of samples at once.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from mirdrake.assembly.diagram import Assembly, Tap
+from mirdrake.core.vectors import STATE
+from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.vehicles import WHEELS
+from mirdrake.worlds.tracks import Track
+
+Array = NDArray[np.float64]
+
+LEAP = 1.0
+"""Progress [m] beyond twice the distance travelled that is taken for another stretch of road."""
+Columns = dict[str, Array]
+
+
+class Telemetry:
+    """Reads the logs of a running assembly, block by block.
+
+    Attributes:
+        units: unit of every column, "" for pure numbers.
+
+    Args:
+        assembly: the built diagram.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._assembly = assembly
+        self._progress: dict[str, float] = {}
+        self._start: dict[str, float] = {}
+        self.units: dict[str, str] = {"time": "s"}
+
+    def read(self, context: Context) -> tuple[Array, Columns]:
+        """All samples since the last call, which are then forgotten by the logs.
+
+        Args:
+            context: Context of the whole diagram.
+
+        Returns:
+            times [s] (n), and the columns by name, n samples each.
+        """
+        assembly = self._assembly
+        raw: dict[str, Array] = {}
+        times: Array = np.empty(0)
+        for name, tap in assembly.taps.items():
+            log = tap.sink.FindMutableLog(context)
+            taken, raw[name] = log.sample_times().copy(), log.data().copy()
+            log.Clear()
+            times = taken if len(raw) == 1 or taken.size < times.size else times
+        if any(values.shape[1] > times.size for values in raw.values()):  # a block raised between two logs of a moment
+            raw = {name: values[:, : times.size] for name, values in raw.items()}
+        columns: Columns = {}
+        if "plant_state" not in raw:
+            return times, columns
+        for part in assembly.parts.vehicles.values():
+            self._add_vehicle(columns, part, raw)
+        for name, body in assembly.parts.props.bodies.items():
+            pose = raw["plant_state"][body.floating_positions_start() :][:7]
+            for signal, values in zip(STATE[:6], vehicle_states(pose, np.zeros((6, times.size))), strict=False):
+                self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
+        for name in ("wheel_load", "resistance", "other_contacts"):
+            self._add_named(columns, assembly.taps[name], raw[name], prefix="")
+        for sensor in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):
+            for name in raw:
+                if name == sensor or name.startswith(f"{sensor}."):
+                    self._add_named(columns, assembly.taps[name], raw[name], prefix=name)
+        for system in assembly.spec.systems:
+            for name, tap in assembly.taps.items():
+                if name.startswith(f"{system}."):
+                    self._add_named(columns, tap, raw[name], prefix=name)
+        return times, columns
+
+    def _put(self, columns: Columns, name: str, values: Array, unit: str) -> None:
+        columns[name] = values
+        self.units[name] = unit
+
+    def _add_named(self, columns: Columns, tap: Tap, values: Array, *, prefix: str) -> None:
+        """One column an element, named by its contents, or numbered if the system did not say."""
+        for index, row in enumerate(values):
+            if tap.contents is None:
+                name = prefix if len(values) == 1 else f"{prefix}.{index}"
+                self._put(columns, name, row, "")
+            else:
+                signal = tap.contents[index]
+                name = signal.name if not prefix else prefix if len(values) == 1 else f"{prefix}.{signal.name}"
+                self._put(columns, name, row, signal.unit)
+
+    def _add_vehicle(self, columns: Columns, part: VehicleInPlant, raw: dict[str, Array]) -> None:
+        """Pose, twist, joints, commands and track coordinates of one vehicle."""
+        x, plant, name = raw["plant_state"], self._assembly.parts.plant, part.name
+        positions = plant.num_positions()
+        pose = x[part.base.floating_positions_start() :][:7]
+        twist = x[positions + part.base.floating_velocities_start_in_v() :][:6]
+        state = vehicle_states(pose, twist)
+        for signal, values in zip(STATE, state, strict=True):
+            self._put(columns, f"{name}.{signal.name}", values, signal.unit)
+        for side, joint in zip(("left", "right"), part.steering, strict=True):
+            self._put(columns, f"{name}.steering_angle.{side}", x[joint.position_start()], "rad")
+        for wheel, joint in zip(WHEELS, part.wheels, strict=True):
+            self._put(columns, f"{name}.wheel_angle.{wheel}", x[joint.position_start()], "rad")
+        for wheel, joint in zip(WHEELS, part.wheels, strict=True):
+            self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")
+        for wheel, joint in zip(WHEELS, part.suspension, strict=False):  # none without springs
+            self._put(columns, f"{name}.travel.{wheel}", x[joint.position_start()], "m")
+        torques = raw[f"{name}.joint_torques"]
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        for wheel, actuator in zip(WHEELS, part.wheel_actuators, strict=True):
+            self._put(columns, f"{name}.wheel_torque.{wheel}", torques[actuator.input_start() - first], "N m")
+        for port, suffix in (("status", ""), ("command", "_command")):
+            tap = self._assembly.taps.get(f"{name}.{port}")
+            if tap is None or tap.contents is None:
+                continue
+            for signal, values in zip(tap.contents, raw[tap.name], strict=True):
+                if signal.name != "stamp":
+                    self._put(columns, f"{name}.{signal.name}{suffix}", values, signal.unit)
+        if (tap := self._assembly.taps.get(f"{name}.powertrain_status")) is not None:
+            self._add_named(columns, tap, raw[tap.name], prefix=f"{name}.powertrain")
+        if (tap := self._assembly.taps.get(f"{name}.tyre_forces")) is not None:
+            self._add_named(columns, tap, raw[tap.name], prefix="")
+        self._add_track(columns, part, state)
+
+    def _add_track(self, columns: Columns, part: VehicleInPlant, state: Array) -> None:
+        """Where the vehicle is on its track, and how many of its wheels are on a road."""
+        world, name = self._assembly.parts.world, part.name
+        px, py, yaw = state[0], state[1], state[5]
+        geometry = part.vehicle.geometry
+        corners = [(geometry.wheelbase, geometry.front_track / 2.0), (geometry.wheelbase, -geometry.front_track / 2.0)]
+        corners += [(0.0, geometry.rear_track / 2.0), (0.0, -geometry.rear_track / 2.0)]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        on_road = sum(world.on_road(px + a * cos - b * sin, py + a * sin + b * cos).astype(float) for a, b in corners)
+        self._put(columns, f"{name}.wheels_on_road", np.asarray(on_road, dtype=float), "")
+        track_name = self._assembly.tracks[name]
+        if track_name is None or px.size == 0:
+            return
+        track = world.tracks[track_name]
+        s, lateral = _follow(track, px, py, self._progress.get(name))
+        _, _, direction = track.pose(s)
+        last = self._progress.get(name, float(s[0]))
+        if track.closed:
+            turns = np.round(np.diff(s, prepend=np.mod(last, track.length)) / track.length)
+            unrolled = s - track.length * np.cumsum(turns) + np.floor(last / track.length) * track.length
+        else:
+            unrolled = s
+        self._progress[name] = float(unrolled[-1])
+        start = self._start.setdefault(name, float(unrolled[0]))
+        self._put(columns, f"{name}.progress", s, "m")
+        self._put(columns, f"{name}.lateral_error", lateral, "m")
+        heading = np.mod(yaw - direction + np.pi, 2.0 * np.pi) - np.pi
+        self._put(columns, f"{name}.heading_error", heading, "rad")
+        self._put(columns, f"{name}.curvature", track.curvature(s), "1/m")
+        if track.closed:
+            self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
+
+
+def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array, Array]:
+    """Track coordinates of a path, which does not leap to another stretch of road where the track meets itself.
+
+    Args:
+        track: the track.
+        x: positions [m] (n).
+        y: the same, to the left [m] (n).
+        last: s [m] before the first position, at any lap; None at the start.
+    """
+    s, lateral = track.project(x, y)
+    if not s.size:
+        return s, lateral
+    near = float(s[0] if last is None else np.mod(last, track.length) if track.closed else last)
+    leaps = np.abs(np.diff(s, prepend=near))
+    if track.closed:
+        leaps = np.minimum(leaps, track.length - leaps)
+    if (leaps > 2.0 * np.hypot(np.diff(x, prepend=x[0]), np.diff(y, prepend=y[0])) + LEAP).any():
+        for i in range(x.size):
+            near, lateral[i] = track.project(float(x[i]), float(y[i]), near=near)
+            s[i] = near
+    return s, lateral
+
+
+def vehicle_states(pose: Array, twist: Array) -> Array:
+    """State vectors of a floating body, sample by sample; see :func:`mirdrake.sensors.ground_truth.vehicle_state`.
+
+    Args:
+        pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7 x n).
+        twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6 x n).
+
+    Returns:
+        12 x n in the order of :data:`mirdrake.core.vectors.STATE`.
+    """
+    w, i, j, k = pose[:4] / np.linalg.norm(pose[:4], axis=0)  # Drake lets the norm drift
+    x, y, z = pose[4:]
+    w_W, v_W = twist[:3], twist[3:]
+    R: Any = np.array(
+        [
+            [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
+            [2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)],
+            [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
+        ]
+    )
+    roll, pitch = np.arctan2(R[2, 1], R[2, 2]), np.arcsin(np.clip(-R[2, 0], -1.0, 1.0))
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    v_B, w_B = np.einsum("abn,an->bn", R, v_W), np.einsum("abn,an->bn", R, w_W)
+    return np.vstack([x, y, z, roll, pitch, yaw, v_B, w_B])

@@ -1,0 +1,123 @@
+"""The force of the air on a vehicle: drag along the relative wind, and lift of each axle.
+
+With ρ the density of the air, w the velocity of the air past the car (wind less the car's own), u its part along the
+car and A a drag or lift coefficient times the frontal area,
+
+    drag  F = ½ ρ A |w| w    in the direction of the wind, level with the road,
+    lift  F = ½ ρ A u²       at the axle, along z of the vehicle frame B.
+
+The drag acts above or below the centre of mass at a stated height, so it shifts load between the axles. It has the same
+area from all sides and no moment about the vertical: a side wind pushes the car a little too weakly, and does not turn
+it, while a real car turns away from the wind.
+"""
+
+from collections.abc import Sequence
+from math import hypot
+
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, DiscreteValues
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import Signal, declare_state_output
+from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.tyres.wheel_motion import base_motion
+
+
+class AirForces(LeafSystem):
+    """What the air does to one vehicle.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+    Output ports:
+        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m].
+        air_force (3) [N]: in the world, drag and lift together.
+
+    The outputs are discrete states, updated at the rate of the vehicle's controllers: the speed changes slowly.
+
+    Args:
+        plant: finalised plant.
+        part: the vehicle, with its areas.
+        density: of the air [kg/m³].
+        wind: velocity of the air in the world, x and y [m/s].
+
+    Raises:
+        ConfigError: the density is negative.
+    """
+
+    def __init__(
+        self, plant: MultibodyPlant, part: VehicleInPlant, *, density: float, wind: Sequence[float] = (0.0, 0.0)
+    ) -> None:
+        super().__init__()
+        if not density >= 0.0:
+            raise ConfigError(f"AirForces: density {density} is not allowed; it must be zero or above, in kg/m³")
+        shape = part.vehicle.spec.aerodynamics
+        self._drag, self._lifts = (
+            0.5 * density * shape.drag_area,
+            (
+                0.5 * density * shape.front_lift_area,
+                0.5 * density * shape.rear_lift_area,
+            ),
+        )
+        self._wind = (float(wind[0]), float(wind[1]))
+        self._point, self._wheelbase = pressure_centre(plant, part), part.vehicle.geometry.wheelbase
+        self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
+        self._base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._force = self.DeclareDiscreteState(self._velocities)
+        self._shown = self.DeclareDiscreteState(3)
+        self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)
+        signals = [Signal(f"air_force_{axis}", "N", "force of the air, in the world") for axis in "xyz"]
+        self.air_force = declare_state_output(self, "air_force", signals, self._shown)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / part.vehicle.control.rate, 0.0, self._update)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        base = base_motion(self.plant_state.Eval(context).tolist(), self._base, self._positions)
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
+        wx, wy, wz = base.turning
+        px, _, pz = self._point
+        rx, ry, rz = xx * px + xz * pz, yx * px + yz * pz, zx * px + zz * pz  # the point from B's origin, in the world
+
+        # Drag at the point: the air past it, level with the road.
+        air_x = self._wind[0] - (base.velocity[0] + wy * rz - wz * ry)
+        air_y = self._wind[1] - (base.velocity[1] + wz * rx - wx * rz)
+        pull = self._drag * hypot(air_x, air_y)
+        fx, fy = pull * air_x, pull * air_y
+
+        # Lift at the axles, which are in the plane y = 0 of B: moments about B's origin turn about its y axis only.
+        along = air_x * xx + air_y * yx
+        front, rear = (area * along * along for area in self._lifts)
+        lift, moment = front + rear, -front * self._wheelbase
+        force = [0.0] * self._velocities
+        v = self._base[1]
+        force[v : v + 6] = (
+            moment * xy - rz * fy,
+            moment * yy + rz * fx,
+            moment * zy + rx * fy - ry * fx,
+            fx + lift * xz,
+            fy + lift * yz,
+            lift * zz,
+        )
+        state.get_mutable_value(self._force)[:] = force
+        state.get_mutable_value(self._shown)[:] = force[v + 3 : v + 6]
+
+
+def pressure_centre(plant: MultibodyPlant, part: VehicleInPlant) -> tuple[float, float, float]:
+    """Where the drag acts, in the vehicle frame B [m]: below the centre of mass, or above, at the stated height.
+
+    Args:
+        plant: finalised plant.
+        part: the vehicle.
+    """
+    context = plant.CreateDefaultContext()
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    x, _, z = plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist()
+    height = part.vehicle.spec.aerodynamics.height
+    return x, 0.0, z if height is None else height
+
+
+def feels_air(part: VehicleInPlant, density: float) -> bool:
+    """Whether the air has any force on a vehicle."""
+    shape = part.vehicle.spec.aerodynamics
+    return density > 0.0 and any((shape.drag_area, shape.front_lift_area, shape.rear_lift_area))
