@@ -46,3 +46,7 @@ def test_a_long_list_is_cut_after_twelve_words() -> None:
     tail = did_you_mean("w99", [f"w{index:02}" for index in range(20)])
     assert tail.endswith("w10, w11, …)")
     assert "w12" not in tail.split("(")[1]
+
+
+def test_a_name_with_a_line_break_stays_on_the_line_of_its_message() -> None:
+    assert did_you_mean("x", ["a\nb", "c"]) == "(allowed: a\\nb, c)"

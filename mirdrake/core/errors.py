@@ -83,7 +83,7 @@ def did_you_mean(given: object, allowed: Iterable[str]) -> str:
         for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``; the list is cut after 12 names, or 180
         characters.
     """
-    names = sorted({str(name) for name in allowed})
+    names = sorted({str(name).replace("\n", "\\n") for name in allowed})
     if not names:
         return "nothing is available here"
     near = get_close_matches(str(given), names, n=1, cutoff=0.6)
