@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from mirdrake.identification import Log, load_data
 from mirdrake.identification.channels import unit_factor
+from mirdrake.identification.mapping import map_log
 from mirdrake.identification.timing import hold_of
 from tests.test_identification_data import CAR, STEP, changed, checked, clean, held, recorded
 from tests.test_identification_data_nasty import copied, robot
@@ -162,6 +163,14 @@ def test_a_file_and_a_mapping_may_spell_a_unit_in_two_ways(tmp_path):
     log: Log = load_data(tmp_path / "d.yaml").logs[0]
     assert log.time[1] == pytest.approx(0.01)
     assert log.channels["lateral_acceleration"][1] == 1.5
+
+
+def test_a_column_whose_unit_does_not_fit_its_channel_is_not_mapped_by_its_name(tmp_path):
+    rows = "\n".join(f"{at * 0.01},{at % 7},0.1,0.2" for at in range(40))
+    (tmp_path / "a.csv").write_text(f"time [s],ego.vx [m/s],ego.steering_command [rad],ego.yaw_rate [km]\n{rows}\n")
+    spec = map_log(tmp_path / "a.csv", ["lateral_acceleration=ego.vx:m/s^2"], None, None, None)
+    assert set(spec.channels) == {"lateral_acceleration"}
+    assert set(map_log(tmp_path / "a.csv", [], None, None, None).channels) == {"vx"}
 
 
 def test_the_car_of_these_tests_steers_as_its_wheels_do():

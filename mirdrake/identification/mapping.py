@@ -6,9 +6,10 @@ from typing import Any
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Source, shown, to_si, validate
-from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.channels import CHANNELS, unit_factor
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import CsvLayout, DataSpec
+from mirdrake.identification.tables import Table
 
 ALIASES = {
     "vx": ("v_x", "vel_x", "velocity_x"),
@@ -58,8 +59,7 @@ def map_log(
         used = {entry["column"] for entry in channels.values()}
         for name in table.names:
             found = _channel_of(name)
-            said = found is not None and (name in table.units or CHANNELS[found].unit == "1")
-            if found is not None and said and found not in channels and name not in used:
+            if found is not None and _has_unit(table, name, found) and found not in channels and name not in used:
                 channels[found] = {"column": name}
         if not channels:
             names = ", ".join(table.names[:20]) + (", …" if len(table.names) > 20 else "")
@@ -80,6 +80,18 @@ def _column(text: str) -> dict[str, str]:
     if not colon or (topic and ":" not in head):
         return {"column": text}
     return {"column": head, "unit": tail}
+
+
+def _has_unit(table: Table, column: str, channel: str) -> bool:
+    """Whether a column states a unit that fits the channel; a column of a pure number needs none."""
+    si = CHANNELS[channel].unit
+    if column not in table.units:
+        return si == "1"
+    try:
+        unit_factor(table.units[column], si)
+    except ValueError:
+        return False
+    return True
 
 
 def _channel_of(column: str) -> str | None:
