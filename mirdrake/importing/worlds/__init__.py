@@ -193,8 +193,8 @@ def _relative(text: str, building: Path) -> str:
 def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
     """A start with room for a car, to be the first one, and what is wrong with the first one of the source.
 
-    It is on the longest track that has room, else where the first start is, or as near to it as there is room. Nothing
-    if the first start of the source has room, or if there is no room at all.
+    It is on the track with the most room ahead along its line (the longest of several), else where the first start is,
+    or as near to it as there is room. Nothing if the first start of the source has room, or if there is no room at all.
     """
     free = FreePlaces(world)
     name, start = next(iter(world.starts.items()))
@@ -202,10 +202,9 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
         return {}, ""
     remark = "none" if not world.spec.start else f"no room at '{name}'"
     new = next(word for word in ("road", "free", "free_start") if word not in world.spec.start)
-    for track in world.tracks:
-        s = free.find_on_track(track)
-        if s is not None:
-            return {new: f"on_track: {{track: {track}, s: {number(s)}}}"}, remark
+    on_track = free.find_on_tracks()
+    if on_track is not None:
+        return {new: f"on_track: {{track: {on_track[0]}, s: {number(on_track[1])}}}"}, remark
     if free.is_start(start):
         return {}, ""
     pose = free.find_near(start.x, start.y)

@@ -15,7 +15,7 @@ CAR = "bolt"
 """The standard car that must have room."""
 
 _ROOM = 0.3  # [m] on all sides
-_AHEAD = 6.0  # [m] that shall be free in front, where there is such a place
+_AHEAD = (30.0, 15.0, 6.0, 0.0)  # [m] to be free in front; the first of them for which there is a place
 _LOW = 0.05  # [m] of what is no obstacle
 _STEP = 2.0  # [m] between places that are tried
 _MOST_PLACES = 20_000
@@ -51,22 +51,34 @@ class FreePlaces:
         """Whether the car has room at a start."""
         return self.is_free(start.x, start.y, start.yaw)
 
-    def find_on_track(self, name: str) -> float | None:
-        """The first place along a track with room, also ahead [m]; None if there is none."""
+    def find_on_tracks(self) -> tuple[str, float] | None:
+        """The track and place s [m] with the most room ahead along the line; None if there is no room."""
+        for ahead in _AHEAD:
+            for name in self._world.tracks:
+                s = self._find_on_track(name, ahead)
+                if s is not None:
+                    return name, s
+        return None
+
+    def _find_on_track(self, name: str, ahead: float) -> float | None:
+        """The first place along a track from which the car can follow the line so far [m]; None if there is none."""
         track = self._world.tracks[name]
         behind = 0.0 if track.closed else min(max(0.0, -self._car.rear) + 0.5, 0.25 * track.length)
-        for ahead in (_AHEAD, 0.0):
-            s = behind
-            while s < (track.length if track.closed else 0.6 * track.length):
-                x, y, yaw = track.pose_at(s)
-                if self.is_free(x, y, yaw, ahead=ahead):
-                    return round(s, 2)
-                s += _STEP
+        last = track.length if track.closed else min(0.6 * track.length, track.length - ahead - self._car.front)
+        count = math.ceil(ahead / _STEP)
+        clear = 0  # places in a row with room, up to the one that is tried
+        s = behind
+        while s <= last + count * _STEP:
+            x, y, yaw = track.pose_at(s % track.length if track.closed else min(s, track.length))
+            clear = clear + 1 if self.is_free(x, y, yaw) else 0
+            if clear > count:
+                return round(s - count * _STEP, 2)
+            s += _STEP
         return None
 
     def find_near(self, x: float, y: float) -> tuple[float, float, float] | None:
         """The pose with room, also ahead, that is nearest to a place [m], [rad]; None if there is none."""
-        for ahead in (_AHEAD, 0.0):
+        for ahead in _AHEAD:
             for dx, dy in _spiral():
                 for yaw in _HEADINGS:
                     if self.is_free(x + dx, y + dy, float(yaw), ahead=ahead):
