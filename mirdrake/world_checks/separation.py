@@ -32,12 +32,13 @@ from mirdrake.worlds.props import Solid
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Vector = tuple[float, float, float]
 
 TOLERANCE = 5e-4
 """Difference of the bounds at which the search ends [m]."""
 
 _GAP = 1e-6  # [m] accuracy of a ray's end, and of coordinates relative to the sizes of the solids: 1e-9
-_MOST_CASTS = 200_000  # rays times differences; then the bounds reached so far are the result
+_MOST_CASTS = 1_000_000  # of rays against pairs of boxes; then the bounds reached so far are the result
 _MOST_LEVELS = 16  # of splitting: cones of 1e-5 rad
 _POLISHED = 16  # rays per level that are followed by one along the normal of the surface where they end
 
@@ -118,6 +119,8 @@ class _Differences:
         kept = (lows < self.reach).all(axis=1) & (highs > -self.reach).all(axis=1) & (self.reach > 0.0)
         self.pairs = np.column_stack((first, second))[kept]
         self.count = len(self.pairs)
+        sizes = np.array([len(core.points) for core in cores])
+        self.cost = 20.0 + float(sizes[self.pairs].sum()) / 16.0  # of a ray, in casts against a pair of boxes
         self.points = np.vstack([core.points for core in cores])
         self.begin = np.cumsum([0, *(len(core.points) for core in cores)])
         self.round = np.array([(core.ball, core.disc, *core.axis) for core in cores])
@@ -130,10 +133,9 @@ class _Differences:
             radii where it enters each (n, k) and where it leaves each (n, k), inf and -inf where it does not;
             radius from which it is free (n); unit normal of the surface there (n, 3).
         """
-        functions = (_support, _closest_of_segment, _closest_of_triangle, _closest, _cast_ray)
-        return compiled(_cast_rays, parts=functions)(
+        return compiled(_cast_rays, parts=_PARTS)(  # type: ignore[no-any-return]
             rays, 1.001 * self.reach + self.gap, self.gap, self.pairs, self.points, self.begin, self.round
-        )  # type: ignore[no-any-return]
+        )
 
 
 def _search(differences: _Differences) -> Separation:
@@ -143,20 +145,20 @@ def _search(differences: _Differences) -> Separation:
     cones = np.array([(i, j, k) for i in (0, 3) for j in (1, 4) for k in (2, 5)])
     near = np.zeros(len(cones))
     enters, leaves, free, normals = differences.cast(rays)
-    casts, least = len(rays) * differences.count, 0.0
+    casts, least = len(rays) * differences.cost, 0.0
     best = rays[np.argmin(free)] * free.min()
     for _ in range(_MOST_LEVELS):
         # A ray along the normal where a good one ends finds the nearest point of a face or a smooth surface.
         good = np.argsort(free, kind="stable")[:_POLISHED]
         along = normals[good][np.isfinite(free[good])]
         _, _, ends, _ = differences.cast(along)
-        casts += len(along) * differences.count
+        casts += len(along) * differences.cost
         for candidates, radii in ((rays, free), (along, ends)):
             if len(radii) and radii.min() < np.linalg.norm(best):
                 best = candidates[np.argmin(radii)] * radii.min()
         bound = float(np.linalg.norm(best))
 
-        near = compiled(_cover, parts=())(cones, near, rays, enters, leaves)
+        near = compiled(_cover, parts=_PARTS)(cones, near, rays, enters, leaves)
         left = near < bound - TOLERANCE
         cones, near = cones[left], near[left]
         least = min(float(near.min()), bound) if len(near) else max(0.0, bound - TOLERANCE)
@@ -166,7 +168,7 @@ def _search(differences: _Differences) -> Separation:
         # Three new rays split a cone in four; neighbours share them.
         edges = np.sort(cones[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         edges, new = np.unique(edges, axis=0, return_inverse=True)
-        casts += len(edges) * differences.count
+        casts += len(edges) * differences.cost
         if casts > _MOST_CASTS:
             break
         middles = rays[edges].sum(axis=1)
@@ -187,15 +189,15 @@ def _cover(cones: Indices, near: Array, rays: Array, enters: Array, leaves: Arra
     reached = near.copy()
     for index in range(len(cones)):
         a, b, c = cones[index, 0], cones[index, 1], cones[index, 2]
-        normal = np.cross(rays[b] - rays[a], rays[c] - rays[a])
-        flat = abs(np.dot(normal, rays[a])) / math.sqrt(np.dot(normal, normal))
+        corner = _row(rays, a)
+        normal = _cross(_minus(_row(rays, b), corner), _minus(_row(rays, c), corner))
+        flat = abs(_dot(normal, corner)) / math.sqrt(_dot(normal, normal))  # distance of the plane through the corners
         begin = -1.0
         while reached[index] > begin:
             begin = reached[index]
             for k in range(enters.shape[1]):
                 if max(enters[a, k], enters[b, k], enters[c, k]) <= begin:
                     end = flat * min(leaves[a, k], leaves[b, k], leaves[c, k])
-                    # The inner three points are inside only if the rays have not left before.
                     if end > reached[index]:
                         reached[index] = end
     return reached
@@ -208,21 +210,27 @@ def _cast_rays(
     count, size = len(rays), len(pairs)
     enters, leaves = np.full((count, size), np.inf), np.full((count, size), -np.inf)
     free, normals = np.zeros(count), rays.copy()
-    outer = np.empty((size, 2))
-    last = np.empty((size, 3))
-    normal = np.empty(3)
-    zero = np.zeros(3)
+    first, last, faces = np.empty(size), np.empty(size), np.empty((size, 3))
+    # A ray that begins inside of a difference enters it there, whichever way it goes.
+    zero = (0.0, 0.0, 0.0)
+    inside = np.zeros(size, dtype=np.bool_)
+    for k in range(size):
+        ahead, sure, _ = _cast_ray(zero, _row(rays, 0), far, gap, pairs[k, 0], pairs[k, 1], points, begin, roundings)
+        inside[k] = sure and ahead == 0.0
     for i in range(count):
-        ray = rays[i]
+        ray = _row(rays, i)
+        back_ray, end = (-ray[0], -ray[1], -ray[2]), (far * ray[0], far * ray[1], far * ray[2])
         for k in range(size):
             a, b = pairs[k, 0], pairs[k, 1]
-            ahead, sure = _cast_ray(zero, ray, far, gap, a, b, points, begin, roundings, normal)
-            outer[k, 0], outer[k, 1] = np.inf, -np.inf
-            if ahead > far:
-                continue
-            back, known = _cast_ray(far * ray, -ray, far, gap, a, b, points, begin, roundings, normal)
-            outer[k, 0], outer[k, 1] = ahead, far - back
-            last[k] = normal
+            first[k], last[k] = np.inf, -np.inf
+            ahead, sure = 0.0, True
+            if not inside[k]:
+                ahead, sure, _ = _cast_ray(zero, ray, far, gap, a, b, points, begin, roundings)
+                if ahead > far:
+                    continue
+            back, known, face = _cast_ray(end, back_ray, far, gap, a, b, points, begin, roundings)
+            first[k], last[k] = ahead, far - back
+            faces[k, 0], faces[k, 1], faces[k, 2] = face
             if sure and known and back <= far:
                 enters[i, k], leaves[i, k] = ahead, far - back
         # From one interval into the next that begins before its end.
@@ -230,165 +238,162 @@ def _cast_rays(
         while more:
             more = False
             for k in range(size):
-                if outer[k, 0] < free[i] + 1e-9 and outer[k, 1] > free[i] + 1e-12:
-                    free[i], normals[i], more = outer[k, 1], last[k], True
+                if first[k] < free[i] + 1e-9 and last[k] > free[i] + 1e-12:
+                    free[i], more = last[k], True
+                    normals[i, 0], normals[i, 1], normals[i, 2] = faces[k, 0], faces[k, 1], faces[k, 2]
         if free[i] >= far:
             free[i] = np.inf
     return enters, leaves, free, normals
 
 
 def _cast_ray(
-    start: Array,
-    ray: Array,
-    far: float,
-    gap: float,
-    a: int,
-    b: int,
-    points: Array,
-    begin: Indices,
-    roundings: Array,
-    normal: Array,
-) -> tuple[float, bool]:
-    """Return how far a ray goes to a difference, inf if it misses; whether that is sure, not only a lower bound.
+    start: Vector, ray: Vector, far: float, gap: float, a: int, b: int, points: Array, begin: Indices, roundings: Array
+) -> tuple[float, bool, Vector]:
+    """Return how far a ray goes to a difference, inf if it misses; whether that is sure; the normal there.
 
-    The normal of the surface is written to `normal`.
+    What is not sure is a lower bound.
     """
     simplex = np.empty((4, 3))
     used, at = 0, 0.0
-    normal[:] = -ray
-    place = start.copy()
-    support = np.empty(3)
-    _support(-ray, a, b, points, begin, roundings, support)
-    off = place - support
+    normal, place = (-ray[0], -ray[1], -ray[2]), start
+    off = _minus(place, _support(normal, a, b, points, begin, roundings))
     for _ in range(100):
-        length = math.sqrt(np.dot(off, off))
-        if length <= gap:
-            return at, True
-        _support(off, a, b, points, begin, roundings, support)
-        ahead = np.dot(off, place - support)
-        if ahead > 0.0:
-            speed = np.dot(off, ray)
+        length = math.sqrt(_dot(off, off))
+        if length <= gap or used == 4:
+            return at, True, normal
+        support = _support(off, a, b, points, begin, roundings)
+        ahead = _dot(off, _minus(place, support))
+        if ahead > 0.0:  # the plane through this point is between the place and the difference
+            speed = _dot(off, ray)
             if speed >= 0.0:
-                return np.inf, True
+                return np.inf, True, normal
             step = -ahead / speed
             if step > 1e-12:
                 at += step
                 if at > far:
-                    return np.inf, True
-                place = start + at * ray
-                normal[:] = off / length
+                    return np.inf, True, normal
+                place = (start[0] + at * ray[0], start[1] + at * ray[1], start[2] + at * ray[2])
+                normal = (off[0] / length, off[1] / length, off[2] / length)
         repeated = False
         for i in range(used):
-            repeated = repeated or np.all(simplex[i] == support)
+            if _row(simplex, i) == support:
+                repeated = True
         if not repeated:
-            simplex[used] = support
+            simplex[used, 0], simplex[used, 1], simplex[used, 2] = support
             used += 1
-        used = _closest(simplex, used, place, off)
-        if used == 4:
-            return at, True
-    return at, False
+        off, used = _reduce(simplex, used, place)
+    return at, False, normal
 
 
-def _support(direction: Array, a: int, b: int, points: Array, begin: Indices, roundings: Array, out: Array) -> None:
-    """Write the point of the difference of solids b and a that is farthest in a direction to `out`."""
-    dx, dy, dz = direction[0], direction[1], direction[2]
-    size = math.sqrt(dx * dx + dy * dy + dz * dz)
-    out[:] = 0.0
-    for solid, sign in ((a, -1.0), (b, 1.0)):
+def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, roundings: Array) -> Vector:
+    """Return the point of the difference of solids b and a that is farthest in a direction."""
+    dx, dy, dz = direction
+    size = math.sqrt(_dot(direction, direction))
+    x, y, z = 0.0, 0.0, 0.0
+    for side in range(2):
+        solid, sign = (b, 1.0) if side else (a, -1.0)
         most, best = -np.inf, 0
         for i in range(begin[solid], begin[solid + 1]):
             height = sign * (dx * points[i, 0] + dy * points[i, 1] + dz * points[i, 2])
             if height > most:
                 most, best = height, i
-        ball, disc, axis = roundings[solid, 0], roundings[solid, 1], roundings[solid, 2:]
-        out += sign * points[best] + (ball / size) * direction
+        ball, disc = roundings[solid, 0] / size, roundings[solid, 1]
+        x += sign * points[best, 0] + ball * dx
+        y += sign * points[best, 1] + ball * dy
+        z += sign * points[best, 2] + ball * dz
         if disc > 0.0:
-            across = direction - np.dot(direction, axis) * axis
-            length = math.sqrt(np.dot(across, across))
+            ux, uy, uz = roundings[solid, 2], roundings[solid, 3], roundings[solid, 4]
+            along = dx * ux + dy * uy + dz * uz
+            across = (dx - along * ux, dy - along * uy, dz - along * uz)
+            length = math.sqrt(_dot(across, across))
             if length > 1e-12 * size:
-                out += (disc / length) * across
+                x += disc / length * across[0]
+                y += disc / length * across[1]
+                z += disc / length * across[2]
+    return x, y, z
 
 
-def _closest(simplex: Array, used: int, place: Array, off: Array) -> int:
-    """Keep of up to four points those whose hull holds its nearest point to a place; return their number.
+def _reduce(simplex: Array, used: int, place: Vector) -> tuple[Vector, int]:
+    """Keep of up to four points those whose hull holds its nearest point to a place.
 
-    The vector from that point to the place is written to `off`. Four are kept if the place is inside.
+    Returns:
+        the vector from that point to the place; how many points are kept: four if the place is inside.
     """
-    rows = np.empty((4, 3), dtype=np.int64)
-    sizes = np.zeros(4, dtype=np.int64)
-    offs = np.empty((4, 3))
-    kept = np.empty(3, dtype=np.int64)
-    count = 0
+    off, kept = _minus(place, _row(simplex, 0)), (0, 0, 0, 1)
     if used == 4:
-        inside = True
+        best, inside = np.inf, True
         for skip in range(4):
             i, j, k = (skip + 1) % 4, (skip + 2) % 4, (skip + 3) % 4
-            across = np.cross(simplex[j] - simplex[i], simplex[k] - simplex[i])
-            opposite, mine = np.dot(across, simplex[skip] - simplex[i]), np.dot(across, place - simplex[i])
-            if opposite * mine > 0.0:
+            corner = _row(simplex, i)
+            normal = _cross(_minus(_row(simplex, j), corner), _minus(_row(simplex, k), corner))
+            if _dot(normal, _minus(_row(simplex, skip), corner)) * _dot(normal, _minus(place, corner)) > 0.0:
                 continue
             inside = False
-            sizes[count] = _closest_of_triangle(simplex, i, j, k, place, offs[count], rows[count])
-            count += 1
+            trial, row = _from_triangle(simplex, i, j, k, place)
+            if _dot(trial, trial) < best:
+                best, off, kept = _dot(trial, trial), trial, row
         if inside:
-            off[:] = 0.0
-            return 4
+            return (0.0, 0.0, 0.0), 4
     elif used == 3:
-        sizes[0], count = _closest_of_triangle(simplex, 0, 1, 2, place, offs[0], rows[0]), 1
+        off, kept = _from_triangle(simplex, 0, 1, 2, place)
     elif used == 2:
-        sizes[0], count = _closest_of_segment(simplex, 0, 1, place, offs[0], rows[0]), 1
-    else:
-        off[:] = place - simplex[0]
-        return 1
-    best = 0
-    for i in range(1, count):
-        if np.dot(offs[i], offs[i]) < np.dot(offs[best], offs[best]):
-            best = i
-    off[:] = offs[best]
-    kept[:] = rows[best]
-    copy = simplex.copy()
-    for i in range(sizes[best]):
-        simplex[i] = copy[kept[i]]
-    return int(sizes[best])
+        off, kept = _from_segment(simplex, 0, 1, place)
+    p, q, r = _row(simplex, kept[0]), _row(simplex, kept[1]), _row(simplex, kept[2])
+    simplex[0, 0], simplex[0, 1], simplex[0, 2] = p
+    simplex[1, 0], simplex[1, 1], simplex[1, 2] = q
+    simplex[2, 0], simplex[2, 1], simplex[2, 2] = r
+    return off, kept[3]
 
 
-def _closest_of_segment(simplex: Array, i: int, j: int, place: Array, off: Array, kept: Indices) -> int:
-    """Like :func:`_closest` for two points, whose indices are written to `kept`."""
-    along, to = simplex[j] - simplex[i], place - simplex[i]
-    square = np.dot(along, along)
-    share = np.dot(along, to) / square if square > 0.0 else 0.0
-    kept[0], kept[1] = i, j
+def _from_segment(simplex: Array, i: int, j: int, place: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
+    """Return the vector from the nearest point between two points; the points that span it, and their number."""
+    a, b = _row(simplex, i), _row(simplex, j)
+    along, off = _minus(b, a), _minus(place, a)
+    square, share = _dot(along, along), _dot(along, off)
     if share <= 0.0:
-        off[:] = to
-        return 1
-    if share >= 1.0:
-        off[:] = place - simplex[j]
-        kept[0] = j
-        return 1
-    off[:] = to - share * along
-    return 2
+        return off, (i, i, i, 1)
+    if share >= square:
+        return _minus(place, b), (j, j, j, 1)
+    share /= square
+    return (off[0] - share * along[0], off[1] - share * along[1], off[2] - share * along[2]), (i, j, j, 2)
 
 
-def _closest_of_triangle(simplex: Array, i: int, j: int, k: int, place: Array, off: Array, kept: Indices) -> int:
-    """Like :func:`_closest_of_segment` for three points."""
-    normal = np.cross(simplex[j] - simplex[i], simplex[k] - simplex[i])
-    square = np.dot(normal, normal)
-    to = place - simplex[i]
-    if square > 0.0:
-        inside = True
-        for p, q in ((i, j), (j, k), (k, i)):
-            inside = inside and np.dot(np.cross(simplex[q] - simplex[p], place - simplex[p]), normal) >= 0.0
-        if inside:
-            off[:] = (np.dot(to, normal) / square) * normal
-            kept[0], kept[1], kept[2] = i, j, k
-            return 3
-    size = 0
-    best = np.inf
-    trial, row = np.empty(3), np.empty(3, dtype=np.int64)
-    for p, q in ((i, j), (j, k), (k, i)):
-        count = _closest_of_segment(simplex, p, q, place, trial, row)
-        length = np.dot(trial, trial)
-        if length < best:
-            best, size = length, count
-            off[:], kept[:] = trial, row
-    return size
+def _from_triangle(simplex: Array, i: int, j: int, k: int, place: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
+    """Like :func:`_from_segment` for three points."""
+    a, b, c = _row(simplex, i), _row(simplex, j), _row(simplex, k)
+    normal = _cross(_minus(b, a), _minus(c, a))
+    square = _dot(normal, normal)
+    if (
+        square > 0.0
+        and _dot(_cross(_minus(b, a), _minus(place, a)), normal) >= 0.0
+        and _dot(_cross(_minus(c, b), _minus(place, b)), normal) >= 0.0
+        and _dot(_cross(_minus(a, c), _minus(place, c)), normal) >= 0.0
+    ):
+        share = _dot(_minus(place, a), normal) / square
+        return (share * normal[0], share * normal[1], share * normal[2]), (i, j, k, 3)
+    off, kept = _from_segment(simplex, i, j, place)
+    for p, q in ((j, k), (k, i)):
+        trial, row = _from_segment(simplex, p, q, place)
+        if _dot(trial, trial) < _dot(off, off):
+            off, kept = trial, row
+    return off, kept
+
+
+def _row(rows: Array, index: int) -> Vector:
+    return rows[index, 0], rows[index, 1], rows[index, 2]
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+_PARTS = (_row, _minus, _dot, _cross, _support, _from_segment, _from_triangle, _reduce, _cast_ray)
+"""Functions that machine code calls."""
