@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Capsule, Cylinder, Sphere
 
-from mirdrake.compiled import compiled
+from mirdrake.core.compiled import compiled
 from mirdrake.worlds import PlacedProp
 from mirdrake.worlds.props import Solid
 
