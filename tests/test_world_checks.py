@@ -11,7 +11,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.geometry import Box, Cylinder, Sphere
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Shape, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles import load_vehicle
@@ -19,6 +19,7 @@ from mirdrake.world_checks import Fault, check_world, examine, overlaps
 from mirdrake.world_checks.gaps import Passage
 from mirdrake.world_checks.obstacles import Body, Obstacle, Room
 from mirdrake.world_checks.search import search_way
+from mirdrake.world_checks.separation import separate
 from mirdrake.worlds import PlacedProp, Prop, load_world, make_world
 from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 from mirdrake.worlds.props import Solid
@@ -264,6 +265,107 @@ def test_five_hundred_props_are_laid_out_and_checked_within_a_second() -> None:
     world = load_world(name)
     assert check_world(world) == []
     assert reference_seconds(lambda: check_world(world)) < 0.5  # 0.02 s: nobody asks Drake
+
+
+# --- depth of overlaps --------------------------------------------------------------------------------------------
+
+
+def placed(*solids: tuple[Shape, tuple[float, float, float]], X_WP: RigidTransform | None = None) -> PlacedProp:
+    """A prop of shapes at places in its own frame [m]."""
+    parts = tuple(Solid(shape, RigidTransform(list(place))) for shape, place in solids)
+    return PlacedProp("p", Prop("p", parts, (1.0,) * 3, 1.0), X_WP or RigidTransform(), where="w:1: p")
+
+
+BALL = Convex(np.random.default_rng(0).normal(size=(3, 2000)), "corners")
+BALL_BOTTOM = min(BALL.GetConvexHull().vertex(i)[2] for i in range(BALL.GetConvexHull().num_vertices()))
+CORNER = ((Box(2.0, 1.0, 1.0), (1.0, 0.5, 0.0)), (Box(1.0, 2.0, 1.0), (0.5, 1.0, 0.0)))
+COMB = tuple((Box(0.5, 4.0, 2.0), (x, 0.0, 1.0)) for x in (-1.0, 0.0, 1.0))
+POSTS = tuple((Cylinder(0.4, 2.0), (x, 0.0, 1.0)) for x in (0.0, 0.9))
+
+
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.7)])
+@pytest.mark.parametrize(
+    ("one", "other", "depth"),
+    [
+        ([(Box(1, 1, 1), (0, 0, 0))], [(Box(1, 1, 1), (0.9, 0.2, 0.1))], 0.1),
+        ([(Box(1, 1, 1), (0, 0, 0))], [(Box(1, 1, 1), (1, 0, 0))], 0.0),  # touching
+        ([(Box(1, 1, 1), (0, 0, 0))], [(Box(1, 1, 1), (0, 0, 0))], 1.0),  # identical
+        ([(Box(1, 1, 1), (0, 0, 0))], [(Sphere(0.1), (0.1, 0, 0))], 0.5),  # contained
+        ([(Box(4, 4, 0.001), (0, 0, 0))], [(Box(1, 1, 1), (0, 0, 0.2))], 0.3005),  # thin
+        ([(Box(1, 1, 1), (0, 0, 0))], [(Capsule(0.2, 1), (0.6, 0, 0))], 0.1),
+        ([(Sphere(0.5), (0, 0, 0))], [(Sphere(0.7), (0.3, 0.4, 0))], 0.7),
+        ([(Sphere(0.5), (0, 0, 0))], [(Sphere(0.5), (0, 0, 0))], 1.0),  # no direction is better than another
+        ([(Cylinder(0.4, 2), (0, 0, 0))], [(Cylinder(0.4, 2), (0.5, 0, 0))], 0.3),
+        ([(Box(1e4, 1e4, 2), (0, 0, -1))], [(Sphere(0.5), (0, 0, 0.3))], 0.2),
+        (CORNER, [(Sphere(0.3), (1.1, 1.1, 0))], 0.2 * math.sqrt(2.0)),  # out of a re-entrant edge
+        (COMB, [(Box(0.7, 4, 2), (0.5, 0, 1))], 1.1),  # each tooth alone: 0.1 m; the gaps are too narrow
+        (POSTS, [(Sphere(0.5), (0.45, 0.1, 1))], math.sqrt(0.9**2 - 0.45**2) - 0.1),
+        ([(BALL, (0, 0, 0))], [(Box(100, 100, 100), (0, 0, -50))], -BALL_BOTTOM),
+    ],
+)  # fmt: skip
+def test_the_depth_of_an_overlap_agrees_with_closed_forms(
+    one: list[tuple], other: list[tuple], depth: float, turned: tuple[float, float, float]
+) -> None:
+    X_WP = RigidTransform(RollPitchYaw(*turned), [50.0, -20.0, 3.0])
+    found = separate(placed(*one, X_WP=X_WP), placed(*other, X_WP=X_WP))
+    assert found.depth == pytest.approx(depth, abs=5e-4)
+    assert depth - 1e-3 <= found.least <= depth + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_bounds_of_the_depth_of_unions_hold_the_truth_of_all_corners(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    middles, halves = rng.uniform(-1.0, 1.0, (2, 4, 3)), rng.uniform(0.1, 0.8, (2, 4, 3))
+    one, other = (
+        placed(*((Box(*(2.0 * half)), tuple(middle)) for middle, half in zip(m, h, strict=True)))
+        for m, h in zip(middles, halves, strict=True)
+    )
+    apart = middles[1][None] - middles[0][:, None]
+    reach = halves[1][None] + halves[0][:, None]
+
+    def is_free(t: np.ndarray) -> np.ndarray:
+        """Whether no two boxes along the axes overlap after translations (n, 3)."""
+        return (np.abs(apart - t[:, None, None]) >= reach - 1e-5).any(axis=-1).all(axis=(1, 2))
+
+    # The nearest free translation has each coordinate at 0 or at a side of a difference of two boxes.
+    levels = [
+        np.concatenate(([0.0], (apart - reach)[..., i].ravel(), (apart + reach)[..., i].ravel())) for i in range(3)
+    ]
+    grid = np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, 3)
+    truth = np.linalg.norm(grid, axis=1)[is_free(grid)].min()
+    found = separate(one, other)
+    assert is_free(found.translation[None]).all()
+    assert found.depth == pytest.approx(truth, abs=1e-3)
+    assert found.least <= truth + 1e-5
+
+
+def test_the_depth_of_an_overlap_does_not_depend_on_the_order_of_the_props() -> None:
+    rng = np.random.default_rng(3)
+    shapes = [Box(0.5, 0.8, 0.4), Cylinder(0.3, 1.0), Sphere(0.4), Capsule(0.2, 0.7)]
+    poses = [RigidTransform(RollPitchYaw(*rng.uniform(-3, 3, 3)), rng.uniform(-0.4, 0.4, 3)) for _ in shapes]
+    for first in range(4):
+        one = placed((shapes[first], (0, 0, 0)), X_WP=poses[first])
+        rest = Prop("rest", tuple(map(Solid, shapes[:first] + shapes[first + 1 :], poses[:first] + poses[first + 1 :])),
+                    (1.0,) * 3, 1.0)  # fmt: skip
+        other = PlacedProp("rest", rest, RigidTransform())
+        assert separate(one, other).depth == pytest.approx(separate(other, one).depth, abs=1e-3)
+
+
+def test_a_depth_that_is_not_certain_is_reported_as_a_range() -> None:
+    # A slot of exactly the width of the bar: whether the bar fits into it cannot be decided by numbers.
+    bars = placed((Box(0.5, 4.0, 2.0), (-0.5, 0.0, 1.0)), (Box(0.5, 4.0, 2.0), (0.5, 0.0, 1.0)))
+    bar = placed((Box(0.5, 4.0, 2.0), (0.1, 0.0, 1.0)))
+    (fault,) = overlaps.find_overlaps(overlaps.Neighbours([bars, bar]), lambda _a, _b: False)
+    assert fault.depth == pytest.approx(0.9, abs=1e-3)
+    assert "by 10 cm to 90 cm at" in fault.text
+
+
+def test_a_world_check_reports_the_depth_that_separates_all_solids() -> None:
+    X_WP = RigidTransform(RollPitchYaw(0.0, 0.0, 0.7), [5.0, 3.0, 0.0])
+    comb, bar = placed(*COMB, X_WP=X_WP), placed((Box(0.7, 4.0, 2.0), (0.5, 0.0, 1.0)), X_WP=X_WP)
+    (fault,) = overlaps.find_overlaps(overlaps.Neighbours([comb, bar]), lambda _a, _b: False)
+    assert fault.depth == pytest.approx(1.1, abs=1e-3)
+    assert "by 1.1 m at" in fault.text
 
 
 # --- on the ground ------------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ class Fault:
         kind: see :data:`Kind`.
         text: one line, ``file:line: path: what``.
         names: the props that it is about; two for an overlap.
-        depth: how deep they overlap, or how far a prop is off the ground [m].
+        depth: length of the shortest translation that separates two props, or how far a prop is off the ground [m].
         place: where, x, y, z in W [m].
         polygon: corners (x, y) of the area that is covered twice, seen from above, in W [m].
     """

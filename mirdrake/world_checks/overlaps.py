@@ -6,6 +6,8 @@
 
 The first two only rule out what is surely apart, so that a sound world does not start that process. If a query ends the
 process, the pair that did it is told, and a new process goes on with the others.
+
+The depth of an overlap is the length of the shortest translation that separates the two props, see separation.py.
 """
 
 import json
@@ -25,11 +27,15 @@ from pydrake.math import RigidTransform
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.world_checks.faults import Fault, amount, spot
+from mirdrake.world_checks.separation import Separation, separate
 from mirdrake.worlds import PlacedProp
 from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 
 LEAST_DEPTH = 1e-4
 """Depth from which props overlap [m]; less is touching, and rounding."""
+
+UNCERTAIN = 1e-3
+"""Difference of the bounds of a depth from which both are reported [m]."""
 
 PATIENCE = 10.0
 """Time that all queries together may take, and 10 ms more for each [s]."""
@@ -111,7 +117,12 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
         for solids in near.colliding(a, b)
     ]
     answer = _ask(props, questions)
-    faults = [_overlap(near, a, b, hit) for (a, b), hit in sorted(answer.hits.items()) if hit.depth > LEAST_DEPTH]
+    faults = []
+    for (a, b), hit in sorted(answer.hits.items()):
+        if hit.depth > LEAST_DEPTH:
+            separation = separate(props[a], props[b])
+            if separation.depth > LEAST_DEPTH:
+                faults.append(_overlap(near, a, b, hit, separation))
     told = {fault.names for fault in faults}
     for (a, b), reason in sorted(answer.failed.items()):
         if (props[a].name, props[b].name) not in told:
@@ -124,7 +135,7 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
 
 @dataclass(frozen=True)
 class _Hit:
-    """The deepest overlap of two props: their solids, depth [m], place in W [m]."""
+    """The deepest overlap of two solids of two props: the solids, their depth by Drake [m], place in W [m]."""
 
     solids: Pair
     depth: float
@@ -211,15 +222,18 @@ def _ending(code: int, err: bytes) -> str:
     return f"exit code {code}: {words[-1][:200]}" if own else f"exit code {code}"
 
 
-def _overlap(near: Neighbours, a: int, b: int, hit: _Hit) -> Fault:
+def _overlap(near: Neighbours, a: int, b: int, hit: _Hit, separation: Separation) -> Fault:
     one, other = near.props[a], near.props[b]
     shared = shapely.intersection(near.outlines(a)[hit.solids[0]].area, near.outlines(b)[hit.solids[1]].area)
     polygon = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(shared.convex_hull)[:-1])
+    depth = amount(separation.depth)
+    if separation.depth - separation.least > UNCERTAIN:
+        depth = f"{amount(separation.least)} to {depth}"
     text = (
-        f"{one.where}: '{one.name}' overlaps '{other.name}' ({place_of(other)}) by {amount(hit.depth)} at "
+        f"{one.where}: '{one.name}' overlaps '{other.name}' ({place_of(other)}) by {depth} at "
         f"{spot(*hit.place)}; move one of them, or allow it by a rule allow_overlap"
     )
-    return Fault("overlap", text, (one.name, other.name), hit.depth, hit.place, polygon)
+    return Fault("overlap", text, (one.name, other.name), separation.depth, hit.place, polygon)
 
 
 def _unchecked(one: PlacedProp, other: PlacedProp, reason: str) -> Fault:
