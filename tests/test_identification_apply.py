@@ -10,7 +10,7 @@ import pytest
 
 from mirdrake.cli import identify_apply
 from mirdrake.core.errors import ConfigError
-from mirdrake.identification.apply import PLACES, plan_apply, read_fit
+from mirdrake.identification.apply import YAML_ENTRIES, plan_apply, read_fit
 from mirdrake.identification.fit import Fit, FittedParameter
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.spec import VehicleSpec
@@ -94,7 +94,7 @@ def test_what_cannot_or_should_not_be_written_is_left_out_with_its_reason(
 ) -> None:
     change = plan_apply(_fit(parameter), str(bolt), today=DAY)
     assert change.files == ()
-    (line,) = change.left
+    (line,) = change.skipped
     assert line.startswith(f"{parameter.name}: not written: ")
     assert reason in line
 
@@ -116,7 +116,7 @@ def test_a_value_that_contradicts_the_given_one_is_written_with_a_note(bolt: Pat
 def test_every_place_of_the_table_is_a_field_of_vehicle_yaml() -> None:
     schema = VehicleSpec.model_json_schema()
     text = str(schema)
-    for place in PLACES.values():
+    for place in YAML_ENTRIES.values():
         assert f"'{place.path.rpartition('.')[2]}'" in text, place.path
 
 

@@ -21,11 +21,11 @@ from scipy.io import savemat
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data, load_data
-from mirdrake.identification.alignment import delay_of
+from mirdrake.identification.alignment import estimate_delay
 from mirdrake.identification.channels import CHANNELS, unit_factor
 from mirdrake.identification.samples import find_glitches
 from mirdrake.identification.spec import REPAIRS
-from mirdrake.identification.timing import hold_of
+from mirdrake.identification.timing import hold_factor
 from mirdrake.runs.logs import RunWriter
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 
@@ -183,7 +183,7 @@ def test_one_held_channel_is_found_exactly(name, count):
     report = checked(changed(log, **{name: held(log.channels[name], count)}))
     (found,) = report.of("held")
     assert (found.channel, found.value) == (name, count)
-    assert hold_of(report.data.logs[0].channels[name]) == (1.0, 0.0)
+    assert hold_factor(report.data.logs[0].channels[name]) == (1.0, 0.0)
     kept = checked(changed(log, **{name: held(log.channels[name], count)}), repairs=())
     assert np.array_equal(kept.data.logs[0].channels[name], held(log.channels[name], count))
     assert kept.repairs == []
@@ -350,7 +350,7 @@ def test_a_poor_log_is_checked_without_a_crash(kind):
 
 
 def test_no_delay_is_told_of_what_does_not_move():
-    assert delay_of(np.zeros(1000), np.ones(1000), STEP) is None
+    assert estimate_delay(np.zeros(1000), np.ones(1000), STEP) is None
 
 
 # --- files -------------------------------------------------------------------------------------------------------

@@ -7,12 +7,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from mirdrake.identification import DataSet, Log, check_data
-from mirdrake.identification.curves import Curve
+from mirdrake.identification.lateral_delays import estimate_lateral_delays
 from mirdrake.identification.relations import make_grid
-from mirdrake.identification.sideways import sideways_delays
-from mirdrake.identification.timing import hold_of
+from mirdrake.identification.splines import Curve
+from mirdrake.identification.timing import hold_factor
 from tests.test_identification_data import STEP, changed, checked, held, recorded
-from tests.test_identification_data_sideways import drive
+from tests.test_identification_data_lateral import drive
 
 
 def part_of(log, name, seconds):
@@ -53,7 +53,7 @@ def test_a_drive_that_tells_nothing_is_shifted_like_the_others_of_its_recorder()
 
 def test_two_drives_tell_more_than_one():
     grids = [make_grid(drive(seed, late={"vy": 0.06})) for seed in (11, 12)]
-    one, both = (sideways_delays(some, 0.5 * STEP) for some in (grids[:1], grids))
+    one, both = (estimate_lateral_delays(some, 0.5 * STEP) for some in (grids[:1], grids))
     assert one is not None
     assert both is not None
     assert both.sigmas[1] < one.sigmas[1]
@@ -94,7 +94,7 @@ def exact_side(t):
 
 @pytest.mark.parametrize("late", [0.0, 0.06])
 def test_an_antenna_on_a_roof_that_sways_is_not_taken_for_a_delay_of_the_accelerometer(late):
-    found = sideways_delays([make_grid(leaning(15, late=late, height=1.0))], 0.5 * STEP)
+    found = estimate_lateral_delays([make_grid(leaning(15, late=late, height=1.0))], 0.5 * STEP)
     assert found is not None
     assert found.acceleration == 0.0
     assert found.velocity == pytest.approx(late, abs=0.015)
@@ -105,7 +105,7 @@ def test_a_coarse_channel_of_a_slower_source_is_held_however_often_its_values_re
     """Steps of 0.1 m/s², as on a bus: most rows repeat by chance, but no change comes between those of the source."""
     log = recorded(57)
     coarse = held(np.round(log.channels["lateral_acceleration"] / 0.1) * 0.1, count)
-    assert hold_of(coarse) == (count, 1.0 - 1.0 / count)
+    assert hold_factor(coarse) == (count, 1.0 - 1.0 / count)
     report = checked(changed(log, lateral_acceleration=coarse))
     (found,) = report.of("held")
     assert (found.channel, found.value) == ("lateral_acceleration", count)

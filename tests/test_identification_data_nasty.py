@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from mirdrake.identification import DataSet, Log, check_data
-from mirdrake.identification.alignment import delay_of
+from mirdrake.identification.alignment import estimate_delay
 from tests.test_identification_data import CAR, STEP, changed, checked, clean, held, recorded
 from tests.timing import reference_seconds
 
@@ -62,7 +62,7 @@ def test_a_robot_log_copied_to_a_higher_rate_with_a_wrong_step(stated):
     assert step.value == pytest.approx(0.02, rel=0.02)
     mended = report.data.logs[0]
     assert np.ptp(mended.time) == pytest.approx(90.0, rel=0.02)
-    assert report.left == []
+    assert report.unrepaired_faults == []
 
 
 def test_a_copy_with_holds_of_changing_length_is_found_and_thinned():
@@ -110,7 +110,7 @@ def test_delays_are_as_sure_as_the_noise_allows():
         log = recorded(seed, late={"longitudinal_acceleration": 3.0})
         values = log.channels
         right = np.gradient(values["vx"], STEP) - values["yaw_rate"] * values["vy"]
-        delay = delay_of(values["longitudinal_acceleration"], right, STEP)
+        delay = estimate_delay(values["longitudinal_acceleration"], right, STEP)
         assert delay is not None
         found.append(delay)
     errors = np.array([one.value for one in found]) - 0.03
@@ -138,7 +138,7 @@ def test_a_yaw_rate_in_degrees_is_told_even_when_little_else_is_logged():
     few["yaw_rate"] = degrees(1.0) * few["yaw_rate"]
     report = checked(replace(log, channels=few))
     assert any("deg as rad" in found.text for found in report.of("units"))
-    assert report.left
+    assert report.unrepaired_faults
 
 
 @pytest.mark.parametrize("size", [30.0, 1e4, 1e7])
@@ -155,7 +155,7 @@ def test_glitches_orders_of_magnitude_out_are_found_whatever_their_length(size, 
     assert np.max(np.abs(report.data.logs[0].channels["yaw_rate"])) < 1.0
 
 
-def test_duplicated_stamps_are_left_out():
+def test_duplicated_stamps_are_is_omitted():
     log = recorded(24)
     time = log.time.copy()
     again = np.arange(50, 4000, 200)
@@ -166,7 +166,7 @@ def test_duplicated_stamps_are_left_out():
 
 
 @pytest.mark.parametrize("count", [1, 3, 12])
-def test_dummy_first_rows_are_left_out(count):
+def test_dummy_first_rows_are_is_omitted(count):
     log = recorded(25)
     _, channels = clean()
     angle = cumulative_trapezoid(channels["yaw_rate"], dx=STEP, initial=0.0)
@@ -177,7 +177,7 @@ def test_dummy_first_rows_are_left_out(count):
     (found,) = report.of("first rows")
     assert found.value == count
     assert report.data.logs[0].channels["x"][0] == pytest.approx(700_000.0, abs=1.0)
-    assert report.left == []
+    assert report.unrepaired_faults == []
 
 
 def test_a_first_stamp_from_long_ago_does_not_hang_the_check():

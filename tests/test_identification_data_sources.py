@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from mirdrake.identification import Log, load_data
 from mirdrake.identification.channels import unit_factor
 from mirdrake.identification.mapping import map_log
-from mirdrake.identification.timing import hold_of
+from mirdrake.identification.timing import hold_factor
 from tests.test_identification_data import CAR, STEP, changed, checked, clean, held, recorded
 from tests.test_identification_data_nasty import copied, robot
 
@@ -80,8 +80,8 @@ def test_a_clock_in_another_unit_is_found(factor):
 def test_a_step_that_no_recorder_has_is_a_fault_even_when_nothing_tells_the_true_one():
     log = recorded(52, without=("longitudinal_acceleration", "yaw"))
     report = checked(replace(log, time=log.time * 1e3))
-    assert [one.check for one in report.left] == ["step"]
-    assert "give the clock's unit" in report.left[0].text
+    assert [one.check for one in report.unrepaired_faults] == ["step"]
+    assert "give the clock's unit" in report.unrepaired_faults[0].text
 
 
 def test_stamps_of_whole_seconds_are_spread_over_their_rows():
@@ -91,7 +91,7 @@ def test_stamps_of_whole_seconds_are_spread_over_their_rows():
     assert found.value == pytest.approx(STEP, rel=1e-3)
     assert len(report.data.logs[0].time) == len(log.time)
     assert np.diff(report.data.logs[0].time) == pytest.approx(STEP, rel=0.02)
-    assert report.left == []
+    assert report.unrepaired_faults == []
 
 
 def test_rows_of_a_slow_channel_that_are_empty_are_no_fault():
@@ -118,11 +118,11 @@ def test_coarse_values_that_repeat_by_chance_are_not_held():
     rows = np.arange(12_000.0)
     speed = 15.0 + 10.0 * np.sin(0.001 * rows) + np.random.default_rng(0).normal(0.0, 0.01, len(rows))
     speed = np.round(speed * 180.0) / 180.0
-    hold = hold_of(speed)
+    hold = hold_factor(speed)
     assert hold is not None
     assert hold[0] == 1.0
     assert hold[1] > 0.1
-    assert hold_of(held(speed, 2)) == (2.0, 0.5)
+    assert hold_factor(held(speed, 2)) == (2.0, 0.5)
 
 
 def test_a_glitch_out_of_range_that_is_mended_is_no_fault_of_the_range():
@@ -130,8 +130,8 @@ def test_a_glitch_out_of_range_that_is_mended_is_no_fault_of_the_range():
     values = log.channels["yaw_rate"].copy()
     values[[500, 2000]] = 1e5
     log = changed(log, yaw_rate=values)
-    assert checked(log).left == []
-    assert {one.check for one in checked(log, repairs=()).left} >= {"range", "glitches"}
+    assert checked(log).unrepaired_faults == []
+    assert {one.check for one in checked(log, repairs=()).unrepaired_faults} >= {"range", "glitches"}
 
 
 def test_a_steering_that_is_late_has_no_bias_and_a_bias_is_told_with_its_size():

@@ -12,15 +12,15 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.covariance import Stretch, autoregression, block_bootstrap, score_covariance
-from mirdrake.identification.estimators.experiment_design import rank
-from mirdrake.identification.estimators.regression import coast_down, physical_road_load, regress, understeer
+from mirdrake.identification.estimators.experiment_design import rank_manoeuvres
+from mirdrake.identification.estimators.regression import coast_down, regress, road_load_coefficients, understeer
 from mirdrake.identification.fit import load_fit
 from mirdrake.identification.identifiability import _together
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import first_order, second_order
 from mirdrake.identification.online import OnlineSettings, filter_log
-from mirdrake.identification.parameters import Choice, Parameter, Unknown, choose
-from mirdrake.identification.validation import best_nrmse, input_correlation, nrmse, whiteness
+from mirdrake.identification.parameters import FitParameter, Parameter, Setting, resolve_parameters
+from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
 from mirdrake.single_track import SingleTrackParameters
 from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_data, exact, lateral_data, lateral_log
 
@@ -30,8 +30,8 @@ def fitted(*arguments: Any, **options: Any) -> Any:
     return fit(*arguments, **options)
 
 
-CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
-LATERAL = CAR | {"steering_lag": Choice(free=True), "accelerometer_ahead": Choice(free=False)}
+CAR = {"mass": Setting(fixed=MASS), "front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR)}
+LATERAL = CAR | {"steering_lag": Setting(free=True), "accelerometer_ahead": Setting(free=False)}
 
 
 def first_rows(log, count):
@@ -90,7 +90,7 @@ def test_without_a_mass_stiffness_is_per_kilogram():
 
 
 def test_a_given_value_that_the_log_contradicts_is_named():
-    parameters = LATERAL | {"yaw_inertia": Choice(given=3500.0, source="data sheet")}
+    parameters = LATERAL | {"yaw_inertia": Setting(given=3500.0, source="data sheet")}
     one = fitted(lateral_data(), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
     assert one.verdict == "contradicts the given value"
     assert one.given == 3500.0
@@ -117,17 +117,17 @@ def test_stiffnesses_of_one_slow_lane_change_are_not_identified():
 
 
 def test_combinations_are_products_or_sums():
-    a = Unknown(Parameter("stiffness", "N/rad", "", 1e5, 1.0, 1e9), "free")
-    b = Unknown(Parameter("inertia", "kg m^2", "", 2e3, 1.0, 1e9), "free")
-    c = Unknown(Parameter("delay", "s", "", 0.0, -1.0, 1.0, scale=0.05), "free")
-    d = Unknown(Parameter("lag", "s", "", 0.0, -1.0, 1.0, scale=0.1), "free")
+    a = FitParameter(Parameter("stiffness", "N/rad", "", 1e5, 1.0, 1e9), "free")
+    b = FitParameter(Parameter("inertia", "kg m^2", "", 2e3, 1.0, 1e9), "free")
+    c = FitParameter(Parameter("delay", "s", "", 0.0, -1.0, 1.0, scale=0.05), "free")
+    d = FitParameter(Parameter("lag", "s", "", 0.0, -1.0, 1.0, scale=0.1), "free")
     assert _together([(a, 0.8), (b, -0.4)], 0.008) == "stiffness × inertia^-0.5: known to ± 2 %"
     assert _together([(c, 0.8), (b, 0.4)], 0.008) == "delay + 0.025 s ln(inertia): known to ± 0.00098 s"
     assert _together([(c, 0.6), (d, -0.5)], 0.006) == "delay - 0.42 lag: known to ± 0.00098 s"
 
 
 def test_a_prior_holds_what_the_log_does_not_say():
-    parameters = LATERAL | {"cornering_stiffness_front": Choice(prior=(80e3, 100.0))}
+    parameters = LATERAL | {"cornering_stiffness_front": Setting(prior=(80e3, 100.0))}
     found = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)[
         "cornering_stiffness_front"
     ]
@@ -136,11 +136,11 @@ def test_a_prior_holds_what_the_log_does_not_say():
         "cornering_stiffness_front"
     ]
     assert 80e3 < found.value < free.value
-    assert found.of_noise < min(100.0, free.of_noise)
+    assert found.sigma_noise < min(100.0, free.sigma_noise)
 
 
 def test_a_bound_that_the_estimate_stands_at_is_said():
-    parameters = LATERAL | {"yaw_inertia": Choice(high=2000.0)}
+    parameters = LATERAL | {"yaw_inertia": Setting(high=2000.0)}
     found = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
     assert found.at_bound == "high"
     assert found.verdict == "not identifiable"
@@ -176,8 +176,8 @@ def test_pieces_with_first_states_of_their_own_give_the_same(continuity):
 
 
 def test_profile_has_its_least_at_the_estimate_and_3_84_at_the_ends_of_the_interval():
-    parameters = CAR | {name: Choice(fixed=value) for name, value in TRUTH.items() if name.startswith("steering")}
-    parameters |= {"accelerometer_ahead": Choice(free=False)}
+    parameters = CAR | {name: Setting(fixed=value) for name, value in TRUTH.items() if name.startswith("steering")}
+    parameters |= {"accelerometer_ahead": Setting(free=False)}
     options = EstimatorOptions(profile=True, loss="linear")
     found = fitted(lateral_data(duration=15.0), ModelSpec("single_track"), parameters=parameters, options=options)
     one, profile = found["yaw_inertia"], found.profiles["yaw_inertia"]
@@ -188,7 +188,7 @@ def test_profile_has_its_least_at_the_estimate_and_3_84_at_the_ends_of_the_inter
 
 
 def test_drag_and_rolling_resistance_of_a_coast_down():
-    parameters = {"mass": Choice(fixed=MASS)}
+    parameters = {"mass": Setting(fixed=MASS)}
     found = fitted(coast_data(), ModelSpec("longitudinal", {"drive": "none", "brake": "none"}), parameters=parameters)
     for name, value in COAST.items():
         assert found[name].value == pytest.approx(value, rel=0.02)
@@ -197,7 +197,7 @@ def test_drag_and_rolling_resistance_of_a_coast_down():
 
 def test_coast_down_by_regression():
     found: Any = coast_down(coast_data(), mass=MASS)
-    load = physical_road_load(found, MASS, density=2.0)
+    load = road_load_coefficients(found, MASS, density=2.0)
     assert load["rolling_resistance"] == pytest.approx(COAST["rolling_resistance"], rel=0.05)
     assert load["drag_area"] == pytest.approx(COAST["drag"], rel=0.05)
     assert found["A"].low < COAST["rolling_resistance"] * MASS * 9.80665 < found["A"].high
@@ -299,7 +299,7 @@ def test_steering_with_play_is_found_again():
     angle = first_order(np.interp(time - 0.04, time, wheel) / 16.0, 0.01, 0.06)
     angle = play(angle, 0.01) + 0.004 + np.random.default_rng(0).normal(0.0, 5e-4, len(time))
     data = DataSet((Log("a", "train", time, {"steering_wheel_angle": wheel, "road_wheel_angle": angle}),))
-    found = fitted(data, ModelSpec("steering"), parameters={"steering_backlash": Choice(guess=0.005)})
+    found = fitted(data, ModelSpec("steering"), parameters={"steering_backlash": Setting(guess=0.005)})
     wanted = {
         "steering_ratio": 16.0,
         "steering_delay": 0.04,
@@ -317,7 +317,7 @@ def test_a_joint_loop_is_found_again_with_the_gains_of_its_servo():
     moved = second_order(0.5 * np.interp(time - 0.03, time, asked) + 0.01, 0.01, 12.0, 0.6)
     seen = moved + np.random.default_rng(0).normal(0.0, 0.003, len(time))
     data = DataSet((Log("a", "train", time, {"steering_command": asked, "road_wheel_angle": seen}),))
-    found = fitted(data, ModelSpec("joint_loop"), parameters={"inertia": Choice(fixed=2.0)})
+    found = fitted(data, ModelSpec("joint_loop"), parameters={"inertia": Setting(fixed=2.0)})
     for name, value in (("gain", 0.5), ("natural_frequency", 12.0), ("damping_ratio", 0.6), ("delay", 0.03)):
         assert found[name].value == pytest.approx(value, rel=0.02), name
 
@@ -330,7 +330,7 @@ def test_a_kinematic_car_is_found_again():
     data = DataSet(
         (Log("a", "train", time, {"vx": v, "steering_wheel_angle": wheel, "yaw_rate": rate}),), wheelbase=2.5
     )
-    found = fitted(data, ModelSpec("kinematic"), parameters={"steering_lag": Choice(free=True)})
+    found = fitted(data, ModelSpec("kinematic"), parameters={"steering_lag": Setting(free=True)})
     for name, value in (("steering_ratio", 12.0), ("steering_delay", 0.05), ("steering_lag", 0.1)):
         assert found[name].value == pytest.approx(value, rel=0.02), name
 
@@ -364,17 +364,19 @@ def test_the_online_filter_finds_stiffness_ratio_and_offset():
 def test_experiment_design_prefers_two_speeds_and_a_coast_down():
     data = lateral_data()
     model = make_model(ModelSpec("single_track"), data, {"mass": MASS, "front_length": FRONT, "rear_length": REAR})
-    unknowns = choose(model.parameters, LATERAL)
+    unknowns = resolve_parameters(model.parameters, LATERAL)
     values = {info.name: info.guess for info in model.parameters} | TRUTH
-    order = [one.name for one in rank(model, unknowns, values, {"yaw_rate": 0.003, "lateral_acceleration": 0.1})]
+    order = [
+        one.name for one in rank_manoeuvres(model, unknowns, values, {"yaw_rate": 0.003, "lateral_acceleration": 0.1})
+    ]
     assert order.index("step steer at two speeds") < order.index("slowly increasing steer")
     assert order.index("swept sine at two speeds") < order.index("steady circle with rising speed")
     data = coast_data()
     model = make_model(ModelSpec("longitudinal"), data, {"mass": MASS})
     held = ("drive_force", "drive_power", "drive_delay", "drive_lag", "brake_force", "brake_delay", "brake_lag")
-    unknowns = choose(model.parameters, {name: Choice(free=False) for name in held})
+    unknowns = resolve_parameters(model.parameters, {name: Setting(free=False) for name in held})
     values = {info.name: info.guess for info in model.parameters} | COAST
-    gains = {one.name: one.d_gain for one in rank(model, unknowns, values, {"vx": 0.03}, speed=30.0)}
+    gains = {one.name: one.d_gain for one in rank_manoeuvres(model, unknowns, values, {"vx": 0.03}, speed=30.0)}
     assert gains["coast-down"] < 0.3
     assert gains["coast-down"] < gains["brake steps"]
 
@@ -395,9 +397,9 @@ def test_the_best_fit_is_that_of_a_model_which_leaves_the_noise(noise):
     time = np.arange(0.0, 60.0, 0.01)
     exact_ = np.sin(3.0 * time) + (time > 20.0)  # motion with a corner
     seen = exact_ + np.random.default_rng(1).normal(0.0, noise, len(time))
-    assert best_nrmse(seen) == pytest.approx(nrmse(seen, exact_), abs=0.02 * (100.0 - nrmse(seen, exact_)))
-    assert best_nrmse(np.append(seen, np.nan)) == pytest.approx(best_nrmse(seen), abs=1e-9)
-    assert np.isnan(best_nrmse(np.ones(100)))
+    assert noise_limit_nrmse(seen) == pytest.approx(nrmse(seen, exact_), abs=0.02 * (100.0 - nrmse(seen, exact_)))
+    assert noise_limit_nrmse(np.append(seen, np.nan)) == pytest.approx(noise_limit_nrmse(seen), abs=1e-9)
+    assert np.isnan(noise_limit_nrmse(np.ones(100)))
 
 
 @pytest.mark.parametrize(
@@ -422,7 +424,7 @@ def test_data_that_cannot_give_a_fit_is_refused(change, words):
 def test_nothing_free_is_refused():
     data = lateral_data()
     model = make_model(ModelSpec("single_track"), data, {})
-    parameters = {info.name: Choice(free=False) for info in model.parameters}
+    parameters = {info.name: Setting(free=False) for info in model.parameters}
     with pytest.raises(ConfigError, match="nothing to fit"):
         fit(data, ModelSpec("single_track"), parameters=parameters)
     with pytest.raises(ConfigError, match="no log"):
@@ -433,13 +435,13 @@ def test_a_late_vy_is_found_and_where_it_is_not_sought_the_interval_holds_the_tr
     log = lateral_log(0, channels=("yaw_rate", "lateral_acceleration", "vy"), duration=40.0)
     late = np.interp(log.time - 0.02, log.time, log.channels["vy"])
     data = DataSet((replace(log, channels={**log.channels, "vy": late}),), wheelbase=FRONT + REAR)
-    parameters = LATERAL | {"velocity_ahead": Choice(free=False)}
+    parameters = LATERAL | {"velocity_ahead": Setting(free=False)}
     model = ModelSpec("single_track", {"tyres": "linear"})
     blind = fitted(data, model, parameters=parameters)["yaw_inertia"]
     assert abs(blind.value / TRUTH["yaw_inertia"] - 1.0) > 0.03  # three times what noise does
     assert blind.low < TRUTH["yaw_inertia"] < blind.high
     assert "whether vy is late" in blind.words
-    seeing = fitted(data, model, parameters=parameters | {"velocity_delay": Choice(free=True)})
+    seeing = fitted(data, model, parameters=parameters | {"velocity_delay": Setting(free=True)})
     assert seeing["velocity_delay"].value == pytest.approx(0.02, abs=0.001)
     assert seeing["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.01)
     assert seeing["yaw_inertia"].sigma < 0.3 * blind.sigma

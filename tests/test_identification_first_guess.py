@@ -16,11 +16,11 @@ from mirdrake.identification.estimators import fit
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport, Finding
-from mirdrake.identification.held_out import hold_out, lateral_jerk
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.first_guess import guess_steering
-from mirdrake.identification.parameters import Choice
-from mirdrake.identification.refusal import refuse_faults
+from mirdrake.identification.parameters import Setting
+from mirdrake.identification.rejection import reject_faults
+from mirdrake.identification.validation_split import lateral_jerk, split_validation
 from tests.identification_rigs import pull
 
 TIME = np.arange(0.0, 60.0, 0.02)
@@ -130,7 +130,7 @@ USED = {"vx", "yaw_rate", "steering_command"}
 def test_a_wrong_sign_is_refused_in_one_line_that_says_what_to_write():
     found = fault("steering_command", "steering_command to the left turns the vehicle to the right: wrong sign")
     with pytest.raises(ConfigError) as caught:
-        refuse_faults(report(found, replace(found, log="other")), USED)
+        reject_faults(report(found, replace(found, log="other")), USED)
     text = str(caught.value)
     assert text.startswith("lap and 1 more: steering_command: ")
     assert "write 'sign: -1' at steering_command in 'channels'" in text
@@ -141,15 +141,15 @@ def test_the_steering_is_not_blamed_for_the_yaw_rate():
     steering = fault("steering_command", "steering_command to the left turns the vehicle to the right: wrong sign")
     rate = fault("yaw_rate", "would be explained by: wrong sign of yaw_rate")
     with pytest.raises(ConfigError) as caught:
-        refuse_faults(report(steering, rate), USED)
+        reject_faults(report(steering, rate), USED)
     assert "yaw_rate" in str(caught.value)
     assert "steering_command" not in str(caught.value)
 
 
 def test_what_the_model_does_without_is_not_refused():
-    refuse_faults(report(fault("yaw", "wrong sign"), fault("yaw_rate, yaw", "wrong sign of yaw_rate or of yaw")), USED)
+    reject_faults(report(fault("yaw", "wrong sign"), fault("yaw_rate, yaw", "wrong sign of yaw_rate or of yaw")), USED)
     repaired = replace(fault("", "the true step is", "step"), repair="time scaled")
-    refuse_faults(report(repaired, fault("vx", "constant", "range")), USED)
+    reject_faults(report(repaired, fault("vx", "constant", "range")), USED)
 
 
 def write_log(folder, change=""):
@@ -171,7 +171,7 @@ logs: [{{file: log.csv}}]
 def test_a_data_file_alone_has_a_study(tmp_path):
     spec = default_study(write_log(tmp_path), overrides=["model.tyres=linear"])
     assert spec.model == {"kind": "single_track", "tyres": "linear"}
-    assert spec.hold_out == 0.3
+    assert spec.validation_fraction == 0.3
     assert "held out" in spec.about
 
 
@@ -200,7 +200,7 @@ def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys)
 
 def test_the_end_of_one_drive_is_held_out():
     one = steady()
-    apart = hold_out(DataSet((one,)), 0.3)
+    apart = split_validation(DataSet((one,)), 0.3)
     assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, held out", "validation")]
     assert sum(len(log.time) for log in apart.logs) == len(TIME)
     assert apart.train[0].time[-1] == pytest.approx(0.7 * TIME[-1], abs=0.05)
@@ -224,17 +224,17 @@ def test_lateral_jerk_is_speed_times_yaw_acceleration():
 def test_the_drive_that_turns_in_most_quickly_stays_for_training():
     hertz = {"slow": 0.1, "sweep": 2.0, "slalom": 0.5, "step": 1.0, "bend": 0.05}
     drives = DataSet(tuple(weaving(name, one) for name, one in hertz.items()))
-    apart = hold_out(drives, 0.3)
+    apart = split_validation(drives, 0.3)
     assert [log.name for log in apart.train] == ["slow", "sweep", "slalom", "bend"]
     # 90 of 300 s: the second, then the end of the fifth in the order of quickness.
     assert [log.name for log in apart.validation] == ["step", "bend, held out"]
     assert apart.validation[1].time[0] == pytest.approx(30.0, abs=0.05)
-    assert [log.name for log in hold_out(drives, 0.4).train] == ["slow", "sweep", "slalom"]
+    assert [log.name for log in split_validation(drives, 0.4).train] == ["slow", "sweep", "slalom"]
 
 
 def test_drives_that_do_not_turn_are_held_out_from_the_last():
     drives = DataSet(tuple(Log(name, "train", TIME, {"vx": np.sin(TIME)}) for name in ("a", "b", "c", "d")))
-    apart = hold_out(drives, 0.375)
+    apart = split_validation(drives, 0.375)
     assert [(log.name, log.use) for log in apart.logs] == [
         ("a", "train"), ("b", "train"), ("c", "train"), ("d", "validation"), ("c, held out", "validation"),
     ]  # fmt: skip
@@ -256,7 +256,7 @@ def lagging(lag):
 @pytest.mark.parametrize("lag", [0.0, 0.15])
 def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
     found = choose_structure(lagging(lag), ModelSpec("kinematic"), {}, EstimatorOptions())
-    assert ("steering_lag" in found.choices) is (lag > 0.0)
+    assert ("steering_lag" in found.settings) is (lag > 0.0)
     assert len(found.notes) == (1 if lag else 0)
     if lag:
         assert found.start is not None
@@ -268,10 +268,10 @@ def test_what_a_study_says_is_left_as_it_is(monkeypatch):
 
     data = lagging(0.15)
     monkeypatch.setattr(structure, "_solve", lambda *_: pytest.fail("nothing is open"))
-    fixed = {"steering_lag": Choice(fixed=0.1)}
+    fixed = {"steering_lag": Setting(fixed=0.1)}
     found = choose_structure(data, ModelSpec("kinematic"), fixed, EstimatorOptions())
-    assert found.choices == fixed
-    assert choose_structure(data, ModelSpec("longitudinal"), {}, EstimatorOptions()).choices == {}
+    assert found.settings == fixed
+    assert choose_structure(data, ModelSpec("longitudinal"), {}, EstimatorOptions()).settings == {}
 
 
 def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
@@ -287,8 +287,8 @@ def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
         covariance=np.eye(2), z=np.zeros(2),
     )  # fmt: skip
     for ranked in ((), (SimpleNamespace(name="step steer", d_gain=float("nan")),)):
-        monkeypatch.setattr(output_error, "rank", lambda *_, ranked=ranked, **__: ranked)
-        assert output_error.best_manoeuvre(empty) == []  # type: ignore[arg-type]
+        monkeypatch.setattr(output_error, "rank_manoeuvres", lambda *_, ranked=ranked, **__: ranked)
+        assert output_error.recommend_manoeuvre(empty) == []  # type: ignore[arg-type]
 
 
 def braking(height, seed=0, drive=0.5):
@@ -335,7 +335,7 @@ def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
     """Otherwise bends that a vehicle brakes for look as if its steering were early."""
     spec = ModelSpec("single_track", {"tyres": "linear"})
     found = choose_structure(braking(height), spec, {}, EstimatorOptions())
-    assert ("load_transfer" in found.choices) is (height > 0.0)
+    assert ("load_transfer" in found.settings) is (height > 0.0)
     assert [note for note in found.notes if "load transfer" in note] == list(found.notes)
     if height:
         assert found.start is not None
@@ -347,12 +347,12 @@ def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
 def test_which_wheels_drive_is_in_the_intervals(drive):
     """Half of the drive at the front is assumed, which moves the load transfer by far more than the noise does."""
     spec = ModelSpec("single_track", {"tyres": "linear", "relaxation": False})
-    data, truth, held = braking(0.08, drive=drive), 0.08, {"load_transfer": Choice(free=True)}
+    data, truth, held = braking(0.08, drive=drive), 0.08, {"load_transfer": Setting(free=True)}
     assumed: Any = fit(data, spec, parameters=held)["load_transfer"]
-    assert abs(assumed.value - truth) > 5.0 * assumed.of_noise
+    assert abs(assumed.value - truth) > 5.0 * assumed.sigma_noise
     assert assumed.low < truth < assumed.high
     assert "how much the front wheels drive: give front_drive" in assumed.words
-    known = fit(data, spec, parameters={**held, "front_drive": Choice(fixed=drive)})["load_transfer"]
+    known = fit(data, spec, parameters={**held, "front_drive": Setting(fixed=drive)})["load_transfer"]
     assert known.value == pytest.approx(truth, rel=0.02)
 
 

@@ -12,19 +12,19 @@ from scipy.optimize import root
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
-from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.shooting import cut, simulate
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
 from mirdrake.identification.models.base import first_order, second_order, smooth_between
 from mirdrake.identification.models.steer import play
-from mirdrake.identification.parameters import Choice, choose
+from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 from mirdrake.single_track.dynamics import Variant, brush_force
 from tests.identification_rigs import FRONT, MASS, REAR, TRUTH, exact, lateral_data
 
 KNOWN = {"mass": MASS, "front_length": FRONT, "rear_length": REAR}
-HELD = {name: Choice(fixed=value) for name, value in KNOWN.items()} | {"accelerometer_ahead": Choice(free=False)}
+HELD = {name: Setting(fixed=value) for name, value in KNOWN.items()} | {"accelerometer_ahead": Setting(free=False)}
 
 
 def single_track(**options):
@@ -35,7 +35,7 @@ def test_single_track_follows_the_equations_written_out_once_more():
     time, clean = exact()
     model = make_model(ModelSpec("single_track"), lateral_data(), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | TRUTH
-    (drive,), _ = make_drives(model, (Log("exact", "train", time, clean),))
+    (drive,), _ = make_segments(model, (Log("exact", "train", time, clean),))
     run = simulate(model, cut(model, drive, p), [p], np.array([0.0, 0.0]), derivatives=False)
     assert run is not None
     for i, name in enumerate(model.outputs):
@@ -47,7 +47,7 @@ def test_single_track_follows_the_equations_written_out_once_more():
 def test_shots_side_by_side_are_one_trajectory(count):
     model = single_track(tyres="fiala")
     p = {info.name: info.guess for info in model.parameters}
-    (drive,), _ = make_drives(model, lateral_data().logs)
+    (drive,), _ = make_segments(model, lateral_data().logs)
     shots = cut(model, drive, p)
     whole = simulate(model, shots, [p], np.zeros(2), derivatives=False)
     shots = cut(model, drive, p)
@@ -64,18 +64,18 @@ def test_shots_side_by_side_are_one_trajectory(count):
 def test_derivatives_of_the_residuals_equal_differences(tyres):
     options = {"tyres": tyres, "relaxation": tyres == "fiala"}
     model = make_model(ModelSpec("single_track_roll", options), lateral_data(), KNOWN)
-    choices = HELD | {"steering_lag": Choice(guess=0.05), "steering_delay": Choice(guess=0.033)}
-    choices |= {
-        "roll_steer": Choice(free=True),
-        "roll_steer_rear": Choice(free=True),
-        "accelerometer_height": Choice(guess=0.4),
-        "roll_arm": Choice(guess=0.3),
+    settings = HELD | {"steering_lag": Setting(guess=0.05), "steering_delay": Setting(guess=0.033)}
+    settings |= {
+        "roll_steer": Setting(free=True),
+        "roll_steer_rear": Setting(free=True),
+        "accelerometer_height": Setting(guess=0.4),
+        "roll_arm": Setting(guess=0.3),
     }
     if options["relaxation"]:
-        choices |= {"relaxation_front": Choice(guess=0.5), "trail_rear": Choice(guess=0.03)}
-    drives, _ = make_drives(model, lateral_data().logs, 8.0)
+        settings |= {"relaxation_front": Setting(guess=0.5), "trail_rear": Setting(guess=0.03)}
+    drives, _ = make_segments(model, lateral_data().logs, 8.0)
     sigmas = {"yaw_rate": 0.003, "lateral_acceleration": 0.1}
-    problem = Problem(model, drives, choose(model.parameters, choices), sigmas, joined=0.1)
+    problem = Problem(model, drives, resolve_parameters(model.parameters, settings), sigmas, joined=0.1)
     z = np.random.default_rng(1).normal(0.0, 0.02, problem.size)
     slopes = problem.jacobian(z)
     for i in range(problem.size):
@@ -160,7 +160,7 @@ def test_understeer_gradient_is_that_of_the_equations_at_rest(kind):
     turn = x[model.states.index("yaw_rate")]
     side = speed * turn
     gradient = (angle - (FRONT + REAR) * turn / speed) / side
-    assert model.derived(p)["understeer gradient"][0] == pytest.approx(gradient, rel=1e-4)
+    assert model.derived_quantities(p)["understeer gradient"][0] == pytest.approx(gradient, rel=1e-4)
 
 
 def test_spinning_wheels_resist_yawing():
@@ -307,7 +307,7 @@ def test_every_model_can_be_made_and_says_what_it_is():
         assert model.title
         assert all(info.low <= info.guess <= info.high for info in model.parameters)
         assert len({info.name for info in model.parameters}) == len(model.parameters)
-        assert model.derived({info.name: info.guess for info in model.parameters}) is not None
+        assert model.derived_quantities({info.name: info.guess for info in model.parameters}) is not None
 
 
 @pytest.mark.parametrize(
@@ -333,23 +333,23 @@ def test_a_model_that_cannot_be_made_says_why(spec, words):
 @pytest.mark.parametrize(
     ("choice", "words"),
     [
-        (Choice(low=2.0, high=1.0), "is not below high"),
-        (Choice(low=1e3, high=2e3, guess=5e3), "lies outside"),
-        (Choice(fixed=1.0, guess=2.0), "is fixed"),
-        (Choice(fixed=-1.0), "must be positive"),
-        (Choice(guess=float("nan")), "finite"),
-        (Choice(prior=(9e4, -1.0)), "sigma must be positive"),
-        (Choice(prior=(9e4, 1.0), high=1e4), "prior mean"),
+        (Setting(low=2.0, high=1.0), "is not below high"),
+        (Setting(low=1e3, high=2e3, guess=5e3), "lies outside"),
+        (Setting(fixed=1.0, guess=2.0), "is fixed"),
+        (Setting(fixed=-1.0), "must be positive"),
+        (Setting(guess=float("nan")), "finite"),
+        (Setting(prior=(9e4, -1.0)), "sigma must be positive"),
+        (Setting(prior=(9e4, 1.0), high=1e4), "prior mean"),
     ],
 )
 def test_choices_that_contradict_themselves_are_refused(choice, words):
     with pytest.raises(ConfigError, match=words):
-        choose(single_track().parameters, {"yaw_inertia": choice})
+        resolve_parameters(single_track().parameters, {"yaw_inertia": choice})
 
 
 def test_all_faults_of_the_choices_come_together():
     with pytest.raises(ConfigError) as caught:
-        choose(single_track().parameters, {"yaw_inertai": Choice(), "mass": Choice(fixed=-1.0)})
+        resolve_parameters(single_track().parameters, {"yaw_inertai": Setting(), "mass": Setting(fixed=-1.0)})
     assert "did you mean 'yaw_inertia'" in str(caught.value)
     assert "parameters.mass" in str(caught.value)
 
@@ -359,16 +359,16 @@ def test_what_nobody_gave_of_a_magic_formula_is_doubted():
     model = single_track(tyres="magic_formula")
     values = {info.name: info.guess for info in model.parameters}
     shares, curves = {"front_drive", "front_brake"}, {"curvature_front", "curvature_rear"}
-    told = {frozenset(one.changes): one for one in model.doubts(values, frozenset(shares | curves))}
+    told = {frozenset(one.changes): one for one in model.assumptions(values, frozenset(shares | curves))}
     asked = {frozenset({"front_drive"}), frozenset({"front_brake"}), frozenset(curves)}
     assert asked <= told.keys()
     for name in shares:
         one = told[frozenset({name})]
         sigma = (one.changes[name] - values[name]) / one.part
         assert one.most * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
-    known = {frozenset(one.changes) for one in model.doubts(values, frozenset())}
+    known = {frozenset(one.changes) for one in model.assumptions(values, frozenset())}
     assert not known & asked
-    assert model.remedy(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
+    assert model.suggest_experiment(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
 
 
 @pytest.mark.parametrize("tyres", ["fiala", "magic_formula"])
@@ -390,7 +390,7 @@ def test_tyres_that_brake_hold_less_to_the_side(tyres):
 def test_a_drive_in_shots_is_that_in_one():
     """Gaps between shots are closed to first order at last: what is left is far below what any sensor sees."""
     model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
-    (drive,), _ = make_drives(model, lateral_data().logs, None)
+    (drive,), _ = make_segments(model, lateral_data().logs, None)
     p = {info.name: info.guess for info in model.parameters}
     shots = cut(model, drive, p)
     assert shots.count > 20

@@ -10,12 +10,12 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.channels import CHANNELS as CHANNEL_UNITS
 from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.drives import make_drives
+from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.identify import identify
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.plant import PlantModel
 from mirdrake.identification.models.plant_context import body_inertia, measure
-from mirdrake.identification.parameters import Choice
+from mirdrake.identification.parameters import Setting
 from mirdrake.identification.study import load_identification
 from tests.plant_drives import CARGO, data_set, drive_with_cargo, noisy
 
@@ -44,7 +44,7 @@ def coasting():
     log = Log("coasting", "train", time, {**channels, "yaw_rate": np.asarray(1e-6 * np.sin(50.0 * time))})
     options = {"vehicle": "bolt@handling", "time_step": 0.01, "settle": 0.5, "outputs": ["vx"]}
     model = make_model(ModelSpec("plant", options), DataSet((log,)), {})
-    (drive,), _ = make_drives(model, (log,))
+    (drive,), _ = make_segments(model, (log,))
     return model, drive, {info.name: info.guess for info in model.parameters}
 
 
@@ -100,11 +100,11 @@ def test_impossible_parameters_are_no_run(coasting):
 def test_mass_and_yaw_inertia_come_back():
     exact = drive_with_cargo(duration=2.0, step=0.01)
     truth = exact[2]
-    choices = {name: Choice(fixed=truth[name]) for name in ("rear_length", "com_height")}
-    choices |= {"steering_offset": Choice(free=False)}
-    choices |= {"mass": Choice(guess=1800.0), "yaw_inertia": Choice(guess=3700.0)}
+    settings = {name: Setting(fixed=truth[name]) for name in ("rear_length", "com_height")}
+    settings |= {"steering_offset": Setting(free=False)}
+    settings |= {"mass": Setting(guess=1800.0), "yaw_inertia": Setting(guess=3700.0)}
     options = EstimatorOptions(offsets=False, iterations=4)
-    result = fit(data_set(noisy(exact, names=CHANNELS, every=1)), QUICK, parameters=choices, options=options)
+    result = fit(data_set(noisy(exact, names=CHANNELS, every=1)), QUICK, parameters=settings, options=options)
     within(result, truth, "mass")
     assert result["yaw_inertia"].value == pytest.approx(truth["yaw_inertia"], rel=0.04)
     assert result["yaw_inertia"].low < truth["yaw_inertia"] < result["yaw_inertia"].high
@@ -172,7 +172,7 @@ def test_the_way_of_the_drive_follows_the_channels():
     assert isinstance(model, PlantModel)
     assert model.outputs == ("yaw_rate",)
     assert "rolling_resistance" not in {info.name for info in model.parameters}
-    (drive,), _ = make_drives(model, (Log("a", "train", time, {**channels, "vx": 8.0 + 0.0 * time}),))
+    (drive,), _ = make_segments(model, (Log("a", "train", time, {**channels, "vx": 8.0 + 0.0 * time}),))
     run = model.run({info.name: info.guess for info in model.parameters}, drive, np.array([8.0]))
     assert run is not None
     assert np.isfinite(run[0]).all()

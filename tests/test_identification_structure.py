@@ -11,10 +11,10 @@ from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.structure import additions, choose_structure
 from mirdrake.identification.models import ModelSpec
-from mirdrake.identification.parameters import Choice
+from mirdrake.identification.parameters import Setting
 from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, lateral_data, pull, speed, steering
 
-CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
+CAR = {"mass": Setting(fixed=MASS), "front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR)}
 SPEC = ModelSpec("single_track", {"roll": False, "tyres": "linear"})
 
 
@@ -52,7 +52,7 @@ def test_tyres_relax_where_the_drives_ask_for_it(length):
     assert bool(found.notes) == (length > 0.0)
     if length:
         assert "relax" in found.notes[0]
-        result: Any = fit(data, found.model, parameters=found.choices, start=found.start)
+        result: Any = fit(data, found.model, parameters=found.settings, start=found.start)
         for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
             one = result[name]
             assert one.sigma < 0.03 * one.value
@@ -67,7 +67,7 @@ def test_a_fit_without_relaxation_says_that_its_inertia_depends_on_it():
     data = relaxing(0.4)
     one: Any = fit(data, SPEC, parameters=CAR)["yaw_inertia"]
     assert one.value < 0.95 * TRUTH["yaw_inertia"]
-    assert one.value + 1.96 * one.of_noise < TRUTH["yaw_inertia"] < one.high
+    assert one.value + 1.96 * one.sigma_noise < TRUTH["yaw_inertia"] < one.high
     assert one.verdict in {"weakly identified", "not identifiable"}
     assert "whether the tyres relax: give the vehicle, or its relaxation length" in one.words
 
@@ -75,16 +75,16 @@ def test_a_fit_without_relaxation_says_that_its_inertia_depends_on_it():
 def test_what_a_study_or_a_vehicle_says_is_not_tried():
     data = relaxing(0.4)
 
-    def tried(options, choices):
-        return [one.words for one in additions(data, ModelSpec("single_track", options), choices)]
+    def tried(options, settings):
+        return [one.words for one in additions(data, ModelSpec("single_track", options), settings)]
 
     assert "tyres that relax" in tried({}, {})
     assert "tyres that relax" not in tried({"relaxation": False}, {})
-    assert "tyres that relax" not in tried({}, {"relaxation_front": Choice(given=0.4)})
+    assert "tyres that relax" not in tried({}, {"relaxation_front": Setting(given=0.4)})
     assert "roll of the body" in tried({}, {})
     assert "roll of the body" not in tried({"roll": False}, {})
     assert "roll of the body" not in tried({"outputs": ["yaw_rate"]}, {})
-    assert "roll of the body" not in tried({}, {"yaw_inertia": Choice(given=2400.0)})
+    assert "roll of the body" not in tried({}, {"yaw_inertia": Setting(given=2400.0)})
 
 
 def test_an_angle_of_the_wheels_that_is_only_asked_for_has_a_lag():
@@ -93,7 +93,7 @@ def test_an_angle_of_the_wheels_that_is_only_asked_for_has_a_lag():
     data = lateral_data(0)
     found = choose_structure(data, closed, CAR, EstimatorOptions())
     assert any("a lag of the steering" in note for note in found.notes)
-    result: Any = fit(data, found.model, parameters=found.choices, start=found.start)
+    result: Any = fit(data, found.model, parameters=found.settings, start=found.start)
     for name in ("yaw_inertia", "steering_delay", "steering_lag"):
         assert result[name].low < TRUTH[name] < result[name].high, name
     plain: Any = fit(data, closed, parameters=CAR)

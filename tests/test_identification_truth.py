@@ -9,13 +9,13 @@ from pydrake.multibody.tree import BodyIndex
 
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.vehicle_values import vehicle_values
 from mirdrake.identification.online import filter_log
-from mirdrake.identification.parameters import Choice, choose
+from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrackParameters
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.parse import parse_urdf
@@ -37,8 +37,8 @@ from tests.identification_rigs import (
 )
 from tests.timing import reference_seconds
 
-CAR = {"mass": Choice(fixed=MASS), "front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
-LATERAL = CAR | {"steering_lag": Choice(free=True), "accelerometer_ahead": Choice(free=False)}
+CAR = {"mass": Setting(fixed=MASS), "front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR)}
+LATERAL = CAR | {"steering_lag": Setting(free=True), "accelerometer_ahead": Setting(free=False)}
 
 
 def _inside(found, truth, counts):
@@ -70,8 +70,8 @@ def cramer_rao(data):
     sensors and first states are not known either (H. Cramér, Mathematical Methods of Statistics, 1946, section 32.3).
     """
     model = make_model(ModelSpec("single_track"), data, {"mass": MASS, "front_length": FRONT, "rear_length": REAR})
-    unknowns = choose(model.parameters, LATERAL)
-    drives, _ = make_drives(model, data.train)
+    unknowns = resolve_parameters(model.parameters, LATERAL)
+    drives, _ = make_segments(model, data.train)
     problem = Problem(model, drives, unknowns, {name: NOISE[name] for name in model.outputs})
     slopes = problem.jacobian(problem.scaled({info.name: info.guess for info in model.parameters} | TRUTH))
     sizes = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
@@ -108,8 +108,8 @@ def test_standard_manoeuvres_give_all_within_2_percent_and_no_estimator_could_do
         assert 0.9 * seeds <= held <= 0.99 * seeds, name
 
 
-COASTING = {"mass": Choice(fixed=MASS)} | dict.fromkeys(
-    ("rotating_mass", "slope", "viscous_resistance"), Choice(fixed=0.0)
+COASTING = {"mass": Setting(fixed=MASS)} | dict.fromkeys(
+    ("rotating_mass", "slope", "viscous_resistance"), Setting(fixed=0.0)
 )
 """All that is known of the closed form; what is assumed instead would widen the intervals."""
 
@@ -153,7 +153,7 @@ GIVING = ("steering_compliance", "steering_compliance_time", "camber_moment")
 frequency, damping and lateness of the dampers of roll are where a fit starts only."""
 
 
-COMMANDED = {"steering_ratio": Choice(fixed=1.0), "steering_lag": Choice(free=True, guess=0.03)}
+COMMANDED = {"steering_ratio": Setting(fixed=1.0), "steering_lag": Setting(free=True, guess=0.03)}
 LATE = DELAY + 1.5 / RATE
 """Delay of a command behind the actuator of vehicle.yaml: the lag of the first half of a period is that of the hold, a
 whole one that between two discrete updates [s]."""
@@ -170,12 +170,12 @@ def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
     """The fit of a seed's noise to the drives of the plant; stiffness and inertia start where all cars start."""
     measured = steer == "road_wheel_angle"
     values = vehicle_values(load_vehicle(model), "single_track_roll", measured=measured)
-    places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Choice(fixed=-values["rear_length"]))
-    places |= dict.fromkeys(("velocity_height", "accelerometer_height"), Choice(fixed=-SUNK))
+    places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Setting(fixed=-values["rear_length"]))
+    places |= dict.fromkeys(("velocity_height", "accelerometer_height"), Setting(fixed=-SUNK))
     known = KNOWN if measured else (*KNOWN, *GIVING)
-    choices = {name: Choice(given=values[name]) for name in known} | places | more
+    settings = {name: Setting(given=values[name]) for name in known} | places | more
     data = bolt_data(drives, (*SENSORS, steer), seed)
-    return fit(data, ModelSpec("single_track_roll", {"relaxation": True}), parameters=choices)
+    return fit(data, ModelSpec("single_track_roll", {"relaxation": True}), parameters=settings)
 
 
 def tyres_and_inertia():
@@ -227,9 +227,9 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
     so = truth()
     data = bolt_data(bolt[0], ("vx", "yaw_rate", "lateral_acceleration", steer))
     data = replace(data, wheelbase=so.front_length + so.rear_length)
-    chosen = choose_structure(data, ModelSpec("single_track"), {"mass": Choice(fixed=so.mass)}, EstimatorOptions())
+    chosen = choose_structure(data, ModelSpec("single_track"), {"mass": Setting(fixed=so.mass)}, EstimatorOptions())
     assert {"relaxation", "roll"} <= set(chosen.model.options)
-    found: Any = fit(data, chosen.model, parameters=chosen.choices, start=chosen.start)
+    found: Any = fit(data, chosen.model, parameters=chosen.settings, start=chosen.start)
     turn = found["yaw_inertia"]
     assert turn.value == pytest.approx(so.yaw_inertia, rel=0.05)
     assert turn.low < so.yaw_inertia < turn.high
@@ -262,7 +262,11 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
     spec = load_vehicle("bolt@handling").spec
     so = truth()
     wanted = {"rolling_resistance": spec.tyres.rolling_resistance, "drag": 0.5 * 1.2 * spec.aerodynamics.drag_area}
-    fixed = {"mass": Choice(fixed=so.mass), "rotating_mass": Choice(fixed=so.rotating_mass), "slope": Choice(fixed=0.0)}
+    fixed = {
+        "mass": Setting(fixed=so.mass),
+        "rotating_mass": Setting(fixed=so.rotating_mass),
+        "slope": Setting(fixed=0.0),
+    }
     for seed in range(4):
         data = DataSet((noisy(bolt[1], ("vx",), seed, name="coast"),))
         found: Any = fit(data, ModelSpec("longitudinal"), parameters=fixed)
@@ -276,10 +280,10 @@ def test_what_a_plain_single_track_makes_of_a_full_plant(bolt):
     """Without relaxation its build-up of slip is a delay of 20 ms and a fifth of the inertia; roll has the rest."""
     so = truth()
     values = vehicle_values(load_vehicle("bolt@handling"), "single_track", relaxation=False)
-    choices = {name: Choice(fixed=values[name]) for name in ("mass", "front_length", "rear_length")}
-    choices |= dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Choice(fixed=-values["rear_length"]))
+    settings = {name: Setting(fixed=values[name]) for name in ("mass", "front_length", "rear_length")}
+    settings |= dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Setting(fixed=-values["rear_length"]))
     data = bolt_data(bolt[0], (*SENSORS, "road_wheel_angle"))
-    plain: Any = fit(data, ModelSpec("single_track"), parameters=choices)
+    plain: Any = fit(data, ModelSpec("single_track"), parameters=settings)
     assert plain["yaw_inertia"].value < 0.9 * so.yaw_inertia
     assert plain["steering_delay"].value > 0.01
 
@@ -385,8 +389,8 @@ def test_axle_stiffnesses_of_a_multi_body_car(name):
     """
     p = car(name)
     data = multibody_data(name, p)
-    parameters = {"mass": Choice(fixed=p.m), "front_length": Choice(fixed=p.a), "rear_length": Choice(fixed=p.b)}
-    parameters |= {one: Choice(fixed=0.0) for one in ("steering_delay", "steering_offset", "accelerometer_ahead")}
+    parameters = {"mass": Setting(fixed=p.m), "front_length": Setting(fixed=p.a), "rear_length": Setting(fixed=p.b)}
+    parameters |= {one: Setting(fixed=0.0) for one in ("steering_delay", "steering_offset", "accelerometer_ahead")}
     found: Any = fit(data, ModelSpec("single_track"), parameters=parameters)
     truth = effective_stiffnesses(p, np.concatenate([log.channels["lateral_acceleration"] for log in data.train]))
     assert found["cornering_stiffness_front"].value == pytest.approx(truth[0], rel=0.15)

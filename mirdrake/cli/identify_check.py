@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time", metavar="COLUMN[:UNIT]", help="the clock of a log (default: time)")
     parser.add_argument("--step", metavar="STEP", help="step of a log that has no clock, as '10 ms'")
     parser.add_argument("--wheelbase", type=float, metavar="METRES", help="front to rear axle, to check the steering")
-    parser.add_argument("--repairs", metavar="NAMES", help="repairs that are made, with commas; none for no repair")
+    parser.add_argument("--repairs", metavar="NAMES", help="repairs to make, comma-separated, or none")
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with a picture of each channel")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.identification.check import check_data
     from mirdrake.identification.data import DataSet, load_data, make_data
     from mirdrake.identification.mapping import map_log
-    from mirdrake.identification.study import StudySpec, inline_data
+    from mirdrake.identification.study import StudySpec, embedded_data
 
     path = Path(options.what)
     is_yaml = path.suffix in {".yaml", ".yml"} and not path.is_dir()
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
             data = (
                 load_data(path.parent / study.data)
                 if isinstance(study.data, str)
-                else make_data(inline_data(study), path.parent)
+                else make_data(embedded_data(study), path.parent)
             )
         else:
             data = load_data(path)
@@ -69,8 +69,8 @@ def run(options: argparse.Namespace) -> int:
         write_data_check(options.report, path.name, data, report)
     if not options.quiet:
         print(report.table())
-        left = report.left
+        left = report.unrepaired_faults
         print(f"{len(report.repairs)} repairs; " + (f"{len(left)} faults are left" if left else "no fault is left"))
         if options.report is not None:
             print(f"  {shown(options.report)}")
-    return 1 if report.left else 0
+    return 1 if report.unrepaired_faults else 0

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from mirdrake.identification.curves import Curve
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding
-from mirdrake.identification.relations import Grid, Relation, make_grid, relations_of
+from mirdrake.identification.relations import Grid, Relation, kinematic_relations, make_grid
+from mirdrake.identification.splines import Curve
 
 LONGEST = 0.6
 """Delays are sought up to this [s]."""
@@ -43,7 +43,7 @@ class Delay(NamedTuple):
     correlation: float
 
 
-def delay_of(left: Array, right: Array, step: float) -> Delay | None:
+def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
     """How late the first signal is behind the second, whatever its scale and offset; None: too little moves.
 
     It is where the cross-correlation has its peak; noise leaves it alone, if that of one side is not of the other.
@@ -136,11 +136,11 @@ def _compared(left: Array, curve: Curve, rows: slice, moved: float) -> tuple[Arr
     return left - gain * right, slope, right
 
 
-def find_delays(grid: Grid) -> list[tuple[Relation, Delay]]:
+def pair_delays(grid: Grid) -> list[tuple[Relation, Delay]]:
     """The delays of all pairs of a log that move alike enough to tell."""
     found = []
-    for relation in relations_of(grid.channels):
-        delay = delay_of(relation.left(grid), relation.right(grid), grid.step)
+    for relation in kinematic_relations(grid.channels):
+        delay = estimate_delay(relation.left(grid), relation.right(grid), grid.step)
         if delay is not None and abs(delay.correlation) > 0.8:
             found.append((relation, delay))
     return found
@@ -151,7 +151,7 @@ def check_response(log: Log) -> list[Finding]:
     grid, found = make_grid(log), []
     for name in STEERING:
         if name in grid.channels and "yaw_rate" in grid.channels:
-            delay = delay_of(grid.channels["yaw_rate"], grid.channels[name], grid.step)
+            delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
             if delay is not None and abs(delay.correlation) > 0.7:
                 text = f"the yaw rate follows {name} by {1e3 * delay.value:.3g} ms, with the response of the vehicle"
                 found.append(Finding(log.name, "response", f"yaw_rate, {name}", "info", delay.value, "s", text))

@@ -38,7 +38,7 @@ class Place:
     periods: bool = False
 
 
-PLACES = {
+YAML_ENTRIES = {
     "cornering_stiffness_front": Place("tyres.front.cornering_stiffness", "N/rad", 0.5, "brush"),
     "cornering_stiffness_rear": Place("tyres.rear.cornering_stiffness", "N/rad", 0.5, "brush"),
     "friction_front": Place("tyres.front.friction", "1", 1.0, "brush"),
@@ -55,7 +55,7 @@ PLACES = {
 }
 """Of the parameters that vehicle.yaml has words for; a stiffness of an axle is that of two tyres."""
 
-ELSEWHERE = {
+URDF_PARAMETERS = {
     "mass": "follows from the bodies of the URDF; change them in the xacro files",
     "yaw_inertia": "follows from the bodies of the URDF; change them in the xacro files",
     "front_length": "follows from the bodies of the URDF; change them in the xacro files",
@@ -70,12 +70,12 @@ class FitChange:
 
     Attributes:
         files: one change a file.
-        left: what is not written, and why, a line each.
+        skipped: what is not written, and why, a line each.
         notes: of what is written, a line each.
     """
 
     files: tuple[FileChange, ...]
-    left: tuple[str, ...]
+    skipped: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
@@ -88,7 +88,7 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     """The change to the files of a vehicle that a fit asks for.
 
     Parameters that were fixed, are not identifiable, stand at a bound, or have no place in vehicle.yaml are left out;
-    :attr:`FitChange.left` says so.
+    :attr:`FitChange.skipped` says so.
 
     Args:
         fit: the fit.
@@ -103,11 +103,11 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     notes: list[str] = []
     edits: dict[Path, list[Edit]] = {}
     for one in fit.parameters:
-        reason = _left_out(one, folder)
+        reason = _skip_reason(one, folder)
         if reason:
             left.append(f"{one.name}: not written: {reason}")
             continue
-        place = PLACES[one.name]
+        place = YAML_ENTRIES[one.name]
         value = place.factor * one.value
         if place.periods:
             rounded = round(value * folder.rate) / folder.rate
@@ -142,7 +142,7 @@ def source_text(fit: Fit, one: FittedParameter, place: Place, today: date) -> st
     return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))
 
 
-def _left_out(one: FittedParameter, folder: "_Folder") -> str:
+def _skip_reason(one: FittedParameter, folder: "_Folder") -> str:
     """Why a parameter is not written; empty if it is."""
     if one.kind == "fixed":
         return "it was fixed"
@@ -150,9 +150,9 @@ def _left_out(one: FittedParameter, folder: "_Folder") -> str:
         return f"not identifiable from these data{f' ({one.words})' if one.words else ''}"
     if one.at_bound is not None:
         return f"the estimate stands at its {one.at_bound}er bound".replace("higher", "upper")
-    if one.name in ELSEWHERE:
-        return ELSEWHERE[one.name]
-    place = PLACES.get(one.name)
+    if one.name in URDF_PARAMETERS:
+        return URDF_PARAMETERS[one.name]
+    place = YAML_ENTRIES.get(one.name)
     if place is None:
         return "vehicle.yaml has no entry for it"
     if _unit(one.unit) != _unit(place.unit):
@@ -216,7 +216,7 @@ def _si(value: Any) -> Any:
 
 def describe(change: FitChange) -> Sequence[str]:
     """Notes and what is left out, as lines."""
-    return [*(f"note: {note}" for note in change.notes), *change.left]
+    return [*(f"note: {note}" for note in change.notes), *change.skipped]
 
 
 def read_fit(path: Path | str) -> Fit:

@@ -10,18 +10,24 @@ from mirdrake.identification.delays import check_delays
 from mirdrake.identification.excitation import check_excitation
 from mirdrake.identification.findings import DataReport, Finding
 from mirdrake.identification.plausibility import (
-    check_course,
     check_gravity,
-    check_place,
+    check_gyro_bias,
+    check_lateral_velocity,
+    check_path_direction,
     check_relations,
-    check_rest,
     check_steering,
     check_step,
-    check_sway,
+    check_velocity_position,
 )
-from mirdrake.identification.samples import check_glitches, check_turns, check_values
+from mirdrake.identification.samples import check_glitches, check_values, unwrap_headings
 from mirdrake.identification.spec import REPAIRS
-from mirdrake.identification.timing import check_first_rows, check_held, check_stamps, held_together, split_at_gaps
+from mirdrake.identification.timing import (
+    channels_with_common_holds,
+    check_first_rows,
+    check_held,
+    check_stamps,
+    split_at_gaps,
+)
 
 
 def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> DataReport:
@@ -54,8 +60,13 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     logs, found = check_delays(logs, sources, wheelbase=data.wheelbase, repair="delays" in allowed)
     findings += found
     for log in logs:
-        findings += check_relations(log) + check_steering(log, data.wheelbase) + check_course(log) + check_place(log)
-        findings += check_gravity(log) + check_rest(log) + check_response(log)
+        findings += (
+            check_relations(log)
+            + check_steering(log, data.wheelbase)
+            + check_path_direction(log)
+            + check_velocity_position(log)
+        )
+        findings += check_gravity(log) + check_gyro_bias(log) + check_response(log)
     offers = [offer for log in logs for offer in check_excitation(log)]
     return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
 
@@ -77,13 +88,13 @@ def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[F
 
 def _check_log(log: Log, allowed: Collection[str]) -> tuple[Log, list[set[str]], list[Finding]]:
     """What is done to each log by itself, and which channels of it come from one source."""
-    log, found = check_turns(log)
+    log, found = unwrap_headings(log)
     # Glitches first: joined by lines between fresh samples, one of a held channel would be as wide as its neighbours.
     log, seen = check_glitches(log, repair="glitches" in allowed)
     found += seen + check_values(log)
-    sources = held_together(log)
+    sources = channels_with_common_holds(log)
     # Then the clock, since what is compared between channels counts samples.
     for name, check in (("held", check_held), ("step", check_step)):
         log, seen = check(log, repair=name in allowed)
         found += seen
-    return log, sources, found + check_sway(log)
+    return log, sources, found + check_lateral_velocity(log)

@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import load_yaml, shown, where
 from mirdrake.identification.channels import channel, plain_unit, unit_factor
-from mirdrake.identification.clocks import LEAST_ROWS, MOST_BACKWARDS, are_steps, is_time_of_day, seconds_of_day
 from mirdrake.identification.readers import read_table
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
 from mirdrake.identification.tables import Table
+from mirdrake.identification.time_columns import (
+    MAX_BACKWARD_SHARE,
+    MIN_ROWS,
+    has_step_durations,
+    is_time_of_day,
+    seconds_of_day,
+)
 
 Array = NDArray[np.float64]
 
@@ -149,7 +155,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     if clock.column is not None and is_time_of_day(time):
         notes.append(f"column '{clock.column}' has times of the day, HHMMSS: seconds made of them")
         time = seconds_of_day(time)
-    elif are_steps(time):
+    elif has_step_durations(time):
         usual = float(np.median(time))
         notes.append(f"column '{clock.column}' has the steps from row to row, {usual:.4g} s, and no times: summed up")
         time = np.cumsum(time) - time[0]
@@ -165,9 +171,9 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     keep &= (time >= (-np.inf if entry.start is None else entry.start)) & (
         time <= (np.inf if entry.end is None else entry.end)
     )
-    if keep.sum() < LEAST_ROWS:
+    if keep.sum() < MIN_ROWS:
         place = where(spec, "logs", index)
-        raise ConfigError(f"{place}: {table.name} has {int(keep.sum())} rows to use; at least {LEAST_ROWS} are needed")
+        raise ConfigError(f"{place}: {table.name} has {int(keep.sum())} rows to use; at least {MIN_ROWS} are needed")
     if np.isnan(time).any():
         notes.append(f"{int(np.isnan(time).sum())} rows without a time are left out")
     _check_forward(table, time, keep)
@@ -217,7 +223,7 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     if used.max() == used.min():
         mend = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
         raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s{mend}")
-    if back.mean() > MOST_BACKWARDS:
+    if back.mean() > MAX_BACKWARD_SHARE:
         at = int(np.argmax(back))
         raise ConfigError(
             f"{table.row(int(rows[at]))}: time goes back from {latest[at]:g} s to {used[at]:g} s, "

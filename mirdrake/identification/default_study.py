@@ -37,7 +37,7 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
         "mirdrake": "identification/1", "name": path.stem, "data": path.name, "model": {"kind": kind},
     }  # fmt: skip
     if not any(entry.use == "validation" for entry in spec.logs):
-        content["hold_out"] = HELD_OUT
+        content["validation_fraction"] = HELD_OUT
         about += f", {100.0 * HELD_OUT:.0f} % of the drives held out"
     if spec.wheelbase is None and kind == "single_track":
         about += ", a usual wheelbase for such bends; add 'wheelbase' to the data file"

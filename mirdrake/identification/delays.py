@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirdrake.identification.alignment import STEERING, Delay, delay_of, find_delays
+from mirdrake.identification.alignment import STEERING, Delay, estimate_delay, pair_delays
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding, Severity
+from mirdrake.identification.lateral_delays import CONTRADICTS, LateralDelays, contradict, estimate_lateral_delays
 from mirdrake.identification.relations import Grid, Relation, make_grid
-from mirdrake.identification.sideways import CONTRADICTS, Sideways, contradict, sideways_delays
 from mirdrake.identification.slip_delay import SlipDelay, slip_delay
 
 APART = 3.0
@@ -36,11 +36,11 @@ def check_delays(
     mended, grids, pairs = [], [], []
     for log in logs:
         grid = make_grid(log)
-        own = find_delays(grid)
+        own = pair_delays(grid)
         log, seen = _check_drift(log, grid, own, repair=repair)
         if any(one.repair for one in seen):
             grid = make_grid(log)
-            own = find_delays(grid)
+            own = pair_delays(grid)
         found += seen
         mended.append(log)
         grids.append(grid)
@@ -68,13 +68,13 @@ def check_delays(
     return mended, found
 
 
-def _side_of(grids: Sequence[Grid], sources: Sequence[Collection[str]]) -> Sideways | None:
+def _side_of(grids: Sequence[Grid], sources: Sequence[Collection[str]]) -> LateralDelays | None:
     forward = "vx" if all("vx" in grid.channels for grid in grids) else "speed"
     one_source = True if any({"vy", forward} <= set(source) for source in sources) else None
-    return sideways_delays(grids, 0.5 * max(grid.step for grid in grids), together=one_source)
+    return estimate_lateral_delays(grids, 0.5 * max(grid.step for grid in grids), together=one_source)
 
 
-def _agree(pairs: Sequence[Pairs], least: float, side: Sideways | None) -> bool:
+def _agree(pairs: Sequence[Pairs], least: float, side: LateralDelays | None) -> bool:
     """Whether no log contradicts what all tell of a pair.
 
     An accelerometer in another place looks late or early, by its distance over the speed: where vy tells, it is asked.
@@ -113,7 +113,7 @@ def _pooled(pairs: Sequence[Pairs]) -> Pairs:
 def _late_channels(
     grids: Sequence[Grid],
     known: Pairs,
-    side: Sideways | None,
+    side: LateralDelays | None,
     by_tyres: SlipDelay | None,
     sources: Sequence[Collection[str]],
     *,
@@ -230,7 +230,7 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[L
     ]
     steer = next((name for name in STEERING if name in grid.channels), None)
     if steer is not None and "yaw_rate" in grid.channels:
-        answer = delay_of(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
+        answer = estimate_delay(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
         other = max((one[2].drift for one in sure), key=abs)
         if answer is not None and abs(answer.correlation) > 0.7:
             # Whether the yaw rate drifts away from the steering as those two do, or stays with it: what is nearer.
@@ -269,7 +269,7 @@ def _drifts(delay: Delay, span: float, step: float) -> bool:
     return abs(delay.drift) > 7.0 * delay.drift_sigma and abs(delay.drift) * span > step
 
 
-def _ties(side: Sideways | None, forward: str) -> list[tuple[str, str, float, float]]:
+def _ties(side: LateralDelays | None, forward: str) -> list[tuple[str, str, float, float]]:
     """How late vy is behind the yaw rate, and the speed behind vy where both have one clock."""
     if side is None:
         return []

@@ -84,7 +84,7 @@ class DataReport:
         ]
 
     @property
-    def left(self) -> list[Finding]:
+    def unrepaired_faults(self) -> list[Finding]:
         """Faults that were not repaired: they would spoil a fit."""
         return [found for found in self.findings if found.severity == "fault" and not found.repair]
 

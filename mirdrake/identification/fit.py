@@ -37,8 +37,8 @@ class FittedParameter:
         source: where a fixed value, a prior or the given value is from.
         verdict: what is to be thought of the value.
         words: the reason in a sentence.
-        of_noise: standard deviation by the noise of this log [unit]; None as for sigma.
-        of_model: by what the model leaves out and what was assumed [unit]; None: fixed, or not asked.
+        sigma_noise: standard deviation by the noise of this log [unit]; None as for sigma.
+        sigma_model: by what the model leaves out and what was assumed [unit]; None: fixed, or not asked.
     """
 
     name: str
@@ -53,8 +53,8 @@ class FittedParameter:
     source: str = ""
     verdict: Verdict = "identified"
     words: str = ""
-    of_noise: float | None = None
-    of_model: float | None = None
+    sigma_noise: float | None = None
+    sigma_model: float | None = None
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class ChannelFit:
         channel: name of the channel.
         unit: of it.
         nrmse_percent: 100 (1 - |y - model| / |y - mean y|) [%].
-        best_percent: what the noise of the sensor leaves of that at most [%].
+        noise_limit_percent: what the noise of the sensor leaves of that at most [%].
         rms: of the residual [unit].
         whiteness_p: probability of such residuals if they were white (Ljung-Box) [1].
         input_correlation_p: probability of such correlation with the inputs if there were none [1].
@@ -78,7 +78,7 @@ class ChannelFit:
     channel: str
     unit: str
     nrmse_percent: float
-    best_percent: float
+    noise_limit_percent: float
     rms: float
     whiteness_p: float | None = None
     input_correlation_p: float | None = None
@@ -153,14 +153,14 @@ class Fit:
         )]  # fmt: skip
         for one in self.parameters:
             span = "" if one.kind == "fixed" else f"{_number(one.low)} … {_number(one.high)}"
-            parts = [half_width(sigma) for sigma in (one.of_noise, one.of_model)]
+            parts = [half_width(sigma) for sigma in (one.sigma_noise, one.sigma_model)]
             rows.append((one.name, _number(one.value), span, *parts, one.unit, _number(one.given, ""), one.verdict))
         lines = [f"{self.name}: {self.model}, {self.estimator}", "", *_columns(rows), ""]
         lines += [f"{one.name}: {one.words}" for one in self.parameters if one.words and one.kind != "fixed"]
         if self.channels:
             rows = [("log", "part", "channel", "fit %", "at most", "rms", "unit", "white p", "inputs p")]
             rows += [
-                (one.log, one.part, one.channel, f"{one.nrmse_percent:.1f}", f"{one.best_percent:.0f}",
+                (one.log, one.part, one.channel, f"{one.nrmse_percent:.1f}", f"{one.noise_limit_percent:.0f}",
                  _number(one.rms), one.unit,
                  _number(one.whiteness_p, "", 2), _number(one.input_correlation_p, "", 2))
                 for one in self.channels
@@ -260,7 +260,7 @@ def half_width(sigma: float | None) -> str:
 
 def _channel_fit(content: Mapping[str, Any]) -> ChannelFit:
     """As it was saved, where what is no number is none."""
-    numbers = {name: math.nan for name in ("nrmse_percent", "best_percent", "rms") if content[name] is None}
+    numbers = {name: math.nan for name in ("nrmse_percent", "noise_limit_percent", "rms") if content[name] is None}
     return ChannelFit(**{**content, **numbers})
 
 

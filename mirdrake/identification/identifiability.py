@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.identification.fit import FittedParameter, Verdict
-from mirdrake.identification.models.base import Doubt, Effect, Model
-from mirdrake.identification.parameters import Unknown
+from mirdrake.identification.models.base import Assumption, AssumptionEffect, Model
+from mirdrake.identification.parameters import FitParameter
 
 Array = NDArray[np.float64]
 
@@ -34,13 +34,13 @@ GIVEN = 0.05
 
 def judge(
     model: Model,
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[FitParameter],
     values: Mapping[str, float],
     sigmas: Array,
     correlation: Array,
     bounds: Sequence[str | None],
     *,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[AssumptionEffect] = (),
     model_error: bool = False,
 ) -> tuple[FittedParameter, ...]:
     """Parameters with their intervals and verdicts.
@@ -67,7 +67,7 @@ def judge(
             )  # fmt: skip
             continue
         i = names.index(info.name)
-        shifts = [(abs(float(effect.shift[i])), effect.doubt) for effect in effects]
+        shifts = [(abs(float(effect.shift[i])), effect.assumption) for effect in effects]
         found.append(
             _judge(model, one, values, float(sigmas[i]), shifts, correlation[i], names, bounds[i], model_error)
         )
@@ -76,10 +76,10 @@ def judge(
 
 def _judge(
     model: Model,
-    one: Unknown,
+    one: FitParameter,
     values: Mapping[str, float],
     noise: float,
-    shifts: Sequence[tuple[float, Doubt]],
+    shifts: Sequence[tuple[float, Assumption]],
     correlation: Array,
     names: Sequence[str],
     bound: str | None,
@@ -97,7 +97,7 @@ def _judge(
         low, high = max(low, min(info.low, value)), min(high, max(info.high, value))
     kin = [(abs(rho), name) for rho, name in zip(correlation, names, strict=True) if name != info.name]
     near = [name for rho, name in sorted(kin, reverse=True) if rho > TOGETHER][:2]
-    least, most = model.plausible(info.name, values)
+    least, most = model.plausible_range(info.name, values)
     odd = not least <= value <= most
     if bound is not None:
         verdict: Verdict = "not identifiable"
@@ -122,7 +122,7 @@ def _judge(
         if near:
             words += f"; {info.name} and {' and '.join(near)} are not separable in this log"
         if near or doubtful <= noise or noise * span > IDENTIFIED * sigma:
-            words += f": {model.remedy(frozenset({info.name, *near}))}"
+            words += f": {model.suggest_experiment(frozenset({info.name, *near}))}"
     elif one.given is not None:
         apart = abs(one.to_scaled(one.given) - scaled) if one.given > 0.0 or not one.logarithmic else math.inf
         if apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0)):
@@ -135,12 +135,12 @@ def _judge(
     return FittedParameter(
         info.name, info.unit, value, abs(one.slope(value)) * sigma if math.isfinite(sigma) else None, low, high,
         one.kind, bound, one.given, one.source, verdict, words,  # type: ignore[arg-type]
-        of_noise=abs(one.slope(value)) * noise if math.isfinite(noise) else None,
-        of_model=abs(one.slope(value)) * doubtful,
+        sigma_noise=abs(one.slope(value)) * noise if math.isfinite(noise) else None,
+        sigma_model=abs(one.slope(value)) * doubtful,
     )  # fmt: skip
 
 
-def _percent(one: Unknown, sigma: float) -> str:
+def _percent(one: FitParameter, sigma: float) -> str:
     if one.logarithmic:
         if 1.96 * sigma > BY_FACTOR:
             return f"a factor of {math.exp(1.96 * sigma):.2g}" if sigma < 3.0 else "no better than a factor of 300"
@@ -150,11 +150,11 @@ def _percent(one: Unknown, sigma: float) -> str:
 
 def combinations(
     model: Model,
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[FitParameter],
     values: Mapping[str, float],
     covariance: Array,
     judged: Sequence[FittedParameter],
-    effects: Sequence[Effect] = (),
+    effects: Sequence[AssumptionEffect] = (),
 ) -> tuple[str, ...]:
     """What is identified where single parameters are not: named combinations of the model, then eigenvectors.
 
@@ -171,18 +171,20 @@ def combinations(
         return ()
     free = [one for one in unknowns if one.kind != "fixed"]
     texts = []
-    base = model.derived(values)
+    base = model.derived_quantities(values)
     slopes = {name: np.zeros(len(free)) for name in base}
     for i, one in enumerate(free):
         scaled = one.to_scaled(values[one.info.name])
-        up, down = (model.derived({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4))
+        up, down = (
+            model.derived_quantities({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4)
+        )
         for name in base:
             slopes[name][i] = (up[name][0] - down[name][0]) / 2e-4
-    others = [(effect, model.derived({**values, **effect.doubt.changes})) for effect in effects]
+    others = [(effect, model.derived_quantities({**values, **effect.assumption.changes})) for effect in effects]
     for name, (value, unit) in base.items():
         variance = float(slopes[name] @ covariance @ slopes[name])
         for effect, other in others:
-            itself = effect.size * (other[name][0] - value) / effect.doubt.part
+            itself = effect.size * (other[name][0] - value) / effect.assumption.part
             variance += (float(slopes[name] @ effect.shift) + itself) ** 2
         sigma = max(variance, 0.0) ** 0.5
         touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[name]) > 1e-12)}
@@ -206,7 +208,7 @@ def _told(number: float, unit: str, digits: int = 4) -> str:
     return f"{number:.{digits}g}" + (f" {unit}" if unit != "1" else "")
 
 
-def _together(parts: Sequence[tuple[Unknown, float]], sigma: float) -> str:
+def _together(parts: Sequence[tuple[FitParameter, float]], sigma: float) -> str:
     """A direction of the scaled parameters in words: a product of powers, or a sum if one of them may be zero."""
     plain = [(one, weight) for one, weight in parts if not one.logarithmic]
     first, lead = max(plain or parts, key=lambda part: abs(part[1]))

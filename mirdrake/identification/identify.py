@@ -16,14 +16,14 @@ from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport
 from mirdrake.identification.fit import Fit
-from mirdrake.identification.held_out import hold_out
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import Model
 from mirdrake.identification.models.vehicle_values import vehicle_values
-from mirdrake.identification.parameters import Choice, Parameter
+from mirdrake.identification.parameters import Parameter, Setting
 from mirdrake.identification.plausibility import STANDSTILL, STEERING
-from mirdrake.identification.refusal import refuse_faults
-from mirdrake.identification.study import ParameterSpec, StudySpec, Value, in_study, inline_data
+from mirdrake.identification.rejection import reject_faults
+from mirdrake.identification.study import ParameterSpec, StudySpec, Value, embedded_data, locate_in_study
+from mirdrake.identification.validation_split import split_validation
 from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import load_vehicle
 
@@ -83,7 +83,7 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
     began = time.monotonic()
     tell = tell or _silent
     tell("reading")
-    data = make_data(inline_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
+    data = make_data(embedded_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
     vehicle, given = ("", {}) if spec.vehicle is None else _given(spec, folder, spec.vehicle, data)
     if data.wheelbase is None and given:
         data = replace(data, wheelbase=given["front_length"] + given["rear_length"])
@@ -92,7 +92,7 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
     tell("checking the data")
     check = check_data(data)
     _check_alive(check.data)
-    drives = check.data if spec.hold_out is None else hold_out(check.data, spec.hold_out)
+    drives = check.data if spec.validation_fraction is None else split_validation(check.data, spec.validation_fraction)
     kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
     if kind == "plant" and spec.vehicle is not None:
         options = {"vehicle": _vehicle_of(folder, spec.vehicle), **options}
@@ -101,18 +101,18 @@ def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Iden
         model = make_model(model_spec, drives, asked)
         _check_moves(drives, model)
         if not spec.force:
-            refuse_faults(check, {*model.inputs, *model.outputs})
-        choices = make_choices(spec, model, given, vehicle)
-        stages = _run_stages(spec, model_spec, model, drives, choices, tell)
+            reject_faults(check, {*model.inputs, *model.outputs})
+        settings = make_settings(spec, model, given, vehicle)
+        stages = _run_stages(spec, model_spec, model, drives, settings, tell)
         tell("fitting")
-        chosen = choose_structure(drives, model_spec, choices, _options(spec))
+        chosen = choose_structure(drives, model_spec, settings, _options(spec))
         final = fit(
-            drives, chosen.model, parameters=chosen.choices, options=_options(spec), name=spec.name,
+            drives, chosen.model, parameters=chosen.settings, options=_options(spec), name=spec.name,
             start=chosen.start,
         )  # fmt: skip
-        final = doubt_poor(replace(final, notes=(*chosen.notes, *final.notes)))
+        final = reject_poor_fit(replace(final, notes=(*chosen.notes, *final.notes)))
     except ConfigError as error:
-        raise in_study(spec, error) from None
+        raise locate_in_study(spec, error) from None
     return Identification(spec.name, spec.about, check, final, tuple(stages), vehicle, given, time.monotonic() - began)
 
 
@@ -120,7 +120,7 @@ def _silent(text: str) -> None:
     del text
 
 
-def make_choices(spec: StudySpec, model: Model, given: Mapping[str, float], vehicle: str) -> dict[str, Choice]:
+def make_settings(spec: StudySpec, model: Model, given: Mapping[str, float], vehicle: str) -> dict[str, Setting]:
     """What a study and a vehicle say of the parameters of a model.
 
     Raises:
@@ -132,24 +132,24 @@ def make_choices(spec: StudySpec, model: Model, given: Mapping[str, float], vehi
         for name in spec.parameters
         if name not in known
     ]
-    choices: dict[str, Choice] = {}
+    settings: dict[str, Setting] = {}
     for name, info in known.items():
         entry = spec.parameters.get(name)
         value = given.get(name)
         if entry is None:
             if value is not None:
-                choices[name] = Choice(given=value, source=vehicle)
+                settings[name] = Setting(given=value, source=vehicle)
             continue
         try:
-            choices[name] = _choice(spec, entry, info, value, vehicle)
+            settings[name] = _choice(spec, entry, info, value, vehicle)
         except ConfigError as error:
             faults.append(str(error))
     if faults:
         raise ConfigError("\n".join(faults))
-    return choices
+    return settings
 
 
-def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float | None, vehicle: str) -> Choice:
+def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float | None, vehicle: str) -> Setting:
     def number(value: Value | None, *path: str) -> float | None:
         place = where(spec, "parameters", info.name, *path)
         return None if value is None else to_number(value, info.unit, place)
@@ -169,7 +169,7 @@ def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float
         raise ConfigError(f"{place}: the guess {guess:g} {info.unit} lies outside of its bounds")
     own = values.pop("given")
     source = entry.source or (vehicle if own is None and given is not None else "")
-    return Choice(**values, prior=prior, free=entry.free, given=given if own is None else own, source=source)
+    return Setting(**values, prior=prior, free=entry.free, given=given if own is None else own, source=source)
 
 
 def to_number(value: Value, unit: str, place: str) -> float:
@@ -258,7 +258,7 @@ def _check_moves(data: DataSet, model: Model) -> None:
         raise ConfigError("\n".join(lines))
 
 
-def doubt_poor(found: Fit) -> Fit:
+def reject_poor_fit(found: Fit) -> Fit:
     """A fit of a model that does not follow what it was fitted to: then no parameter of it is identified."""
     best = max((one.nrmse_percent for one in found.channels if one.part == "train"), default=100.0)
     if best >= FOLLOWS:
@@ -276,9 +276,9 @@ def _options(spec: StudySpec) -> EstimatorOptions:
 
 
 def _run_stages(
-    spec: StudySpec, kind: ModelSpec, model: Model, data: DataSet, choices: dict[str, Choice], tell: Tell
+    spec: StudySpec, kind: ModelSpec, model: Model, data: DataSet, settings: dict[str, Setting], tell: Tell
 ) -> list[Fit]:
-    """The fits before the last one; their results become guesses, or fixed values, in `choices`."""
+    """The fits before the last one; their results become guesses, or fixed values, in `settings`."""
     known = {info.name: info for info in model.parameters}
     names = [log.name for log in data.logs]
     found: list[Fit] = []
@@ -300,15 +300,17 @@ def _run_stages(
         if not part.train:
             raise ConfigError(f"{where(spec, 'stages', index, 'logs')}: none of these logs is for training")
         options = replace(_options(spec), bootstrap=0, profile=False)
-        own = {name: _in_stage(choices.get(name, Choice()), known[name], free=name in stage.free) for name in known}
+        own = {name: _in_stage(settings.get(name, Setting()), known[name], free=name in stage.free) for name in known}
         result = fit(part, kind, parameters=own, options=options, name=f"{spec.name}, stage {stage.name}")
         found.append(result)
         for name in stage.free:
-            choices[name] = _after_stage(choices.get(name, Choice()), result[name].value, stage.name, keep=stage.keep)
+            settings[name] = _after_stage(
+                settings.get(name, Setting()), result[name].value, stage.name, keep=stage.keep
+            )
     return found
 
 
-def _in_stage(choice: Choice, info: Parameter, *, free: bool) -> Choice:
+def _in_stage(choice: Setting, info: Parameter, *, free: bool) -> Setting:
     if free:
         return replace(choice, free=True, fixed=None)
     if choice.fixed is not None:
@@ -316,11 +318,11 @@ def _in_stage(choice: Choice, info: Parameter, *, free: bool) -> Choice:
     value = choice.guess if choice.guess is not None else choice.given
     if value is None:
         value = choice.prior[0] if choice.prior is not None else info.guess
-    return Choice(fixed=value, given=choice.given, source=choice.source or "as it was before this stage")
+    return Setting(fixed=value, given=choice.given, source=choice.source or "as it was before this stage")
 
 
-def _after_stage(choice: Choice, value: float, stage: str, *, keep: bool) -> Choice:
+def _after_stage(choice: Setting, value: float, stage: str, *, keep: bool) -> Setting:
     if keep:
-        return Choice(fixed=value, given=choice.given, source=f"stage {stage}")
+        return Setting(fixed=value, given=choice.given, source=f"stage {stage}")
     changes: dict[str, Any] = {"guess": value, "free": True}
     return replace(choice, **changes)

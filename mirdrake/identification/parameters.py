@@ -44,7 +44,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Setting:
     """What a study says of a parameter; everything may be left out.
 
     Attributes:
@@ -71,7 +71,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class FitParameter:
     """A parameter of a study.
 
     Attributes:
@@ -117,22 +117,22 @@ class Unknown:
         return value if self.logarithmic else self.info.scale
 
 
-def choose(known: Sequence[Parameter], choices: Mapping[str, Choice]) -> tuple[Unknown, ...]:
+def resolve_parameters(known: Sequence[Parameter], settings: Mapping[str, Setting]) -> tuple[FitParameter, ...]:
     """Parameters of a study, in the order of the model.
 
     Args:
         known: parameters of the model.
-        choices: by name; those left out are as the model has them.
+        settings: by name; those left out are as the model has them.
 
     Raises:
         ConfigError: there is no such parameter, or the choice contradicts itself or the model; one line per fault.
     """
     names = [info.name for info in known]
-    faults = [f"parameters.{name}: unknown; {did_you_mean(name, names)}" for name in choices if name not in names]
+    faults = [f"parameters.{name}: unknown; {did_you_mean(name, names)}" for name in settings if name not in names]
     found = []
     for info in known:
         try:
-            found.append(_choose(info, choices.get(info.name, Choice())))
+            found.append(_choose(info, settings.get(info.name, Setting())))
         except ConfigError as error:
             faults.append(str(error))
     if faults:
@@ -140,7 +140,7 @@ def choose(known: Sequence[Parameter], choices: Mapping[str, Choice]) -> tuple[U
     return tuple(found)
 
 
-def _choose(info: Parameter, choice: Choice) -> Unknown:
+def _choose(info: Parameter, choice: Setting) -> FitParameter:
     place = f"parameters.{info.name}"
     values = {"fixed": choice.fixed, "guess": choice.guess, "low": choice.low, "high": choice.high}
     values |= {"given": choice.given, "sigma": choice.sigma}
@@ -157,7 +157,7 @@ def _choose(info: Parameter, choice: Choice) -> Unknown:
         if positive and choice.fixed <= 0.0:
             raise ConfigError(f"{place}: must be positive, got {choice.fixed:g} {info.unit}")
         info = replace(info, guess=choice.fixed)
-        return Unknown(
+        return FitParameter(
             info, "fixed", given=choice.given, source=choice.source or "fixed in the study", sigma=choice.sigma
         )
     low = info.low if choice.low is None else choice.low
@@ -188,9 +188,9 @@ def _choose(info: Parameter, choice: Choice) -> Unknown:
         raise ConfigError(f"{place}: sigma is that of a fixed value, and this one is estimated; give a prior")
     if not free:
         source = choice.source or info.source or ("given" if choice.given is not None else "assumed")
-        return Unknown(info, "fixed", given=choice.given, source=source, sigma=choice.sigma)
+        return FitParameter(info, "fixed", given=choice.given, source=source, sigma=choice.sigma)
     kind: Literal["free", "prior"] = "free" if prior is None else "prior"
-    return Unknown(info, kind, prior, choice.given, choice.source or info.source)
+    return FitParameter(info, kind, prior, choice.given, choice.source or info.source)
 
 
 def _inside(guess: float, low: float, high: float, *, positive: bool) -> float:

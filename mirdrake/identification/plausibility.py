@@ -5,12 +5,20 @@ from dataclasses import replace
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.identification.alignment import delay_of, smooth
+from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log
 from mirdrake.identification.findings import Finding
-from mirdrake.identification.relations import Gain, Grid, explain, gain_of, make_grid, relations_of, step_factor
-from mirdrake.identification.timing import LONGEST_STEP, SHORTEST_STEP, usual_step
+from mirdrake.identification.relations import (
+    Gain,
+    Grid,
+    estimate_gain,
+    explain_gains,
+    kinematic_relations,
+    make_grid,
+    step_factor,
+)
+from mirdrake.identification.timing import LONGEST_STEP, SHORTEST_STEP, median_step
 
 IMPOSSIBLE = 30.0
 """No tyre on a road holds such a lateral acceleration [m/s²]."""
@@ -26,18 +34,18 @@ _CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 
 
-def gains_of(log: Log, *, sideways: bool = True) -> list[Gain]:
-    """How the relations of a log hold, of those that move enough to tell; `sideways` as in relations_of."""
+def estimate_gains(log: Log, *, sideways: bool = True) -> list[Gain]:
+    """How the relations of a log hold, of those that move enough to tell; `sideways` as in kinematic_relations."""
     grid = make_grid(log)
-    gains = [gain_of(relation, grid) for relation in relations_of(grid.channels, sideways=sideways)]
+    gains = [estimate_gain(relation, grid) for relation in kinematic_relations(grid.channels, sideways=sideways)]
     return [gain for gain in gains if gain is not None and abs(gain.correlation) > 0.7]
 
 
 def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """The true step against the stated one, from all relations that have a derivative in them."""
-    gains = gains_of(log, sideways=False)
+    gains = estimate_gains(log, sideways=False)
     factor = step_factor(gains)
-    step = usual_step(log.time)
+    step = median_step(log.time)
     if factor is None:
         if SHORTEST_STEP <= step <= LONGEST_STEP:
             return log, []
@@ -56,7 +64,7 @@ def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
 
 def check_relations(log: Log) -> list[Finding]:
     """Scales and offsets of the relations, and the mistakes that would explain those that do not hold."""
-    found, gains = [], gains_of(log)
+    found, gains = [], estimate_gains(log)
     for gain in gains:
         off = abs(gain.gain - 1.0) > max(0.1, 4.0 * gain.sigma)
         first, others = gain.relation.measured, ", ".join(gain.relation.others)
@@ -65,7 +73,7 @@ def check_relations(log: Log) -> list[Finding]:
         found.append(
             Finding(log.name, "relation", str(gain.relation), "warning" if off else "info", gain.gain, "1", text)
         )
-    mistakes, factor = explain(gains, {name: channel(name).unit for name in log.channels})
+    mistakes, factor = explain_gains(gains, {name: channel(name).unit for name in log.channels})
     if factor is None and mistakes:
         text = "would be explained by: " + " or by ".join(f"{what} of {name}" for name, what in mistakes)
         names = ", ".join(dict.fromkeys(name for name, _ in mistakes))
@@ -158,7 +166,7 @@ def _steering_mistake(name: str, scale: float, is_slow: bool) -> str | None:
 
 def _aligned(grid: Grid, name: str, angle: np.ndarray) -> np.ndarray:
     """The steering as the yaw rate follows it: a delay looks like an offset when turns to one side are quicker."""
-    delay = delay_of(grid.channels["yaw_rate"], grid.channels[name], grid.step)
+    delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
     if delay is None or abs(delay.correlation) < 0.7:
         return angle
     rows = np.arange(float(len(angle)))
@@ -177,7 +185,7 @@ def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tu
     return -float(solved[1] / solved[0]), float(np.std(parts) / np.sqrt(9.0) / abs(solved[0]))
 
 
-def check_rest(log: Log) -> list[Finding]:
+def check_gyro_bias(log: Log) -> list[Finding]:
     """Rates that are not zero while the vehicle stands: the bias of a gyro."""
     grid, found = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
@@ -194,7 +202,7 @@ def check_rest(log: Log) -> list[Finding]:
     return found
 
 
-def check_place(log: Log) -> list[Finding]:
+def check_velocity_position(log: Log) -> list[Finding]:
     """How far ahead of the rear axle the place is whose lateral velocity is logged, from slow bends.
 
     There ``vy = r (d - c vx²)``, with the slip of the rear tyres in c.
@@ -225,7 +233,7 @@ def check_place(log: Log) -> list[Finding]:
     return [Finding(log.name, "place", "vy", "info", float(solved[0]), "m", text)]
 
 
-def check_sway(log: Log) -> list[Finding]:
+def check_lateral_velocity(log: Log) -> list[Finding]:
     """Whether vy changes as fast as lateral acceleration and yaw rate say.
 
     ``ay - vx r = g (dvy/dt + d dr/dt) + s vx r`` with an accelerometer d ahead that leans by s has g = 1 + s. A wrong
@@ -265,7 +273,7 @@ def check_sway(log: Log) -> list[Finding]:
     return [Finding(log.name, "relation", "vy, lateral_acceleration", "warning", gain, "1", text)]
 
 
-def check_course(log: Log) -> list[Finding]:
+def check_path_direction(log: Log) -> list[Finding]:
     """Whether the path turns to the side that the yaw rate says; a path has no other sign."""
     grid = make_grid(log)
     forward = "vx" if "vx" in grid.channels else "speed"
@@ -299,7 +307,7 @@ def check_gravity(log: Log) -> list[Finding]:
                     tilt = np.degrees(np.arcsin(np.clip(value / GRAVITY, -1.0, 1.0)))
                     text = f"reads {value:.3g} m/s^2 at standstill, as gravity does at a tilt of {abs(tilt):.2g} deg"
                     found.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
-    for relation in relations_of(grid.channels):
+    for relation in kinematic_relations(grid.channels):
         lean = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
         name, sign = lean.get(relation.measured, ("", 1.0))
         if name not in grid.channels or np.std(grid.channels[name]) < 2e-3:

@@ -19,7 +19,7 @@ import numpy as np
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.channels import WHEELS, quantity
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.timing import resolution, usual_step
+from mirdrake.identification.timing import median_step, resolution
 
 Channels = Mapping[str, Array]
 
@@ -49,7 +49,7 @@ class Grid:
 
 def make_grid(log: Log) -> Grid:
     """A log on even steps of its usual length."""
-    step = usual_step(log.time)
+    step = median_step(log.time)
     steady = np.diff(log.time)
     clock = log.time
     if np.all(np.abs(steady - step) < 1e-3 * step):
@@ -96,7 +96,7 @@ class Relation(NamedTuple):
         return f"{self.measured}, {', '.join(self.others)}"
 
 
-def relations_of(channels: Channels, *, sideways: bool = True) -> list[Relation]:
+def kinematic_relations(channels: Channels, *, sideways: bool = True) -> list[Relation]:
     """The relations that the channels of a log allow.
 
     Args:
@@ -184,7 +184,7 @@ class Gain(NamedTuple):
     correlation: float
 
 
-def gain_of(relation: Relation, grid: Grid) -> Gain | None:
+def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
     """How a relation holds, from means over windows, in which delays and noise count little; None: too little moves."""
     left, right = relation.left(grid), relation.right(grid)
     width = max(4, round(0.4 / grid.step))
@@ -232,7 +232,7 @@ class Mistake(NamedTuple):
     what: str
 
 
-def explain(gains: list[Gain], units: Mapping[str, str]) -> tuple[list[Mistake], float | None]:
+def explain_gains(gains: list[Gain], units: Mapping[str, str]) -> tuple[list[Mistake], float | None]:
     """The smallest set of mistakes that explains gains which are not 1.
 
     Args:

@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 from mirdrake.identification.channels import channel, quantity
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding, Severity
-from mirdrake.identification.timing import fresh_rows, resolution
+from mirdrake.identification.timing import changed_rows, resolution
 
 WINDOW = 9
 """Samples of the median that a glitch stands out of: up to four in a row are found."""
@@ -18,7 +18,7 @@ MOST_HELD = 2 * WINDOW
 """Samples that a channel at rest is taken for at most."""
 
 
-def check_turns(log: Log) -> tuple[Log, list[Finding]]:
+def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
     """Headings that jump by a whole turn, as from 180 to -180 degrees, are counted on: the same angles."""
     found, mended = [], {}
     for name, values in log.channels.items():
@@ -100,7 +100,7 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
 
     A channel that is held over every other row has one sample in two rows, one at rest does not change for long.
     """
-    first = np.flatnonzero(fresh_rows(values) & np.isfinite(values))
+    first = np.flatnonzero(changed_rows(values) & np.isfinite(values))
     if not len(first):
         return first, np.ones(0, dtype=bool)
     held = np.diff(first, append=len(values))

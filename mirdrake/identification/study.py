@@ -97,7 +97,7 @@ class StudySpec(Schema):
     parameters: dict[str, ParameterSpec] = Field(default={}, description="what is known of them, by name [-]")
     estimator: EstimatorSpec = Field(default=EstimatorSpec(), description="how they are estimated [-]")
     stages: list[StageSpec] = Field(default=[], description="fits before the last one, in order [-]")
-    hold_out: float | None = Field(
+    validation_fraction: float | None = Field(
         default=None, gt=0.0, lt=0.9, description="part of the training drives that is held out [1]"
     )
     force: bool = Field(default=False, description="whether data with a wrong unit or sign are fitted all the same [-]")
@@ -136,7 +136,7 @@ def load_identification(path: Path | str, *, overrides: Iterable[str] = ()) -> S
     return spec
 
 
-def inline_data(spec: StudySpec) -> DataSpec:
+def embedded_data(spec: StudySpec) -> DataSpec:
     """The data set that stands in the study itself.
 
     Raises:
@@ -148,7 +148,7 @@ def inline_data(spec: StudySpec) -> DataSpec:
     return validate(dict(content), DataSpec, source._replace(prefix=(*source.prefix, "data")))
 
 
-def in_study(spec: StudySpec, error: ConfigError) -> ConfigError:
+def locate_in_study(spec: StudySpec, error: ConfigError) -> ConfigError:
     """An error whose lines begin with a dotted path of the study, with file and line before it."""
     lines = []
     for line in str(error).splitlines():

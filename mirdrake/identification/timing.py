@@ -29,7 +29,7 @@ LEAST_CHANGES, ON_GRID = 60, 0.95
 """Changes of a channel of which so many come on every so many rows are no chance."""
 
 
-def usual_step(time: Array) -> float:
+def median_step(time: Array) -> float:
     """The median of the steps that are not zero [s]."""
     steps = np.diff(time)
     return float(np.median(steps[steps > 0.0]))
@@ -152,7 +152,7 @@ def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
 
 def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
     """A log cut where it has long gaps; parts of a few samples are left out."""
-    step = usual_step(log.time)
+    step = median_step(log.time)
     longest = max(1.0, 50.0 * step)
     cuts = np.flatnonzero(np.diff(log.time) > longest) + 1
     if not len(cuts):
@@ -186,10 +186,10 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     A log in which all that moves is held over the same rows is a copy at a higher rate; its repair is to keep one row
     of each. A single held channel is joined by straight lines between its fresh samples.
     """
-    factors = {name: hold_of(values) for name, values in log.channels.items() if channel(name).moves}
+    factors = {name: hold_factor(values) for name, values in log.channels.items() if channel(name).moves}
     seen = {name: factor for name, factor in factors.items() if factor is not None}
-    step = usual_step(log.time)
-    fresh = {name: fresh_rows(log.channels[name]) for name in seen}
+    step = median_step(log.time)
+    fresh = {name: changed_rows(log.channels[name]) for name in seen}
     keep = _copied_rows(fresh, seen)
     if keep is not None:
         holds = np.diff(keep)
@@ -217,10 +217,10 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
 
 def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Single channels that come at a lower rate than the rows."""
-    factors = {name: hold_of(values) for name, values in log.channels.items() if channel(name).moves}
+    factors = {name: hold_factor(values) for name, values in log.channels.items() if channel(name).moves}
     seen = {name: factor for name, factor in factors.items() if factor is not None}
-    step = usual_step(log.time)
-    fresh = {name: fresh_rows(log.channels[name]) for name in seen}
+    step = median_step(log.time)
+    fresh = {name: changed_rows(log.channels[name]) for name in seen}
     found: list[Finding] = []
     mended: dict[str, Array] = {}
     for name, (factor, part) in seen.items():
@@ -255,13 +255,13 @@ def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     return replace(log, channels={**log.channels, **mended}), found
 
 
-def held_together(log: Log) -> list[set[str]]:
+def channels_with_common_holds(log: Log) -> list[set[str]]:
     """Channels that are held and change on the same rows: they come from one source, with one clock."""
     fresh = {}
     for name, values in log.channels.items():
-        hold = hold_of(values) if channel(name).moves else None
+        hold = hold_factor(values) if channel(name).moves else None
         if hold is not None and hold[0] >= 1.3:
-            fresh[name] = fresh_rows(values)
+            fresh[name] = changed_rows(values)
     found: list[set[str]] = []
     for name, rows in fresh.items():
         for group in found:
@@ -311,19 +311,19 @@ def resolution(values: Array) -> float | None:
     return float(np.median(steps[even] / np.round(counts[even]))) if even.mean() > 0.9 else None
 
 
-def fresh_rows(values: Array) -> NDArray[np.bool_]:
+def changed_rows(values: Array) -> NDArray[np.bool_]:
     """Which rows have another value than the row before (n); the first one has."""
     return np.append(True, (np.diff(values) != 0.0) & np.isfinite(values[1:]))
 
 
-def hold_of(values: Array) -> tuple[float, float] | None:
+def hold_factor(values: Array) -> tuple[float, float] | None:
     """Rows over which a channel holds its values, and the part of repeated rows, while it moves.
 
     A whole factor is returned when the changes keep to a grid of rows. None: it moves too little to tell.
     """
     if sparse_factor(values) is not None:  # the rows between are empty, not held
         return None
-    fresh = fresh_rows(values)
+    fresh = changed_rows(values)
     changes = np.flatnonzero(fresh)[1:]
     if len(changes) < 20:
         return None

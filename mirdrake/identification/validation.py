@@ -20,7 +20,7 @@ def nrmse(measured: Array, model: Array) -> float:
     return float("nan") if spread == 0.0 else 100.0 * (1.0 - float(np.linalg.norm(off)) / spread)
 
 
-def best_nrmse(measured: Array) -> float:
+def noise_limit_nrmse(measured: Array) -> float:
     """The fit that noise of the sensor leaves at most [%]: of a model that is off by nothing but it; NaN: as nrmse.
 
     White noise shows in the third differences, with 20 times its variance, and smooth motion does not (J. von Neumann

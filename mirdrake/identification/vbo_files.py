@@ -15,10 +15,10 @@ import pandas as pd
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
-from mirdrake.identification.clocks import seconds_of_day
 from mirdrake.identification.csv_files import text_of
 from mirdrake.identification.spec import CsvLayout
 from mirdrake.identification.tables import Table, read_bytes
+from mirdrake.identification.time_columns import seconds_of_day
 
 _UNIT = re.compile(r".*\s(kmh|km/h|mph|knots|m/s|g)", re.IGNORECASE)
 _SECTION = re.compile(r"\[([^\]]*)\]\s*")

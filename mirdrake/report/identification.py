@@ -68,7 +68,7 @@ def write_identification(result: Identification, folder: Path) -> Path:
 
 def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     """The text of the page; see :func:`write_data_check`."""
-    left = len(report.left)
+    left = len(report.unrepaired_faults)
     faults = sum(one.severity == "fault" for one in report.findings)
     warnings = sum(one.severity == "warning" for one in report.findings)
     rows = sum(len(log.time) for log in data.logs)
@@ -205,7 +205,7 @@ def _span(log: Log) -> str:
 def _parameter(one: FittedParameter) -> dict[str, Any]:
     span = "" if one.kind == "fixed" else f"{_number(one.low, 'open')} … {_number(one.high, 'open')}"
     bound = "" if one.at_bound is None else f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
-    parts = {"noise": half_width(one.of_noise), "model": half_width(one.of_model)}
+    parts = {"noise": half_width(one.sigma_noise), "model": half_width(one.sigma_model)}
     return {"one": one, "span": span, "bound": bound, "given": _number(one.given, ""), **parts}
 
 
@@ -285,7 +285,9 @@ def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
     worst = min(fits, key=lambda one: one.nrmse_percent)
-    return f"the worst channel, {worst.channel} of {worst.log}; its noise leaves {worst.best_percent:.0f} % at most"
+    return (
+        f"the worst channel, {worst.channel} of {worst.log}; its noise leaves {worst.noise_limit_percent:.0f} % at most"
+    )
 
 
 def _number(value: float | None, none: str = "–") -> str:

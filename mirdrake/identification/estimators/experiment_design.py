@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from mirdrake.identification.estimators.problem import Problem
-from mirdrake.identification.models.base import Drive, Model
-from mirdrake.identification.parameters import Unknown
+from mirdrake.identification.models.base import Model, Segment
+from mirdrake.identification.parameters import FitParameter
 
 Array = NDArray[np.float64]
 
@@ -84,9 +84,9 @@ def lists_manoeuvres(model: Model) -> bool:
     return model.kind in {"kinematic", "single_track", "single_track_roll"}
 
 
-def rank(
+def rank_manoeuvres(
     model: Model,
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[FitParameter],
     values: Mapping[str, float],
     sigmas: Mapping[str, float],
     *,
@@ -128,10 +128,10 @@ def rank(
 
 def information(
     model: Model,
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[FitParameter],
     values: Mapping[str, float],
     sigmas: Mapping[str, float],
-    drive: Drive,
+    drive: Segment,
 ) -> Array:
     """Fisher information of the scaled free parameters in a drive, offsets and first states taken out (p, p)."""
     problem = Problem(model, [drive], unknowns, sigmas)
@@ -143,19 +143,19 @@ def information(
     return np.asarray(inside[:p, :p] - inside[:p, p:] @ np.linalg.solve(inside[p:, p:], inside[p:, :p]))
 
 
-def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[str, Array]]) -> list[Drive]:
+def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[str, Array]]) -> list[Segment]:
     """Drives with what the model itself shows, so that guesses of its states along the way are near; side by side."""
     drives = []
     for channels in plans:
         many = len(next(iter(channels.values())))
         inputs = {name: channels[name] for name in model.inputs}
         outputs = {name: channels.get(name, np.zeros(many)) for name in model.outputs}
-        drives.append(Drive("plan", "train", 0.0, STEP, inputs, outputs))
+        drives.append(Segment("plan", "train", 0.0, STEP, inputs, outputs))
     longest = max(drive.size for drive in drives)
-    inputs_of = [model.drive(values, drive, drive.time) for drive in drives]
+    inputs_of = [model.input_signals(values, drive, drive.time) for drive in drives]
     u = np.stack([np.pad(one, ((0, 0), (0, longest - one.shape[1])), "edge") for one in inputs_of], axis=-1)
     first = np.zeros(1, dtype=np.intp)
-    x = np.concatenate([model.start(values, drive, first) for drive in drives], axis=1)
+    x = np.concatenate([model.initial_states(values, drive, first) for drive in drives], axis=1)
     seen = np.empty((len(model.outputs), longest, len(drives)))
     step = STEP / _FINER  # a small robot is stiff: its yaw answers within milliseconds
     with np.errstate(all="ignore"):

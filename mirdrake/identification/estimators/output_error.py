@@ -1,4 +1,4 @@
-"""The fit of a model to a data set: choices, least squares, intervals, verdicts, held-out fits."""
+"""The fit of a model to a data set: settings, least squares, intervals, verdicts, held-out fits."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -11,27 +11,27 @@ import pandas as pd
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.estimators.doubts import effects_of
-from mirdrake.identification.estimators.drives import LEAST, make_drives
-from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank
+from mirdrake.identification.estimators.experiment_design import lists_manoeuvres, rank_manoeuvres
 from mirdrake.identification.estimators.options import EstimatorOptions
-from mirdrake.identification.estimators.problem import Problem, carried
+from mirdrake.identification.estimators.problem import Problem, transfer_states
 from mirdrake.identification.estimators.profile import profiles_of
+from mirdrake.identification.estimators.segments import LEAST, make_segments
+from mirdrake.identification.estimators.sensitivity import assumption_effects
 from mirdrake.identification.estimators.solve import Minimum, Solution, minimise, solve
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import combinations, judge
-from mirdrake.identification.models.base import Array, Drive, Effect, Model, ModelSpec
+from mirdrake.identification.models.base import Array, AssumptionEffect, Model, ModelSpec, Segment
 from mirdrake.identification.models.registry import make_model
 from mirdrake.identification.models.single_track import SPEED
-from mirdrake.identification.parameters import Choice, Unknown, choose
-from mirdrake.identification.validation import best_nrmse, input_correlation, nrmse, whiteness
+from mirdrake.identification.parameters import FitParameter, Setting, resolve_parameters
+from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
 
 
 def fit(
     data: DataSet,
     model: ModelSpec,
     *,
-    parameters: Mapping[str, Choice] | None = None,
+    parameters: Mapping[str, Setting] | None = None,
     options: EstimatorOptions | None = None,
     name: str = "fit",
     start: Minimum | None = None,
@@ -41,23 +41,23 @@ def fit(
     Args:
         data: checked drives.
         model: which model.
-        parameters: choices by name; those left out are as the model has them.
+        parameters: settings by name; those left out are as the model has them.
         options: how to fit.
         name: of the study.
         start: an end of the same model and logs from which the search begins; None: the guesses.
 
     Raises:
-        ConfigError: the data or the choices cannot give a fit; one line per fault.
+        ConfigError: the data or the settings cannot give a fit; one line per fault.
         RunError: the model runs away from its guess.
     """
     begun, options, parameters = time.perf_counter(), options or EstimatorOptions(), parameters or {}
     check_logs(data)
     known = {key: value for key, choice in parameters.items() if (value := known_value(choice)) is not None}
     made = make_model(model, data, known)
-    unknowns = choose(made.parameters, parameters)
+    unknowns = resolve_parameters(made.parameters, parameters)
     if all(one.kind == "fixed" for one in unknowns):
         raise ConfigError(f"parameters: all of model {made.kind} are fixed; there is nothing to fit, free one")
-    drives, notes = make_drives(made, data.train, options.shooting)
+    drives, notes = make_segments(made, data.train, options.shooting)
     problem = Problem(made, drives, unknowns, first_noise(made, drives), options.offsets, options.continuity)
     if problem.samples <= 10 * problem.size:
         raise ConfigError(
@@ -66,18 +66,18 @@ def fit(
     z = None
     if start is not None:
         z = problem.scaled(start.values)
-        z[len(problem.free) :] = carried(start.z, start.problem, problem)
+        z[len(problem.free) :] = transfer_states(start.z, start.problem, problem)
         if np.isfinite(problem.residuals(z)).all():
             problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
     solution = solve(problem, options, z)
-    effects = effects_of(
+    effects = assumption_effects(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
     )
     result = describe(data, solution, unknowns, name=name, options=options, notes=notes, effects=effects)
     return replace(result, seconds=time.perf_counter() - begun)
 
 
-def known_value(choice: Choice) -> float | None:
+def known_value(choice: Setting) -> float | None:
     """The number that a choice says before a fit."""
     numbers = (choice.fixed, choice.guess, choice.given, choice.prior[0] if choice.prior else None)
     return next((number for number in numbers if number is not None), None)
@@ -100,7 +100,7 @@ def check_logs(data: DataSet) -> None:
             raise ConfigError(f"log {log.name}: times must rise; allow the repair 'stamps' in the data file")
 
 
-def first_noise(model: Model, drives: Sequence[Drive]) -> dict[str, float]:
+def first_noise(model: Model, drives: Sequence[Segment]) -> dict[str, float]:
     """A part of what each output moves, glitches left aside: noise before the first fit."""
     found = {}
     for name in model.outputs:
@@ -113,12 +113,12 @@ def first_noise(model: Model, drives: Sequence[Drive]) -> dict[str, float]:
 def describe(
     data: DataSet,
     solution: Solution,
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[FitParameter],
     *,
     name: str,
     options: EstimatorOptions,
     notes: Sequence[str] = (),
-    effects: Sequence[Effect] = (),
+    effects: Sequence[AssumptionEffect] = (),
 ) -> Fit:
     """From a solution to a fit: intervals, verdicts, traces, held-out fits."""
     problem, model = solution.problem, solution.problem.model
@@ -136,7 +136,7 @@ def describe(
     )
     values_ = np.linalg.eigvalsh(correlation)
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
-    channels, traces = try_model(data, solution)
+    channels, traces = evaluate_logs(data, solution)
     error = any(one.part == "train" and one.whiteness_p is not None and one.whiteness_p < 1e-3 for one in channels)
     judged = judge(model, unknowns, values, sigmas, correlation, solution.bound, effects=effects, model_error=error)
     told = [*notes]
@@ -151,13 +151,13 @@ def describe(
         told.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
     told += [one.info.source for one in unknowns if one.info.source.startswith("not given")]
     advice = dict.fromkeys(
-        model.remedy(frozenset({one.name}))
+        model.suggest_experiment(frozenset({one.name}))
         for one in judged
         if one.verdict in {"not identifiable", "weakly identified"}
-        and not (one.of_model or 0.0) > (one.of_noise or 0.0)
+        and not (one.sigma_model or 0.0) > (one.sigma_noise or 0.0)
     )
     if advice:
-        advice = dict.fromkeys([*advice, *best_manoeuvre(solution)])
+        advice = dict.fromkeys([*advice, *recommend_manoeuvre(solution)])
     profiles = profiles_of(solution, options) if options.profile else {}
     how = f"output error, {options.loss} loss"
     if options.shooting is not None:
@@ -169,7 +169,7 @@ def describe(
     )  # fmt: skip
 
 
-def best_manoeuvre(solution: Solution) -> list[str]:
+def recommend_manoeuvre(solution: Solution) -> list[str]:
     """The manoeuvre that would shrink the intervals most, in a sentence; none for models without a list of them."""
     problem, model = solution.problem, solution.problem.model
     speeds = [drive.channels(name) for drive in problem.drives for name in SPEED if name in drive.names]
@@ -183,7 +183,7 @@ def best_manoeuvre(solution: Solution) -> list[str]:
     except np.linalg.LinAlgError:
         return []
     values = problem.values(solution.z)
-    ranked = rank(model, problem.unknowns, values, problem.sigmas, known=known, speed=top)
+    ranked = rank_manoeuvres(model, problem.unknowns, values, problem.sigmas, known=known, speed=top)
     best = next((one for one in ranked if np.isfinite(one.d_gain)), None)
     if best is None:
         return []
@@ -193,7 +193,7 @@ def best_manoeuvre(solution: Solution) -> list[str]:
     ]
 
 
-def try_model(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...], dict[str, pd.DataFrame]]:
+def evaluate_logs(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...], dict[str, pd.DataFrame]]:
     """Fits of all logs with the parameters found: of the held-out ones only offsets and first states are estimated."""
     model, problem = solution.problem.model, solution.problem
     channels: list[ChannelFit] = []
@@ -208,16 +208,18 @@ def try_model(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...]
             runs = problem.traces(solution.z)
             pairs = [(drive, run) for drive, run in zip(problem.drives, runs, strict=True) if drive.log == log.name]
         else:
-            pairs = held_out(model, log, fixed, problem)
+            pairs = simulate_validation(model, log, fixed, problem)
         if pairs:
             channels += _fits(model, log, pairs)
             traces[log.name] = _trace(model, pairs)
     return tuple(channels), traces
 
 
-def held_out(model: Model, log: Log, unknowns: Sequence[Unknown], problem: Problem) -> list[tuple[Drive, Array]]:
+def simulate_validation(
+    model: Model, log: Log, unknowns: Sequence[FitParameter], problem: Problem
+) -> list[tuple[Segment, Array]]:
     """Drives of a log and what the model shows, from fitted first states and offsets."""
-    drives, _ = make_drives(model, (log,))
+    drives, _ = make_segments(model, (log,))
     again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)
     try:
         z = minimise(again, EstimatorOptions(iterations=20)).z
@@ -226,7 +228,7 @@ def held_out(model: Model, log: Log, unknowns: Sequence[Unknown], problem: Probl
         return [(drive, np.full((len(model.outputs), drive.size), np.nan)) for drive in drives]
 
 
-def _fits(model: Model, log: Log, pairs: Sequence[tuple[Drive, Array]]) -> list[ChannelFit]:
+def _fits(model: Model, log: Log, pairs: Sequence[tuple[Segment, Array]]) -> list[ChannelFit]:
     found = []
     for i, name in enumerate(model.outputs):
         seen = np.concatenate([drive.outputs[name] for drive, _ in pairs])
@@ -235,7 +237,7 @@ def _fits(model: Model, log: Log, pairs: Sequence[tuple[Drive, Array]]) -> list[
         inputs = [np.concatenate([drive.inputs[key] for drive, _ in pairs]) for key in model.inputs]
         found.append(
             ChannelFit(
-                log.name, log.use, name, channel(name).unit, nrmse(seen, shown), best_nrmse(seen),  # type: ignore[arg-type]
+                log.name, log.use, name, channel(name).unit, nrmse(seen, shown), noise_limit_nrmse(seen),  # type: ignore[arg-type]
                 float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan"),
                 whiteness(off), input_correlation(off, inputs),
             )
@@ -243,7 +245,7 @@ def _fits(model: Model, log: Log, pairs: Sequence[tuple[Drive, Array]]) -> list[
     return found
 
 
-def _trace(model: Model, pairs: Sequence[tuple[Drive, Array]]) -> pd.DataFrame:
+def _trace(model: Model, pairs: Sequence[tuple[Segment, Array]]) -> pd.DataFrame:
     columns: dict[str, Array] = {"t": np.concatenate([drive.time for drive, _ in pairs])}
     for i, name in enumerate(model.outputs):
         columns[name] = np.concatenate([drive.outputs[name] for drive, _ in pairs])

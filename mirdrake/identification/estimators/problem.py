@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mirdrake.identification.estimators.shooting import Sensitivity, Shots, cut, simulate
-from mirdrake.identification.models.base import Array, Drive, Model
-from mirdrake.identification.parameters import Unknown
+from mirdrake.identification.models.base import Array, Model, Segment
+from mirdrake.identification.parameters import FitParameter
 
 _START = 3.0
 """How far the first state may be from its guess, over its scale: a weak prior."""
@@ -33,8 +33,8 @@ class Problem:
     """
 
     model: Model
-    drives: Sequence[Drive]
-    unknowns: Sequence[Unknown]
+    drives: Sequence[Segment]
+    unknowns: Sequence[FitParameter]
     sigmas: Mapping[str, float]
     offsets: bool = True
     joined: float | None = None
@@ -105,18 +105,26 @@ class Problem:
         columns = [base]
         if derivatives:
             for one, scaled in zip(self.free, z, strict=False):
-                columns.append({**base, one.info.name: one.to_value(float(scaled) + self.model.nudge)})
+                columns.append({**base, one.info.name: one.to_value(float(scaled) + self.model.difference_step)})
         found = []
         scales, size = np.array(self.model.state_scales), len(self.model.states)
         for k, (shots, start) in enumerate(zip(self._shots, self._starts, strict=True)):
             at = len(self.free) + len(self.sensors) + k * size
             first = start + scales * z[at : at + size]
             run = simulate(
-                self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives, closed=closed
+                self.model,
+                shots,
+                columns,
+                first,
+                changes=self.model.difference_step,
+                derivatives=derivatives,
+                closed=closed,
             )
             if run is None:  # once more, from what was measured
                 shots.nodes = cut(self.model, shots.drive, base).nodes
-                run = simulate(self.model, shots, columns, first, changes=self.model.nudge, derivatives=derivatives)
+                run = simulate(
+                    self.model, shots, columns, first, changes=self.model.difference_step, derivatives=derivatives
+                )
             if run is None:
                 return None
             found.append(run)
@@ -136,7 +144,7 @@ class Problem:
             raise FloatingPointError("the model's states grow beyond all bounds")
         return [run.y + self._offsets_of(z, drive)[:, None] for run, drive in zip(runs, self.drives, strict=True)]
 
-    def _offsets_of(self, z: Array, drive: Drive) -> Array:
+    def _offsets_of(self, z: Array, drive: Segment) -> Array:
         found = np.zeros(len(self.model.outputs))
         for k, (log, i) in enumerate(self.sensors):
             if log == drive.log:
@@ -207,7 +215,7 @@ class Problem:
         """Drives that the next one goes on from."""
         if self.joined is None:
             return []
-        return [k for k in range(len(self.drives) - 1) if follows(self.drives[k], self.drives[k + 1])]
+        return [k for k in range(len(self.drives) - 1) if is_continuation(self.drives[k], self.drives[k + 1])]
 
     def _gaps(self, z: Array, runs: Sequence[Sensitivity]) -> list[Array]:
         size, found = len(self.model.states), []
@@ -248,13 +256,13 @@ class Problem:
         return found
 
 
-def follows(one: Drive, other: Drive) -> bool:
+def is_continuation(one: Segment, other: Segment) -> bool:
     """Whether a drive goes on where another ends."""
     gap = other.start - one.start - one.step * one.size
     return one.log == other.log and abs(gap) < 0.5 * one.step
 
 
-def carried(z: Array, before: Problem, now: Problem) -> Array:
+def transfer_states(z: Array, before: Problem, now: Problem) -> Array:
     """Offsets and first states of a problem for another one of the same drives; states that are new are as guessed."""
     offsets, starts = np.split(z[len(before.free) :], [len(before.sensors)])
     had, have = before.model.states, now.model.states

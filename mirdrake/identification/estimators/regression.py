@@ -204,6 +204,8 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
     )  # fmt: skip
 
 
-def physical_road_load(fit: Fit, mass: float, *, gravity: float = GRAVITY, density: float = 1.2) -> Mapping[str, float]:
+def road_load_coefficients(
+    fit: Fit, mass: float, *, gravity: float = GRAVITY, density: float = 1.2
+) -> Mapping[str, float]:
     """Rolling resistance [1] and drag area [m²] of a coast-down with the mass given."""
     return {"rolling_resistance": fit["A"].value / (mass * gravity), "drag_area": 2.0 * fit["C"].value / density}

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mirdrake.identification.models.base import Array, Drive, Model
+from mirdrake.identification.models.base import Array, Model, Segment
 from mirdrake.identification.models.simulated import SimulatedModel
 
 _NUDGE = 1e-5
@@ -45,7 +45,7 @@ class Shots:
         nodes: first states (states, shots).
     """
 
-    drive: Drive
+    drive: Segment
     count: int
     length: int
     substeps: int
@@ -53,7 +53,7 @@ class Shots:
     nodes: Array = field(repr=False)
 
 
-def cut(model: Model, drive: Drive, p: Mapping[str, float]) -> Shots:
+def cut(model: Model, drive: Segment, p: Mapping[str, float]) -> Shots:
     """Cut a drive into shots.
 
     Args:
@@ -64,10 +64,10 @@ def cut(model: Model, drive: Drive, p: Mapping[str, float]) -> Shots:
     n = drive.size
     length = min(max(int(np.ceil(_SHARE * n**0.5)), 20), _LONGEST, n)
     count = -(-n // length)
-    substeps = max(1, int(np.ceil(drive.step / model.fine - 1e-9)))
+    substeps = max(1, int(np.ceil(drive.step / model.max_step - 1e-9)))
     times = np.asarray(np.arange(count * length * 2 * substeps + 1) * (drive.step / (2 * substeps)), dtype=np.float64)
     rows = np.minimum(np.arange(count) * length, n - 1)
-    return Shots(drive, count, length, substeps, times, model.start(p, drive, rows))
+    return Shots(drive, count, length, substeps, times, model.initial_states(p, drive, rows))
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Sensitivity:
 
 def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], same: Sequence[bool]) -> Array:
     """Inputs of the equations (times in a shot, inputs, columns, shots)."""
-    base = model.drive(columns[0], shots.drive, shots.times)
+    base = model.input_signals(columns[0], shots.drive, shots.times)
     step = shots.length * 2 * shots.substeps
     index = np.arange(step + 1)[:, None] + step * np.arange(shots.count)
     first = np.moveaxis(base[:, index], 0, 1)  # times, inputs, shots
@@ -100,7 +100,7 @@ def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], 
     found = np.repeat(first[:, :, None, :], len(columns), axis=2)
     for i, (p, equal) in enumerate(zip(columns, same, strict=True)):
         if not equal:
-            found[:, :, i] = np.moveaxis(model.drive(p, shots.drive, shots.times)[:, index], 0, 1)
+            found[:, :, i] = np.moveaxis(model.input_signals(p, shots.drive, shots.times)[:, index], 0, 1)
     return found
 
 
@@ -195,7 +195,9 @@ def simulate(
         if not closed:
             return None
         shots.nodes = nodes
-        same = [not any(one.get(name) != columns[0].get(name) for name in model.through) for one in columns[1:]]
+        same = [
+            not any(one.get(name) != columns[0].get(name) for name in model.input_parameters) for one in columns[1:]
+        ]
         if derivatives:
             x, u, p = batch(columns, same)
             path, moved = _integrate(model, shots, x, u, p), np.zeros((size, count))
@@ -204,7 +206,7 @@ def simulate(
 
 def _whole_runs(
     model: SimulatedModel,
-    drive: Drive,
+    drive: Segment,
     columns: Sequence[Mapping[str, float]],
     first: Array,
     changes: float,

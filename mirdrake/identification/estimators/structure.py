@@ -19,16 +19,16 @@ from scipy.ndimage import gaussian_filter1d
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import RunError
 from mirdrake.identification.data import DataSet
-from mirdrake.identification.estimators.doubts import Questions, doubts_of
-from mirdrake.identification.estimators.drives import make_drives
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.output_error import first_noise, known_value
-from mirdrake.identification.estimators.problem import Problem, carried
+from mirdrake.identification.estimators.problem import Problem, transfer_states
+from mirdrake.identification.estimators.segments import make_segments
+from mirdrake.identification.estimators.sensitivity import SensitivityAnalysis, assumptions_of
 from mirdrake.identification.estimators.solve import Minimum, finish, minimise
 from mirdrake.identification.models.base import Model, ModelSpec
 from mirdrake.identification.models.registry import TURNING, make_model
 from mirdrake.identification.models.steer import AHEAD
-from mirdrake.identification.parameters import Choice, choose
+from mirdrake.identification.parameters import Setting, resolve_parameters
 
 LIMIT, GRIP = 3.0, 0.9
 """Lateral acceleration from which on tyres may be seen to saturate [m/s²]; friction of a dry road [1]."""
@@ -58,7 +58,7 @@ LAGS = (2e-3, 0.9)
 EARLY = -0.01
 """Dead time beside a lag: what is earlier is no steering, but a lag that makes up for something else [s]."""
 
-_FREE = Choice(free=True)
+_FREE = Setting(free=True)
 
 
 class Addition(NamedTuple):
@@ -66,7 +66,7 @@ class Addition(NamedTuple):
 
     Attributes:
         words: what it is.
-        choices: of parameters that are estimated then.
+        settings: of parameters that are estimated then.
         options: of the model.
         worth: part of the cost that it must save; load transfer, which goes with the speed as much else does, more than
             others, and roll, four numbers, most.
@@ -75,7 +75,7 @@ class Addition(NamedTuple):
     """
 
     words: str
-    choices: Mapping[str, Choice] = MappingProxyType({})
+    settings: Mapping[str, Setting] = MappingProxyType({})
     options: Mapping[str, Any] = MappingProxyType({})
     worth: float = 0.01
     delay: float = -np.inf
@@ -87,19 +87,19 @@ class Structure(NamedTuple):
 
     Attributes:
         model: with its options.
-        choices: by parameter.
+        settings: by parameter.
         start: where the fit is best begun; None: at its guesses.
         notes: what was assumed.
     """
 
     model: ModelSpec
-    choices: dict[str, Choice]
+    settings: dict[str, Setting]
     start: Minimum | None = None
     notes: tuple[str, ...] = ()
 
 
 def choose_structure(
-    data: DataSet, model: ModelSpec, choices: Mapping[str, Choice], options: EstimatorOptions
+    data: DataSet, model: ModelSpec, settings: Mapping[str, Setting], options: EstimatorOptions
 ) -> Structure:
     """Try what the study leaves open, see :func:`additions`.
 
@@ -107,8 +107,8 @@ def choose_structure(
         ConfigError: as :func:`~mirdrake.identification.estimators.fit`.
         RunError: the plain model runs away from its guess.
     """
-    best = Structure(model, dict(choices))
-    left_open = list(additions(data, model, choices))
+    best = Structure(model, dict(settings))
+    left_open = list(additions(data, model, settings))
     if not left_open:
         return best
     options = replace(options, bootstrap=0, profile=False)
@@ -127,11 +127,11 @@ def choose_structure(
             continue
         wanted = [*(one for one in kept if not {*one.options} & {*added.options}), added]
         try:
-            found = _solve(data, _made(model, choices, wanted), few, least)
+            found = _solve(data, _made(model, settings, wanted), few, least)
             faded = {one.words for one in kept if _has_faded(found, one)}
             if faded:
                 wanted = [one for one in wanted if one.words not in faded]
-                found = _solve(data, _made(model, choices, wanted), few, least)
+                found = _solve(data, _made(model, settings, wanted), few, least)
         except RunError:
             continue
         saves = found.cost < (1.0 - added.worth) * least.cost
@@ -140,16 +140,16 @@ def choose_structure(
             text = f"left open by the study, wanted by the training drives: {added.words} ({saved:.2g} % less misfit)"
             notes = [*(note for note in notes if note[0] not in faded), (added.words, text)]
             kept = wanted
-            best, least = _made(model, choices, wanted), found
+            best, least = _made(model, settings, wanted), found
     return best._replace(start=least, notes=tuple(text for _, text in notes))
 
 
-def _made(model: ModelSpec, choices: Mapping[str, Choice], wanted: Sequence[Addition]) -> Structure:
+def _made(model: ModelSpec, settings: Mapping[str, Setting], wanted: Sequence[Addition]) -> Structure:
     """A structure with additions."""
-    options, more = dict(model.options), dict(choices)
+    options, more = dict(model.options), dict(settings)
     for one in wanted:
         options |= one.options
-        more |= one.choices
+        more |= one.settings
     return Structure(replace(model, options=options), more)
 
 
@@ -157,36 +157,40 @@ def _has_faded(found: Minimum, added: Addition) -> bool:
     """Whether an addition has lost its meaning."""
     if not added.fades:
         return False
-    return found.values[added.fades] <= found.problem.model.plausible(added.fades, found.values)[0]
+    return found.values[added.fades] <= found.problem.model.plausible_range(added.fades, found.values)[0]
 
 
 def _has(best: Structure, added: Addition) -> bool:
     """Whether a structure has an addition."""
     options = best.model.options
-    return {*added.choices} <= {*best.choices} and all(options.get(name) == one for name, one in added.options.items())
+    return {*added.settings} <= {*best.settings} and all(
+        options.get(name) == one for name, one in added.options.items()
+    )
 
 
 def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, options: EstimatorOptions) -> bool:
     """Whether the residuals have something of an addition, so that it is worth a fit: the score test of Rao."""
-    known = {name: value for name, choice in best.choices.items() if (value := known_value(choice)) is not None}
+    known = {name: value for name, choice in best.settings.items() if (value := known_value(choice)) is not None}
 
     def remake(more: Mapping[str, Any]) -> Model:
         return make_model(replace(best.model, options={**best.model.options, **more}), data, known)
 
     questions = [
-        doubt
-        for doubt in doubts_of(least.problem, least.z)
-        if doubt.left_out and doubt.options == added.options and (added.options or {*doubt.changes} == {*added.choices})
+        assumption
+        for assumption in assumptions_of(least.problem, least.z)
+        if assumption.is_omitted
+        and assumption.options == added.options
+        and (added.options or {*assumption.changes} == {*added.settings})
     ]
     if not questions:
         return True
-    ask = Questions(least.problem, least.z, options, remake)
-    answers = [ask.answer(doubt) for doubt in questions]
+    ask = SensitivityAnalysis(least.problem, least.z, options, remake)
+    answers = [ask.answer(assumption) for assumption in questions]
     most = PROMISE * added.worth * least.cost
     return any(one is None or 0.5 * one.estimate**2 * one.known > most for one in answers)
 
 
-def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) -> Iterator[Addition]:
+def additions(data: DataSet, model: ModelSpec, settings: Mapping[str, Setting]) -> Iterator[Addition]:
     """What a study leaves open, in the order in which it is tried.
 
     Load transfer first: what it does to the bends before which a vehicle brakes looks like a delay. The steering before
@@ -197,19 +201,19 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
     if model.kind not in TURNING:
         return
     slips = model.kind.startswith("single_track")
-    if slips and "load_transfer" not in choices and _most_along(data) > ALONG:
+    if slips and "load_transfer" not in settings and _most_along(data) > ALONG:
         yield Addition("load transfer in braking", {"load_transfer": _FREE}, worth=0.03)
     # A measured angle of the wheels has the lag of the steering in it, if it is one.
-    late, measured = "steering_lag" not in choices, all("road_wheel_angle" in log.channels for log in data.logs)
+    late, measured = "steering_lag" not in settings, all("road_wheel_angle" in log.channels for log in data.logs)
     lag = Addition("a lag of the steering", {"steering_lag": _FREE}, delay=AHEAD if measured else -np.inf)
     if late and not measured:
         yield lag
     if not slips:
         return
-    if "relaxation" not in model.options and not any(name.startswith("relaxation") for name in choices):
+    if "relaxation" not in model.options and not any(name.startswith("relaxation") for name in settings):
         yield Addition("tyres that relax", options={"relaxation": "shared"}, fades="relaxation")
     # A vehicle has values of roll, for a study that asks for it.
-    told = "yaw_inertia" in choices and choices["yaw_inertia"].given is not None
+    told = "yaw_inertia" in settings and settings["yaw_inertia"].given is not None
     asked = model.options.get("outputs") or ("lateral_acceleration", "vy")
     seen = [
         name
@@ -220,7 +224,7 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
         # A sensor leans with what it is bolted to.
         of_sensor = {
             "lateral_acceleration": {
-                "accelerometer_tilt": Choice(free=True, guess=1.0),
+                "accelerometer_tilt": Setting(free=True, guess=1.0),
                 "accelerometer_height": _FREE,
             },
             "vy": {"velocity_height": _FREE},
@@ -229,13 +233,13 @@ def additions(data: DataSet, model: ModelSpec, choices: Mapping[str, Choice]) ->
         yield Addition("roll of the body", places, {"roll": True}, worth=0.1)
     if late:
         yield lag
-    if len(seen) > 1 and "velocity_delay" not in choices:
+    if len(seen) > 1 and "velocity_delay" not in settings:
         yield Addition("a vy that is late", {"velocity_delay": _FREE})
     most = _most(data)
     if "tyres" not in model.options and most > LIMIT:
         # A start below what the vehicle did lets the model spin.
-        grip = Choice(free=True, guess=max(GRIP, 1.5 * most / GRAVITY))
-        frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in choices}
+        grip = Setting(free=True, guess=max(GRIP, 1.5 * most / GRAVITY))
+        frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in settings}
         for law in ("magic_formula", "fiala"):  # the former is straight for longer, as measured tyres are
             yield Addition(f"tyres: {law}", frictions, {"tyres": law})
 
@@ -245,7 +249,7 @@ def _has_meaning(found: Minimum, first: Minimum) -> bool:
     plain, now = ({one.info.name for one in each.problem.free} for each in (first, found))
     values = found.values
     for name in now - plain:
-        least, most = LAGS if name == "steering_lag" else found.problem.model.plausible(name, values)
+        least, most = LAGS if name == "steering_lag" else found.problem.model.plausible_range(name, values)
         if not least < values[name] < most:
             return False
     return "steering_lag" not in now - plain or values["steering_delay"] > EARLY
@@ -300,10 +304,10 @@ def _most_along(data: DataSet) -> float:
 
 def _solve(data: DataSet, tried: Structure, options: EstimatorOptions, first: Minimum | None) -> Minimum:
     """The least cost of a structure, from an earlier one and with its noise."""
-    known = {name: value for name, choice in tried.choices.items() if (value := known_value(choice)) is not None}
+    known = {name: value for name, choice in tried.settings.items() if (value := known_value(choice)) is not None}
     made = make_model(tried.model, data, known)
-    drives, _ = make_drives(made, data.train, options.shooting)
-    unknowns = choose(made.parameters, tried.choices)
+    drives, _ = make_segments(made, data.train, options.shooting)
+    unknowns = resolve_parameters(made.parameters, tried.settings)
     noise = first_noise(made, drives) if first is None else first.problem.sigmas
     problem = Problem(made, drives, unknowns, noise, options.offsets, options.continuity)
     if first is None:
@@ -316,5 +320,5 @@ def _solve(data: DataSet, tried: Structure, options: EstimatorOptions, first: Mi
         part = 0.3 * max(values["steering_delay"], 0.02)  # what was taken for a dead time is a lag in part
         values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}
     z = problem.scaled(values)
-    z[len(problem.free) :] = carried(first.z, first.problem, problem)
+    z[len(problem.free) :] = transfer_states(first.z, first.problem, problem)
     return minimise(problem, options, z, close=1e-4)

@@ -33,7 +33,7 @@ class ModelSpec:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Segment:
     """A stretch of a log on even steps.
 
     Attributes:
@@ -100,14 +100,14 @@ class Drive:
 
 
 PART = 0.3
-"""Which part of an effect that is left out is tried, see :class:`Doubt`: enough that the model shows it [1]."""
+"""Which part of an effect that is left out is tried, see :class:`Assumption`: enough that the model shows it [1]."""
 
 SMALL = 0.01
 """Part of a standard deviation that is small enough for a derivative [1]."""
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Assumption:
     """What a fit takes for granted, and how far off it may be.
 
     Attributes:
@@ -115,8 +115,8 @@ class Doubt:
         remedy: what would settle it.
         changes: parameters by name where they are a part of a standard deviation off [their units].
         part: which part: small, since estimates move by its first order, but such that the model can show it [1].
-        options: of the model, where what is in doubt is left out of it.
-        left_out: it may as well be nothing, and the log is asked; else it is an assumption that is surely off.
+        options: of the model, where what is in assumption is left out of it.
+        is_omitted: it may as well be nothing, and the log is asked; else it is an assumption that is surely off.
         most: standard deviations that it cannot go beyond, whatever a log seems to say [1].
     """
 
@@ -125,20 +125,20 @@ class Doubt:
     changes: Mapping[str, float] = field(default_factory=dict)
     part: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
-    left_out: bool = False
+    is_omitted: bool = False
     most: float = math.inf
 
 
-class Effect(NamedTuple):
-    """What a doubt does.
+class AssumptionEffect(NamedTuple):
+    """What a assumption does.
 
     Attributes:
-        doubt: which.
+        assumption: which.
         shift: standard deviation that it adds to each of the scaled free parameters, with its sign (p).
         size: how many of its own standard deviations that takes [1].
     """
 
-    doubt: Doubt
+    assumption: Assumption
     shift: Array
     size: float = 1.0
 
@@ -164,16 +164,16 @@ class Model(ABC):
     state_scales: tuple[float, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    fine: float = 0.0101
-    nudge: float = 1e-5
+    max_step: float = 0.0101
+    difference_step: float = 1e-5
     """Change of a scaled parameter for a derivative."""
     tolerance: float = 1e-7
     """Relative change of the unknowns that ends a fit."""
-    through: frozenset[str] = frozenset()
+    input_parameters: frozenset[str] = frozenset()
     """Parameters that change :meth:`drive`."""
 
     @abstractmethod
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Inputs of the equations (inputs, times).
 
         Args:
@@ -197,20 +197,20 @@ class Model(ABC):
         """What the sensors of :attr:`outputs` show (outputs, …); arguments as of :meth:`rates`, or with more axes."""
 
     @abstractmethod
-    def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
+    def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Guesses of the state at samples of a drive (states, rows), from what was measured."""
 
-    def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Combinations of parameters with a meaning of their own: value and unit by name."""
         del p
         return {}
 
-    def plausible(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
+    def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
         """Between which values a parameter makes sense."""
         del name, p
         return -np.inf, np.inf
 
-    def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
+    def assumptions(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Assumption, ...]:
         """What it takes for granted.
 
         Args:
@@ -220,7 +220,7 @@ class Model(ABC):
         del p, assumed
         return ()
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         del names
         return "drive with more and faster changes of the inputs"

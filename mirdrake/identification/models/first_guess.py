@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from mirdrake.identification.alignment import delay_of, smooth
+from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.parameters import Parameter
 from mirdrake.identification.relations import Grid, make_grid
@@ -117,7 +117,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
         rate = smooth(grid, "yaw_rate")
     else:
         rate = smooth(grid, "lateral_acceleration") / np.where(moving, speed, 1.0)
-    delay = delay_of(rate, angle, grid.step)
+    delay = estimate_delay(rate, angle, grid.step)
     late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # no cause comes late
     index = np.arange(float(len(angle)))
     angle = np.interp(index - late / grid.step, index, angle)

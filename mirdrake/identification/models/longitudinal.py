@@ -20,9 +20,9 @@ from mirdrake.identification.models.base import (
     PART,
     SMALL,
     Array,
-    Doubt,
-    Drive,
+    Assumption,
     Model,
+    Segment,
     Values,
     channel_of,
     first_order,
@@ -85,7 +85,7 @@ class LongitudinalModel(Model):
         )
         self.states, self.state_scales = ("vx",), (1.0,)
         self.outputs = pick_outputs(offered, [self._speed, "longitudinal_acceleration"], outputs, self.kind)
-        self.through = frozenset(
+        self.input_parameters = frozenset(
             {
                 "drive_force",
                 "drive_delay",
@@ -207,7 +207,7 @@ class LongitudinalModel(Model):
                 ]
         return tuple(found)
 
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Position of the throttle or drive force [N], brake force [N], sine of the grade."""
         step, found = float(times[1] - times[0]), []
         zero = np.zeros(len(times))
@@ -247,7 +247,7 @@ class LongitudinalModel(Model):
             [self._acceleration(x, u, p) if name == "longitudinal_acceleration" else x[0] for name in self.outputs]
         )
 
-    def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
+    def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """The speed as measured."""
         del p
         seen = drive.outputs.get(self._speed)
@@ -256,7 +256,7 @@ class LongitudinalModel(Model):
         good = np.isfinite(seen)
         return np.interp(rows, np.flatnonzero(good), seen[good])[None]
 
-    def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """What the road sees: decelerations, as the mass and what turns with it are in all forces."""
         mass = p["mass"] + p["rotating_mass"]
         rolling = (p["rolling_resistance"] + p["slope"]) * p["mass"] * GRAVITY
@@ -268,12 +268,12 @@ class LongitudinalModel(Model):
             found["brake delay and lag together"] = (p["brake_delay"] + p["brake_lag"], "s")
         return found
 
-    def plausible(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
+    def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
         """Rolling resistance of tyres on roads, drag of vehicles over their mass."""
         ranges = {"rolling_resistance": (0.001, 0.1), "drag": (2e-5 * p["mass"], 0.002 * p["mass"])}
         return ranges.get(name, (-np.inf, np.inf))
 
-    def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
+    def assumptions(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Assumption, ...]:
         """What nobody gave, and resistance over speed.
 
         Wheels alone are worth some 4 % of the mass of a car (T. D. Gillespie, Fundamentals of Vehicle Dynamics, 1992,
@@ -282,27 +282,27 @@ class LongitudinalModel(Model):
         """
         found = []
 
-        def doubt(name: str, size: float, words: str, remedy: str) -> None:
+        def assumption(name: str, size: float, words: str, remedy: str) -> None:
             if name in assumed:
-                found.append(Doubt(words, remedy, {name: p[name] + SMALL * size}, SMALL))
+                found.append(Assumption(words, remedy, {name: p[name] + SMALL * size}, SMALL))
 
-        doubt("rotating_mass", _TURNING * p["mass"], "what the turning masses are worth", "give rotating_mass")
+        assumption("rotating_mass", _TURNING * p["mass"], "what the turning masses are worth", "give rotating_mass")
         if not self._grade:
-            doubt("slope", _SLOPE, "the slope of the road", "drive both ways, or give the slope")
+            assumption("slope", _SLOPE, "the slope of the road", "drive both ways, or give the slope")
         if "viscous_resistance" in assumed:
             size = _VISCOUS * p["rolling_resistance"] * p["mass"] * GRAVITY
             found.append(
-                Doubt(
+                Assumption(
                     "whether resistance grows with speed",
                     "free viscous_resistance",
                     {"viscous_resistance": p["viscous_resistance"] + PART * size},
                     PART,
-                    left_out=True,
+                    is_omitted=True,
                 )
             )
         return tuple(found)
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         if names & {"brake_force", "brake_delay", "brake_lag"}:
             return "brake in several steps of the pedal"

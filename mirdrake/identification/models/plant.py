@@ -33,7 +33,7 @@ from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError, did_you_mean
 from mirdrake.execution.parameters import find_knobs
-from mirdrake.identification.models.base import Array, Drive, channel_of, pick_outputs
+from mirdrake.identification.models.base import Array, Segment, channel_of, pick_outputs
 from mirdrake.identification.models.plant_context import body_inertia, measure, set_damping
 from mirdrake.identification.models.plant_parameters import plant_parameters
 from mirdrake.identification.models.simulated import SimulatedModel
@@ -139,7 +139,7 @@ class PlantModel(SimulatedModel):
         friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._knobs else None
         damping = float(part.wheels[0].default_damping_vector()[0])
         self.parameters = plant_parameters(loaded, self._steer, self._whole, self._rest, damping, friction)
-        self._runs: dict[tuple[Any, ...], tuple[Drive, tuple[Array, Array] | None]] = {}
+        self._runs: dict[tuple[Any, ...], tuple[Segment, tuple[Array, Array] | None]] = {}
 
     def _build(self, model: str, contact: str, world: str) -> Assembly:
         systems: dict[str, Any] = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
@@ -186,12 +186,12 @@ class PlantModel(SimulatedModel):
 
     # --- runs -------------------------------------------------------------------------------------------------------
 
-    def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
+    def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Speed as measured, the mean of a few samples."""
         del p
         return np.array([[_first(drive.channels(self._speed), drive.step, int(row)) for row in rows]])
 
-    def run(self, p: Mapping[str, float], drive: Drive, first: Array) -> tuple[Array, Array] | None:
+    def run(self, p: Mapping[str, float], drive: Segment, first: Array) -> tuple[Array, Array] | None:
         """One run; the last ones are remembered."""
         key = (id(drive), tuple(p.values()), first.tobytes())
         if key not in self._runs:
@@ -200,7 +200,7 @@ class PlantModel(SimulatedModel):
             self._runs[key] = drive, self._simulate(p, drive, float(first[0]))  # kept, so that its id is
         return self._runs[key][1]
 
-    def _simulate(self, p: Mapping[str, float], drive: Drive, speed: float) -> tuple[Array, Array] | None:
+    def _simulate(self, p: Mapping[str, float], drive: Segment, speed: float) -> tuple[Array, Array] | None:
         assembly, begin = self.assembly, self._settle
         try:
             context = self._context(p, drive, speed)
@@ -227,7 +227,7 @@ class PlantModel(SimulatedModel):
             return None
         return y, np.array([seen["vx"][-1]])
 
-    def _context(self, p: Mapping[str, float], drive: Drive, speed: float) -> Context:
+    def _context(self, p: Mapping[str, float], drive: Segment, speed: float) -> Context:
         """A new Context with parameters and tables in it, the car at its start.
 
         Raises:
@@ -268,12 +268,12 @@ class PlantModel(SimulatedModel):
                 assembly.diagram.GetInputPort(f"{EGO}.{port}").FixValue(context, [value])
         return context
 
-    def _fill(self, context: Context, name: str, drive: Drive, values: Array, lead: float = 0.0) -> None:
+    def _fill(self, context: Context, name: str, drive: Segment, values: Array, lead: float = 0.0) -> None:
         block = self.assembly.diagram.GetSubsystemByName(name)
         times = self._settle - lead + _fine(drive)
         block.set_rows(block.GetMyMutableContextFromRoot(context), times, np.atleast_2d(values))
 
-    def _torques(self, drive: Drive) -> Array:
+    def _torques(self, drive: Segment) -> Array:
         """Drive and brake torques of the wheels (8, n) [N m]; none if a log has none."""
         times = _fine(drive)
         found = np.zeros((8, len(times)))
@@ -287,7 +287,7 @@ class PlantModel(SimulatedModel):
             found[4:6], found[6:8] = 0.5 * share * brake, 0.5 * (1.0 - share) * brake
         return found
 
-    def _set_speeds(self, context: Context, drive: Drive, speed: float) -> None:
+    def _set_speeds(self, context: Context, drive: Segment, speed: float) -> None:
         """The log's first speeds for a car that has settled: forward, to the left and about the vertical."""
         plant, part = self.assembly.parts.plant, self._part
         plant_context = plant.GetMyMutableContextFromRoot(context)
@@ -331,7 +331,7 @@ class PlantModel(SimulatedModel):
             "roll_rate": state[9],
         }
 
-    def plausible(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
+    def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
         """Within what cargo can do."""
         del p
         whole = self._whole
@@ -341,7 +341,7 @@ class PlantModel(SimulatedModel):
         }
         return ranges.get(name, (-np.inf, np.inf))
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         if names & {"friction"}:
             return "brake or turn to the limit of the tyres"
@@ -371,7 +371,7 @@ def _find_drive(asked: str | None, offered: set[str], vehicle: Vehicle) -> str:
     return asked
 
 
-def _fine(drive: Drive) -> Array:
+def _fine(drive: Segment) -> Array:
     """Times of the samples from the first one on (n) [s]."""
     return np.asarray(drive.step * np.arange(drive.size), dtype=np.float64)
 

@@ -7,9 +7,9 @@ from typing import Any
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.models.base import Model, ModelSpec
+from mirdrake.identification.models.direct import JointLoopModel, KinematicModel, SteeringModel
 from mirdrake.identification.models.first_guess import SteeringGuess, guess_steering, with_guess
 from mirdrake.identification.models.longitudinal import LongitudinalModel
-from mirdrake.identification.models.simple import JointLoopModel, KinematicModel, SteeringModel
 from mirdrake.identification.models.single_track import SingleTrackModel
 from mirdrake.identification.models.steer import STEERING
 

@@ -3,19 +3,19 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 
-from mirdrake.identification.models.base import Array, Drive, Model, Values
+from mirdrake.identification.models.base import Array, Model, Segment, Values
 
 
 class SimulatedModel(Model):
     """A model whose runs are made elsewhere."""
 
-    nudge = 0.01
+    difference_step = 0.01
     """Change of a scaled parameter or a state for a derivative: contact is not smooth in smaller ones."""
 
     tolerance = 3e-4
 
     @abstractmethod
-    def run(self, p: Mapping[str, float], drive: Drive, first: Array) -> tuple[Array, Array] | None:
+    def run(self, p: Mapping[str, float], drive: Segment, first: Array) -> tuple[Array, Array] | None:
         """What the sensors show (outputs, n), and the state behind the last sample (states).
 
         Args:
@@ -27,7 +27,7 @@ class SimulatedModel(Model):
             None if the run fails.
         """
 
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Not used: a run reads the drive itself."""
         raise NotImplementedError
 

@@ -73,15 +73,15 @@ from mirdrake.identification.models.base import (
     PART,
     SMALL,
     Array,
-    Doubt,
-    Drive,
+    Assumption,
     Model,
+    Segment,
     Values,
     channel_of,
     pick_outputs,
 )
 from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
-from mirdrake.identification.models.steer import AHEAD, NAMES, STEERING, steering_angle
+from mirdrake.identification.models.steer import AHEAD, STEERING, STEERING_PARAMETERS, steering_angle
 
 AXLES = ("front", "rear")
 TYRES = ("linear", "fiala", "magic_formula")
@@ -174,7 +174,7 @@ class SingleTrackModel(Model):
             self.states += ("steering_give",)
             self.state_scales += (0.002,)
         self.outputs = pick_outputs(offered, possible, outputs, self.kind)
-        self.through = NAMES
+        self.input_parameters = STEERING_PARAMETERS
         self.parameters = single_track_parameters(
             given, wheelbase, self._steer, outputs=self.outputs, tyres=tyres, roll=self._roll,
             relaxation=self._lengths if relaxation else (), yields=self._yields, damped_late=self._damped_late,
@@ -184,9 +184,9 @@ class SingleTrackModel(Model):
         length = p["front_length"] + p["rear_length"]
         self._v1 = _FROUDE * (GRAVITY * length) ** 0.5
         # Slip of stiff tyres at 3 v1 settles at some 60 sqrt(g / L); Runge-Kutta needs steps of less than 2.8 of it.
-        self.fine = min(self.fine, _FINE * (length / GRAVITY) ** 0.5)
+        self.max_step = min(self.max_step, _FINE * (length / GRAVITY) ** 0.5)
 
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Angle of the wheels [rad], speed [m/s], its rate [m/s²] and those of the angle [rad/s, rad/s²]."""
         speed, step = drive.at(self._speed, times), float(times[1] - times[0])
         smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
@@ -284,9 +284,9 @@ class SingleTrackModel(Model):
             found[0] = found[0] + p["roll_arm"] * sway
             found += [x[3], sway]
         if self._damped_late:
-            found.append((x[3] - x[4]) / np.maximum(p["roll_damper_time"], _SLIPPING * self.fine))
+            found.append((x[3] - x[4]) / np.maximum(p["roll_damper_time"], _SLIPPING * self.max_step))
         if self._relaxation:
-            v, least = np.maximum(u[1], self._v1), _SLIPPING * self.fine
+            v, least = np.maximum(u[1], self._v1), _SLIPPING * self.max_step
             for i, (length, slip) in enumerate(zip(self._lengths, slips, strict=True)):
                 # What the integration can follow, without a corner, at which a search would stay.
                 time = least * (1.0 + (p[length] / (v * least)) ** 8) ** 0.125
@@ -295,7 +295,7 @@ class SingleTrackModel(Model):
             moment = -p["trail_front"] * forces[0] - p["steering_inertia"] * (u[4] + turn)
             if self._roll:
                 moment = moment + p["camber_moment"] * x[2] - 0.5 * p["wheel_momentum"] * u[1] * x[3]
-            time = np.maximum(p["steering_compliance_time"], _SLIPPING * self.fine)
+            time = np.maximum(p["steering_compliance_time"], _SLIPPING * self.max_step)
             found.append((p["steering_compliance"] * moment - x[-1]) / time)
         return np.stack(found)
 
@@ -341,7 +341,7 @@ class SingleTrackModel(Model):
         middle = x - 0.5 * late * self.rates(x, u, p)
         return x - late * self.rates(middle, back(0.5 * late), p), back(late)
 
-    def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
+    def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Yaw rate as measured; vy as measured, or that of a slow turn."""
         a, b, m = p["front_length"], p["rear_length"], p["mass"]
         v = np.maximum(drive.inputs[self._speed][rows], self._v1)
@@ -365,7 +365,7 @@ class SingleTrackModel(Model):
                 found.append(-p["steering_compliance"] * p["trail_front"] * held * b)
         return np.stack(found)
 
-    def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Understeer gradient and what else a slow drive shows."""
         a, m, length = p["front_length"], p["mass"], p["front_length"] + p["rear_length"]
         front, rear = p["cornering_stiffness_front"], p["cornering_stiffness_rear"]
@@ -391,7 +391,7 @@ class SingleTrackModel(Model):
         given = q["steering_compliance"] * (q["trail_front"] * front - q["camber_moment"] * roll)
         return slips + (q["roll_steer_rear"] - q["roll_steer"]) * roll + given
 
-    def plausible(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
+    def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
         """Stiffness over load of road tyres is 4 to 40 1/rad, and the radius of gyration goes with the axles."""
         a, b, m = p["front_length"], p["rear_length"], p["mass"]
         load = m * GRAVITY / (a + b)
@@ -412,7 +412,7 @@ class SingleTrackModel(Model):
         }
         return ranges.get(name, (-np.inf, np.inf))
 
-    def doubts(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Doubt, ...]:
+    def assumptions(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Assumption, ...]:
         """What is not in it, and what nobody gave.
 
         The front axle carries 40 to 60 % of nearly all cars. A relaxation length or an arm of roll that was assumed may
@@ -421,32 +421,34 @@ class SingleTrackModel(Model):
         """
         length, found = p["front_length"] + p["rear_length"], []
 
-        def doubt(names: Collection[str], off: Mapping[str, float], words: str, remedy: str) -> None:
+        def assumption(names: Collection[str], off: Mapping[str, float], words: str, remedy: str) -> None:
             if set(names) <= assumed and any(off.values()):
                 moved = {name: p[name] + SMALL * size for name, size in off.items()}
-                found.append(Doubt(words, remedy, moved, SMALL))
+                found.append(Assumption(words, remedy, moved, SMALL))
 
         def lack(
             words: str, remedy: str, off: Mapping[str, float], options: Mapping[str, Any], most: float = math.inf
         ) -> None:
             if not set(options) - self._open:
-                found.append(Doubt(words, remedy, off, PART, options, left_out=True, most=most))
+                found.append(Assumption(words, remedy, off, PART, options, is_omitted=True, most=most))
 
         lengths = ("front_length", "rear_length")
         moved = {"front_length": _CENTRE * length, "rear_length": -_CENTRE * length}
-        doubt(lengths, moved, "where the centre of mass is", "give front_length and rear_length")
+        assumption(lengths, moved, "where the centre of mass is", "give front_length and rear_length")
         if self._no_wheelbase:
             moved = {name: _SIZE * p[name] for name in lengths if name in assumed}
-            doubt((), moved, "the wheelbase", "give it")
+            assumption((), moved, "the wheelbase", "give it")
         if self._relaxation:
             moved = {name: 0.5 * p[name] for name in self._lengths}
-            doubt(self._lengths, moved, "the relaxation length of the tyres", "give the vehicle, or that length")
+            assumption(self._lengths, moved, "the relaxation length of the tyres", "give the vehicle, or that length")
             trails = ("trail_front", "trail_rear")
             moved = dict.fromkeys(trails, _TRAIL * length)
-            doubt(trails, moved, "the pneumatic trail of the tyres", "give the vehicle, or trail_front and trail_rear")
+            assumption(
+                trails, moved, "the pneumatic trail of the tyres", "give the vehicle, or trail_front and trail_rear"
+            )
         if self._roll:
             moved = {"roll_arm": 0.5 * p["roll_arm"]}
-            doubt(("roll_arm",), moved, "how far the centre of mass is above the roll axis", "give roll_arm")
+            assumption(("roll_arm",), moved, "how far the centre of mass is above the roll axis", "give roll_arm")
             for name, axle in (("roll_steer", "front"), ("roll_steer_rear", "rear")):
                 if name in assumed:
                     moved = {name: p[name] + PART * _ROLL_STEER}
@@ -480,7 +482,7 @@ class SingleTrackModel(Model):
             lack("a lag of the steering", remedy, {"steering_lag": PART * _LAG}, {})
         return tuple(found)
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         stiff = {"cornering_stiffness_front", "cornering_stiffness_rear"}
         if names & {"friction_front", "friction_rear"} or any(

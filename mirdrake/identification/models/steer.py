@@ -4,11 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mirdrake.identification.models.base import Array, Drive, first_order
+from mirdrake.identification.models.base import Array, Segment, first_order
 from mirdrake.identification.parameters import Parameter
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
-NAMES = frozenset({"steering_ratio", "steering_offset", "steering_delay", "steering_lag", "steering_backlash"})
+STEERING_PARAMETERS = frozenset(
+    {"steering_ratio", "steering_offset", "steering_delay", "steering_lag", "steering_backlash"}
+)
 
 AHEAD = 0.03
 """Dead time from which on a recorded angle of the wheels is what they were asked for, and not where they are [s]: the
@@ -63,7 +65,7 @@ def steering_parameters(channel: str) -> tuple[Parameter, ...]:
     )
 
 
-def steering_angle(p: Mapping[str, float], drive: Drive, channel: str, times: Array) -> Array:
+def steering_angle(p: Mapping[str, float], drive: Segment, channel: str, times: Array) -> Array:
     """Angle of the front wheels (times) [rad]."""
     wide, early = drive.with_history(times)
     # A lag is exact for straight lines: short ones.

@@ -10,9 +10,9 @@ import pytest
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data
-from mirdrake.identification.identify import doubt_poor
+from mirdrake.identification.identify import reject_poor_fit
+from mirdrake.identification.lateral_delays import estimate_lateral_delays
 from mirdrake.identification.relations import make_grid
-from mirdrake.identification.sideways import sideways_delays
 from tests.test_identification_data import STEP, checked, recorded
 
 NOISE = {"vx": 0.02, "vy": 0.02, "yaw_rate": 0.004, "lateral_acceleration": 0.1}
@@ -45,7 +45,7 @@ def drive(seed, *, late=None, ahead=0.0, noise=1.0):
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
 def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ahead):
-    found = sideways_delays([make_grid(drive(seed, ahead=ahead))], 0.5 * STEP)
+    found = estimate_lateral_delays([make_grid(drive(seed, ahead=ahead))], 0.5 * STEP)
     assert found is not None
     assert (found.acceleration, found.velocity) == (0.0, 0.0)
     assert found.arm == pytest.approx(ahead, abs=0.1)
@@ -83,7 +83,7 @@ def test_velocities_of_one_source_are_late_together(ahead):
 
 @pytest.mark.parametrize("name", ["vy", "lateral_acceleration"])
 def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
-    found = sideways_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))], 0.5 * STEP)
+    found = estimate_lateral_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))], 0.5 * STEP)
     assert found is not None
     assert found.velocity == pytest.approx(0.06 if name == "vy" else 0.0, abs=0.01)
     assert found.acceleration == pytest.approx(0.0 if name == "vy" else 0.06, abs=0.015)
@@ -93,7 +93,7 @@ def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
 def test_too_short_a_drive_says_nothing():
     log = drive(4)
     short = replace(log, time=log.time[:300], channels={name: values[:300] for name, values in log.channels.items()})
-    assert sideways_delays([make_grid(short)], 0.5 * STEP) is None
+    assert estimate_lateral_delays([make_grid(short)], 0.5 * STEP) is None
 
 
 def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
@@ -115,7 +115,7 @@ def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
     assert not checked(report.data.logs[0]).of("drift")
     kept = check_data(DataSet((replace(log, channels=channels),)), repairs=())
     assert [one.repair for one in kept.of("drift")] == [""]
-    assert kept.left
+    assert kept.unrepaired_faults
 
 
 HEADER = "t,vx,vy,wz,ay,steer\n"
@@ -233,7 +233,7 @@ def test_noise_has_no_parameters(tmp_path):
         return  # refused is as good
     assert all(one.verdict != "identified" for one in found.parameters if one.kind != "fixed")
     assert "the model follows no channel" in found.notes[0]
-    assert doubt_poor(found).parameters == found.parameters
+    assert reject_poor_fit(found).parameters == found.parameters
 
 
 def test_a_key_of_a_model_in_its_short_form_can_be_set(tmp_path):

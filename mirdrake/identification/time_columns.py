@@ -8,24 +8,24 @@ Array = NDArray[np.float64]
 _LONG = 1.0
 """Steps from row to row are shorter [s]."""
 
-LEAST_ROWS = 20
+MIN_ROWS = 20
 """Fewer samples are no drive."""
 
-MOST_BACKWARDS = 0.01
+MAX_BACKWARD_SHARE = 0.01
 """Part of the rows whose time may lie before that of an earlier row; more is an error, or no clock."""
 
 
-def are_steps(time: Array) -> bool:
+def has_step_durations(time: Array) -> bool:
     """Whether a clock says how long each row took: short, and as often less than the one before as more.
 
     Args:
         time: the column (n) [s].
     """
-    if not np.isfinite(time).all() or len(time) < LEAST_ROWS:
+    if not np.isfinite(time).all() or len(time) < MIN_ROWS:
         return False
     changes = np.diff(time)
     less, more = float(np.mean(changes < 0.0)), float(np.mean(changes > 0.0))
-    return bool(time.min() >= 0.0 and 0.0 < np.median(time) < _LONG and less > max(MOST_BACKWARDS, 0.3 * more))
+    return bool(time.min() >= 0.0 and 0.0 < np.median(time) < _LONG and less > max(MAX_BACKWARD_SHARE, 0.3 * more))
 
 
 def is_time_of_day(numbers: Array) -> bool:
@@ -35,7 +35,7 @@ def is_time_of_day(numbers: Array) -> bool:
         numbers: the column (n). Within one minute it may be anything: no.
     """
     used = numbers[np.isfinite(numbers)]
-    if len(used) < LEAST_ROWS or used.min() < 0.0 or used.max() >= 240000.0:
+    if len(used) < MIN_ROWS or used.min() < 0.0 or used.max() >= 240000.0:
         return False
     seconds, minutes, steps = used % 100.0, used // 100.0 % 100.0, np.diff(used)
     over = np.flatnonzero(np.abs(steps) > 20.0)

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from mirdrake.identification.alignment import smooth
-from mirdrake.identification.clocks import LEAST_ROWS
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.relations import make_grid
+from mirdrake.identification.time_columns import MIN_ROWS
 
 STRIDE = 3
 """Of drives in the order of how quickly they turn in, the second is held out, and each of this many behind it."""
 
 
-def hold_out(data: DataSet, part: float) -> DataSet:
+def split_validation(data: DataSet, part: float) -> DataSet:
     """The same with some of its training drives for validation, and with the end of one as a log of its own.
 
     The drive that turns in most quickly is the only one that may tell the yaw inertia and what is late, so it is held
@@ -29,9 +29,9 @@ def hold_out(data: DataSet, part: float) -> DataSet:
     for log in _in_order(data.train):
         rows = int(np.searchsorted(log.time, log.time[-1] - left, side="right"))
         left = max(left - _span(log), 0.0)
-        if rows >= len(log.time) - LEAST_ROWS:
+        if rows >= len(log.time) - MIN_ROWS:
             break
-        if rows < LEAST_ROWS:
+        if rows < MIN_ROWS:
             del kept[id(log)]
             held.append(replace(log, use="validation"))
         else:

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from mirdrake.identification.curves import Curve
 from mirdrake.identification.data import Array
 from mirdrake.identification.relations import Grid
+from mirdrake.identification.splines import Curve
 
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
 """Smoothing of all channels [s]; the one that is surest counts."""
@@ -71,7 +71,7 @@ class Opened(NamedTuple):
     arm: bool
 
 
-class Sideways(NamedTuple):
+class LateralDelays(NamedTuple):
     """What lateral channels say of each other.
 
     Attributes:
@@ -101,7 +101,9 @@ class Sideways(NamedTuple):
     opened: Opened
 
 
-def sideways_delays(grids: Sequence[Grid], least: float, *, together: bool | None = None) -> Sideways | None:
+def estimate_lateral_delays(
+    grids: Sequence[Grid], least: float, *, together: bool | None = None
+) -> LateralDelays | None:
     """The delays of the lateral acceleration and of vy; None: the channels are not there, or do not tell.
 
     Args:
@@ -125,7 +127,7 @@ def sideways_delays(grids: Sequence[Grid], least: float, *, together: bool | Non
     return both if rests[1] < rests[0] else alone
 
 
-def contradict(grids: Sequence[Grid], found: Sideways | None) -> bool:
+def contradict(grids: Sequence[Grid], found: LateralDelays | None) -> bool:
     """Whether single logs tell surely of another delay of vy than all together.
 
     Args:
@@ -146,7 +148,7 @@ def contradict(grids: Sequence[Grid], found: Sideways | None) -> bool:
     return False
 
 
-def _sought(drives: "_Drives", least: float, together: bool) -> Sideways | None:
+def _sought(drives: "_Drives", least: float, together: bool) -> LateralDelays | None:
     """With all unknowns first, and then without the delays that are none."""
     opened, found = Opened(True, True, True), None
     for _ in range(3):
@@ -179,7 +181,7 @@ def _sought(drives: "_Drives", least: float, together: bool) -> Sideways | None:
     return found
 
 
-def _leaves_late(drives: "_Drives", found: Sideways, name: str) -> bool:
+def _leaves_late(drives: "_Drives", found: LateralDelays, name: str) -> bool:
     """Whether without a delay the other one is a lateness: behind a gyroscope nothing is early."""
     without = drives.at(found.width, found.opened._replace(**{name: False}), found.together)
     return without is not None and max(without.acceleration, without.velocity) > 0.0
@@ -193,18 +195,18 @@ class _Drives:
         self._smoothed: dict[float, list[_Drive]] = {}
         self._coarsest = max((grid.step for grid in grids), default=0.0)
 
-    def surest(self, opened: Opened, together: bool) -> Sideways | None:
+    def surest(self, opened: Opened, together: bool) -> LateralDelays | None:
         """With the smoothing that leaves the delays, or the arm, surest."""
         found = [self.at(max(width, 2.0 * self._coarsest), opened, together) for width in WIDTHS]
         tried = [one for one in found if one is not None]
         return min(tried, key=lambda one: (max(one.sigmas), one.arm_sigma)) if tried else None
 
-    def is_missed(self, name: str, found: Sideways) -> bool:
+    def is_missed(self, name: str, found: LateralDelays) -> bool:
         """Whether much more is left of dvy/dt without a delay."""
         without = self.at(found.width, found.opened._replace(**{name: False}), found.together)
         return without is not None and without.rest > MISSED * max(found.rest, LITTLE * found.size)
 
-    def at(self, width: float, opened: Opened, together: bool) -> Sideways | None:
+    def at(self, width: float, opened: Opened, together: bool) -> LateralDelays | None:
         """With a smoothing over a width [s]; a delay that is not open is 0.
 
         Rows with even numbers give the residuals, those with odd numbers what these are compared with (instruments):
@@ -255,7 +257,7 @@ class _Drives:
         inverse = np.linalg.inv(normal)
         spread = inverse @ (scores.T @ scores) @ inverse * BLOCKS / (BLOCKS - len(unknown))
         sigma = np.sqrt(np.diag(spread))
-        return Sideways(
+        return LateralDelays(
             float(unknown[0]) if opened.acceleration else 0.0,
             float(unknown[1]) if opened.velocity else 0.0,
             (float(sigma[0]) if opened.acceleration else 0.0, float(sigma[1]) if opened.velocity else 0.0),

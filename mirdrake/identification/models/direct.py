@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.identification.models.base import Array, Drive, Model, Values, channel_of, pick_outputs, second_order
+from mirdrake.identification.models.base import Array, Model, Segment, Values, channel_of, pick_outputs, second_order
 from mirdrake.identification.models.single_track import SPEED
-from mirdrake.identification.models.steer import NAMES, STEERING, steering_angle, steering_parameters
+from mirdrake.identification.models.steer import STEERING, STEERING_PARAMETERS, steering_angle, steering_parameters
 from mirdrake.identification.parameters import Parameter
 
 
@@ -22,7 +22,7 @@ class _Direct(Model):
         del u, p
         return np.zeros_like(x)
 
-    def start(self, p: Mapping[str, float], drive: Drive, rows: NDArray[np.intp]) -> Array:
+    def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Zero."""
         del p, drive
         return np.zeros((1, len(rows)))
@@ -80,9 +80,9 @@ class KinematicModel(_Direct):
             ),
             *steering_parameters(self._steer),
         )
-        self.through = NAMES
+        self.input_parameters = STEERING_PARAMETERS
 
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Angle of the wheels [rad] and speed [m/s]."""
         return np.stack((steering_angle(p, drive, self._steer, times), drive.at(self._speed, times)))
 
@@ -91,14 +91,14 @@ class KinematicModel(_Direct):
         rate = u[1] * np.tan(u[0]) / (p["wheelbase"] + p["understeer"] * u[1] ** 2) + 0.0 * x[0]
         return np.stack([rate if name == "yaw_rate" else rate * u[1] for name in self.outputs])
 
-    def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """What one speed tells."""
         return {
             "steering ratio times wheelbase": (p["steering_ratio"] * p["wheelbase"], "m"),
             "steering delay and lag together": (p["steering_delay"] + p["steering_lag"], "s"),
         }
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         return (
             "do step steers" if names & {"steering_delay", "steering_lag"} else "turn slowly and fast, left and right"
@@ -130,13 +130,13 @@ class SteeringModel(_Direct):
         choice = (input,) if input else STEERING[1:]
         self._steer = channel_of(offered, choice, "the input of the steering", self.kind)
         channel_of(offered, ("road_wheel_angle",), "the angle of the wheels", self.kind)
-        self.inputs, self.outputs, self.through = (self._steer,), ("road_wheel_angle",), NAMES
+        self.inputs, self.outputs, self.input_parameters = (self._steer,), ("road_wheel_angle",), STEERING_PARAMETERS
         self.parameters = tuple(
             Parameter(**{**vars(info), "free": info.name != "steering_backlash"})
             for info in steering_parameters(self._steer)
         )
 
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Angle of the wheels [rad]."""
         return steering_angle(p, drive, self._steer, times)[None]
 
@@ -145,7 +145,7 @@ class SteeringModel(_Direct):
         del p
         return np.asarray((u[0] + 0.0 * x[0])[None])
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which drive would tell these parameters apart."""
         return "turn the wheel to and fro slowly" if "steering_backlash" in names else "do steps of the steering"
 
@@ -198,9 +198,9 @@ class JointLoopModel(_Direct):
                 source="" if inertia else "not given: servo gains are per unit of inertia",
             ),
         )
-        self.through = frozenset({"gain", "offset", "natural_frequency", "damping_ratio", "delay"})
+        self.input_parameters = frozenset({"gain", "offset", "natural_frequency", "damping_ratio", "delay"})
 
-    def drive(self, p: Mapping[str, float], drive: Drive, times: Array) -> Array:
+    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """The answer of the loop."""
         step = float(times[1] - times[0])
         wide, early = drive.with_history(times)
@@ -212,7 +212,7 @@ class JointLoopModel(_Direct):
         del p
         return np.asarray((u[0] + 0.0 * x[0])[None])
 
-    def derived(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Gains of the servo, and how late the loop is."""
         natural, inertia = p["natural_frequency"], p["inertia"]
         return {
@@ -226,7 +226,7 @@ class JointLoopModel(_Direct):
         del channel
         return 0.0
 
-    def remedy(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str]) -> str:
         """Which test would tell these parameters apart."""
         del names
         return "do steps and a sweep of the set-point to beyond the natural frequency"

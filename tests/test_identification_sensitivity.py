@@ -11,13 +11,13 @@ from scipy.stats import norm
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.doubts import effects_of, expected_square
 from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.sensitivity import assumption_effects, expected_square
 from mirdrake.identification.estimators.solve import solve
 from mirdrake.identification.models import ModelSpec
-from mirdrake.identification.models.base import Doubt, Drive
+from mirdrake.identification.models.base import Assumption, Segment
 from mirdrake.identification.models.simulated import SimulatedModel
-from mirdrake.identification.parameters import Choice, Parameter, choose
+from mirdrake.identification.parameters import Parameter, Setting, resolve_parameters
 from tests.identification_rigs import COAST, FRONT, MASS, REAR, coast_data, lateral_data
 
 LINEAR = EstimatorOptions(loss="linear", offsets=False)
@@ -30,20 +30,20 @@ class Line(SimulatedModel):
     kind = title = "line"
     states, state_scales, inputs, outputs = ("none",), (1.0,), ("x",), ("y",)
 
-    def __init__(self, doubt=None, *, curved=True):
+    def __init__(self, assumption=None, *, curved=True):
         self.parameters = (Parameter("slope", "1", "of the line", 1.0, -10.0, 10.0, True, 1.0),)
         if curved:
             self.parameters += (Parameter("bend", "1/m", "of the line", 0.0, -10.0, 10.0, scale=1.0),)
-        self._doubt = doubt
+        self._doubt = assumption
 
     def run(self, p, drive, first):
         x = drive.inputs["x"]
         return (p["slope"] * x + p.get("bend", 0.0) * x**2)[None], first
 
-    def start(self, p, drive, rows):
+    def initial_states(self, p, drive, rows):
         return np.zeros((1, len(rows)))
 
-    def doubts(self, p, assumed):
+    def assumptions(self, p, assumed):
         return () if self._doubt is None else (self._doubt,)
 
     def offset_scale(self, channel):
@@ -54,27 +54,27 @@ def drive(bend, seed=0):
     """x is 1 and 2 by turns, so that the best slope for a bend c is off by c Σx³/Σx² = c 9/5."""
     x = np.tile([1.0, 2.0], COUNT // 2)
     y = 3.0 * x + bend * x**2 + np.random.default_rng(seed).normal(0.0, NOISE, COUNT)
-    return Drive("line", "train", 0.0, 0.01, {"x": x}, {"y": y})
+    return Segment("line", "train", 0.0, 0.01, {"x": x}, {"y": y})
 
 
-def effects(model, bend, choices, seed=0):
-    problem = Problem(model, [drive(bend, seed)], choose(model.parameters, choices), {"y": NOISE}, False)
+def effects(model, bend, settings, seed=0):
+    problem = Problem(model, [drive(bend, seed)], resolve_parameters(model.parameters, settings), {"y": NOISE}, False)
     solution = solve(problem, LINEAR)
-    found = effects_of(solution, LINEAR, lambda options: Line())
+    found = assumption_effects(solution, LINEAR, lambda options: Line())
     return solution, found
 
 
 def test_a_fixed_value_with_a_standard_deviation_moves_the_slope_by_9_over_5_of_it():
-    _, found = effects(Line(), 0.0, {"bend": Choice(fixed=0.0, sigma=0.05)})
+    _, found = effects(Line(), 0.0, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert found[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
     # Whatever the log says: with a bend that is really there it is no other.
-    _, bent = effects(Line(), 0.3, {"bend": Choice(fixed=0.0, sigma=0.05)})
+    _, bent = effects(Line(), 0.3, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
 
 
 def test_what_is_left_out_counts_as_far_as_the_log_has_it():
     """Information on the bend, the slope taken out: Σx⁴ - (Σx³)²/Σx² = n (17 - 81/5)/2 = 0.4 n over the noise."""
-    lack = Doubt("a bend", "draw it straight", {"bend": 0.5}, 1.0, {"curved": True}, left_out=True)
+    lack = Assumption("a bend", "draw it straight", {"bend": 0.5}, 1.0, {"curved": True}, is_omitted=True)
     variance = NOISE**2 / (0.4 * COUNT) / 0.5**2
     for bend in (0.0, 0.02, 0.2):
         solution, found = effects(Line(lack, curved=False), bend, {})
@@ -106,34 +106,34 @@ def test_mean_square_is_that_of_a_spike_and_a_slab(estimate, variance):
 
 def test_a_mass_that_is_not_sure_is_in_the_stiffness_and_not_in_the_delay():
     """Motion tells force over mass: a mass of ± 2 % leaves stiffness and inertia as unsure."""
-    known = {"front_length": Choice(fixed=FRONT), "rear_length": Choice(fixed=REAR)}
+    known = {"front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR)}
     spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
     rest = {
-        "steering_lag": Choice(free=True),
-        "load_transfer": Choice(fixed=0.0),
-        "accelerometer_ahead": Choice(free=False),
-        "front_drive": Choice(fixed=0.5),
-        "front_brake": Choice(fixed=0.6),
+        "steering_lag": Setting(free=True),
+        "load_transfer": Setting(fixed=0.0),
+        "accelerometer_ahead": Setting(free=False),
+        "front_drive": Setting(fixed=0.5),
+        "front_brake": Setting(fixed=0.6),
     }
-    found: Any = fit(lateral_data(), spec, parameters={**known, **rest, "mass": Choice(fixed=MASS, sigma=0.02 * MASS)})
+    found: Any = fit(lateral_data(), spec, parameters={**known, **rest, "mass": Setting(fixed=MASS, sigma=0.02 * MASS)})
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
         one = found[name]
-        assert one.of_model == pytest.approx(0.02 * one.value, rel=0.02)
-        assert one.sigma == pytest.approx(math.hypot(one.of_noise, one.of_model))
-        assert one.verdict == "weakly identified" or one.of_model < 0.02 * one.value
+        assert one.sigma_model == pytest.approx(0.02 * one.value, rel=0.02)
+        assert one.sigma == pytest.approx(math.hypot(one.sigma_noise, one.sigma_model))
+        assert one.verdict == "weakly identified" or one.sigma_model < 0.02 * one.value
         assert 0.5 * (one.high - one.low) == pytest.approx(1.96 * one.sigma, rel=0.01)
-    assert found["steering_delay"].of_model < 0.05 * found["steering_delay"].of_noise
+    assert found["steering_delay"].sigma_model < 0.05 * found["steering_delay"].sigma_noise
 
 
 def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
     spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
-    found: Any = fit(lateral_data(), spec, parameters={"mass": Choice(fixed=MASS), "steering_lag": Choice(free=True)})
+    found: Any = fit(lateral_data(), spec, parameters={"mass": Setting(fixed=MASS), "steering_lag": Setting(free=True)})
     for name, truth in (("cornering_stiffness_front", 90e3), ("cornering_stiffness_rear", 110e3)):
         one = found[name]
         assert one.verdict == "weakly identified"
         assert "where the centre of mass is: give front_length and rear_length" in one.words
         assert one.low < truth < one.high
-        assert abs(one.value - truth) > 3.0 * one.of_noise
+        assert abs(one.value - truth) > 3.0 * one.sigma_noise
     text = found.table()
     assert "± of noise" in text
     assert "± of model" in text
@@ -142,11 +142,11 @@ def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
 def test_a_coast_down_tells_resistance_per_moving_mass_on_a_road_that_may_slope():
     """The speed shows (c + γ) m g and D over m + mr: 3 % of m in mr are 3 % of both, 0.001 of γ is 0.001 of c."""
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
-    choices = {"mass": Choice(fixed=MASS), "viscous_resistance": Choice(fixed=0.0)}
-    found: Any = fit(coast_data(), spec, parameters=choices)
+    settings = {"mass": Setting(fixed=MASS), "viscous_resistance": Setting(fixed=0.0)}
+    found: Any = fit(coast_data(), spec, parameters=settings)
     rolling, drag = COAST["rolling_resistance"], COAST["drag"]
-    assert found["rolling_resistance"].of_model == pytest.approx(math.hypot(0.001, 0.03 * rolling), rel=0.02)
-    assert found["drag"].of_model == pytest.approx(0.03 * drag, rel=0.02)
+    assert found["rolling_resistance"].sigma_model == pytest.approx(math.hypot(0.001, 0.03 * rolling), rel=0.02)
+    assert found["drag"].sigma_model == pytest.approx(0.03 * drag, rel=0.02)
     assert "depends on the slope of the road: drive both ways" in found["rolling_resistance"].words
     assert "depends on what the turning masses are worth: give rotating_mass" in found["drag"].words
     # The deceleration goes with neither: it has the noise alone.
@@ -158,18 +158,18 @@ def test_a_coast_down_tells_resistance_per_moving_mass_on_a_road_that_may_slope(
 
 def test_resistance_over_speed_that_is_left_out_widens_what_it_would_bend():
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
-    known = dict.fromkeys(("rotating_mass", "slope"), Choice(fixed=0.0)) | {"mass": Choice(fixed=MASS)}
+    known = dict.fromkeys(("rotating_mass", "slope"), Setting(fixed=0.0)) | {"mass": Setting(fixed=MASS)}
     asked: Any = fit(coast_data(), spec, parameters=known)
-    sure: Any = fit(coast_data(), spec, parameters={**known, "viscous_resistance": Choice(fixed=0.0)})
+    sure: Any = fit(coast_data(), spec, parameters={**known, "viscous_resistance": Setting(fixed=0.0)})
     for name in COAST:
-        assert sure[name].of_model == 0.0
-        assert sure[name].of_noise < asked[name].of_model < 0.01 * asked[name].value
+        assert sure[name].sigma_model == 0.0
+        assert sure[name].sigma_noise < asked[name].sigma_model < 0.01 * asked[name].value
 
 
 def test_a_standard_deviation_is_that_of_a_fixed_value():
     parameters = Line().parameters
     with pytest.raises(ConfigError, match="sigma must be positive"):
-        choose(parameters, {"bend": Choice(fixed=0.0, sigma=0.0)})
+        resolve_parameters(parameters, {"bend": Setting(fixed=0.0, sigma=0.0)})
     with pytest.raises(ConfigError, match="give a prior"):
-        choose(parameters, {"slope": Choice(sigma=0.1)})
-    assert replace(choose(parameters, {"bend": Choice(fixed=1.0, sigma=0.1)})[1], sigma=None).sigma is None
+        resolve_parameters(parameters, {"slope": Setting(sigma=0.1)})
+    assert replace(resolve_parameters(parameters, {"bend": Setting(fixed=1.0, sigma=0.1)})[1], sigma=None).sigma is None

@@ -8,7 +8,7 @@ from mirdrake.identification.findings import DataReport, Finding
 _SPEED = {"vx", "speed"}
 
 
-def refuse_faults(report: DataReport, used: Collection[str]) -> None:
+def reject_faults(report: DataReport, used: Collection[str]) -> None:
     """Refuse data whose units or signs cannot be right: a fit to them would be one of nothing.
 
     Where several channels would explain what was seen, and the model does without one of them, it is not refused.
@@ -20,7 +20,7 @@ def refuse_faults(report: DataReport, used: Collection[str]) -> None:
     Raises:
         ConfigError: one line per fault, with what to write.
     """
-    faults = [one for one in report.left if one.check in {"units", "step"}]
+    faults = [one for one in report.unrepaired_faults if one.check in {"units", "step"}]
     # What the steering is compared with may be what is wrong: then the steering is not to be blamed.
     doubtful = {name for one in faults if len(_names(one)) > 1 or "yaw_rate" in one.channel for name in _names(one)}
     told: dict[tuple[str, str], list[Finding]] = {}

@@ -26,17 +26,17 @@ from scipy.special import expit
 
 from mirdrake.identification.estimators.covariance import Stretch, score_covariance
 from mirdrake.identification.estimators.options import EstimatorOptions
-from mirdrake.identification.estimators.problem import Problem, carried
+from mirdrake.identification.estimators.problem import Problem, transfer_states
 from mirdrake.identification.estimators.solve import Solution, inverse, weights_of
-from mirdrake.identification.models.base import SMALL, Array, Doubt, Effect, Model
-from mirdrake.identification.parameters import Unknown
+from mirdrake.identification.models.base import SMALL, Array, Assumption, AssumptionEffect, Model
+from mirdrake.identification.parameters import FitParameter
 
 Remake = Callable[[Mapping[str, Any]], Model]
 """A model with other options."""
 
 
-class Answer(NamedTuple):
-    """What a log says of a doubt, to first order.
+class AssumptionEvidence(NamedTuple):
+    """What a log says of a assumption, to first order.
 
     Attributes:
         shift: of the unknowns, for one standard deviation (unknowns).
@@ -51,8 +51,8 @@ class Answer(NamedTuple):
     estimate: float
 
 
-class Questions:
-    """A minimum that doubts are asked at.
+class SensitivityAnalysis:
+    """A minimum that assumptions are asked at.
 
     Args:
         problem: with its noise.
@@ -72,22 +72,22 @@ class Questions:
         found[self._problem.measured :] = 1.0
         return found
 
-    def answer(self, doubt: Doubt) -> Answer | None:
+    def answer(self, assumption: Assumption) -> AssumptionEvidence | None:
         """None: the model runs away, or nothing tells of it."""
         problem, many = self._problem, self._problem.measured
-        moved = _moved(problem, self._z, doubt, self._remake)
+        moved = _moved(problem, self._z, assumption, self._remake)
         if moved is None:
             return None
         change = np.zeros(problem.rows)
-        change[:many] = (moved - self._residuals[:many]) / doubt.part
+        change[:many] = (moved - self._residuals[:many]) / assumption.part
         shift = -self._inverse @ (self._slopes.T @ (self._weights * change))
         rest = change + self._slopes @ shift
         known = float(rest @ (self._weights * rest))
         if known <= 0.0:
             return None
-        return Answer(shift, rest, known, -float(rest @ (self._weights * self._residuals)) / known)
+        return AssumptionEvidence(shift, rest, known, -float(rest @ (self._weights * self._residuals)) / known)
 
-    def variance(self, answer: Answer) -> float:
+    def variance(self, answer: AssumptionEvidence) -> float:
         """Of the estimate, with residuals that have a memory and not what it explains."""
         problem, at, stretches = self._problem, 0, []
         left = self._residuals + answer.estimate * answer.rest
@@ -99,18 +99,18 @@ class Questions:
         return float(score_covariance(stretches)[0][0, 0]) / answer.known**2
 
 
-def effects_of(solution: Solution, options: EstimatorOptions, remake: Remake) -> tuple[Effect, ...]:
-    """What each doubt of a fit does to its parameters."""
-    doubts = doubts_of(solution.problem, solution.z)
-    if not doubts:
+def assumption_effects(solution: Solution, options: EstimatorOptions, remake: Remake) -> tuple[AssumptionEffect, ...]:
+    """What each assumption of a fit does to its parameters."""
+    assumptions = assumptions_of(solution.problem, solution.z)
+    if not assumptions:
         return ()
-    ask, found = Questions(solution.problem, solution.z, options, remake), []
-    for doubt in doubts:
-        answer = ask.answer(doubt)
+    ask, found = SensitivityAnalysis(solution.problem, solution.z, options, remake), []
+    for assumption in assumptions:
+        answer = ask.answer(assumption)
         if answer is not None:
-            size = expected_square(answer.estimate, ask.variance(answer)) ** 0.5 if doubt.left_out else 1.0
-            size = min(size, doubt.most)
-            found.append(Effect(doubt, size * answer.shift[: len(solution.problem.free)], size))
+            size = expected_square(answer.estimate, ask.variance(answer)) ** 0.5 if assumption.is_omitted else 1.0
+            size = min(size, assumption.most)
+            found.append(AssumptionEffect(assumption, size * answer.shift[: len(solution.problem.free)], size))
     return tuple(found)
 
 
@@ -127,14 +127,14 @@ def expected_square(estimate: float, variance: float) -> float:
     return float(expit(odds) * (mean**2 + variance / (1.0 + variance)))
 
 
-def doubts_of(problem: Problem, z: Array) -> tuple[Doubt, ...]:
+def assumptions_of(problem: Problem, z: Array) -> tuple[Assumption, ...]:
     """Doubts of the model, and values that the study is not sure of."""
     values = problem.values(z)
     held = [one for one in problem.unknowns if one.kind == "fixed"]
     names = [one.info.name for one in problem.free]
-    own = problem.model.doubts(values, frozenset(one.info.name for one in held if one.is_assumed))
+    own = problem.model.assumptions(values, frozenset(one.info.name for one in held if one.is_assumed))
     said = [
-        Doubt(f"{one.info.name}, which is fixed to ± {1.96 * one.sigma:.2g} {one.info.unit}".rstrip(),
+        Assumption(f"{one.info.name}, which is fixed to ± {1.96 * one.sigma:.2g} {one.info.unit}".rstrip(),
               f"know {one.info.name} better", {one.info.name: values[one.info.name] + SMALL * one.sigma}, SMALL)
         for one in held
         if one.sigma is not None
@@ -142,17 +142,17 @@ def doubts_of(problem: Problem, z: Array) -> tuple[Doubt, ...]:
     return (*said, *(one for one in own if not set(one.changes) & set(names)))
 
 
-def _moved(problem: Problem, z: Array, doubt: Doubt, remake: Remake) -> Array | None:
-    """Residuals of what was measured if a doubt is true in part; None: the model runs away."""
+def _moved(problem: Problem, z: Array, assumption: Assumption, remake: Remake) -> Array | None:
+    """Residuals of what was measured if a assumption is true in part; None: the model runs away."""
     model = problem.model
-    if doubt.options:
-        model = remake({**doubt.options, "outputs": list(model.outputs)})
+    if assumption.options:
+        model = remake({**assumption.options, "outputs": list(model.outputs)})
     known = {one.info.name: one for one in problem.unknowns}
     unknowns = []
     for info in model.parameters:
-        one = known.get(info.name, Unknown(info, "fixed"))
-        value = doubt.changes.get(info.name)
+        one = known.get(info.name, FitParameter(info, "fixed"))
+        value = assumption.changes.get(info.name)
         unknowns.append(one if value is None else replace(one, info=replace(one.info, guess=value)))
     other = Problem(model, problem.drives, unknowns, problem.sigmas, problem.offsets, problem.joined)
-    found = other.residuals(np.concatenate((z[: len(problem.free)], carried(z, problem, other))))
+    found = other.residuals(np.concatenate((z[: len(problem.free)], transfer_states(z, problem, other))))
     return found[: problem.measured] if np.isfinite(found).all() else None

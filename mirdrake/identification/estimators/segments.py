@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.models.base import Drive, Model
-from mirdrake.identification.timing import usual_step
+from mirdrake.identification.models.base import Model, Segment
+from mirdrake.identification.timing import median_step
 
 LONGEST_GAP = 0.25
 """Inputs are bridged by straight lines over this [s]; a longer gap ends a drive."""
@@ -26,7 +26,7 @@ LEAST = 20
 """Fewer samples are no drive."""
 
 
-def make_drives(model: Model, logs: tuple[Log, ...], piece: float | None = None) -> tuple[list[Drive], list[str]]:
+def make_segments(model: Model, logs: tuple[Log, ...], piece: float | None = None) -> tuple[list[Segment], list[str]]:
     """Drives of logs, and notes of what was done.
 
     Args:
@@ -53,7 +53,7 @@ def make_drives(model: Model, logs: tuple[Log, ...], piece: float | None = None)
     return found, notes
 
 
-def _of_log(model: Model, log: Log, total: int) -> tuple[list[Drive], list[str]]:
+def _of_log(model: Model, log: Log, total: int) -> tuple[list[Segment], list[str]]:
     notes = []
     for name in (*model.inputs, *model.outputs):
         values = log.channels.get(name)
@@ -73,7 +73,7 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Drive], list[str]]
     time = log.time
     keep = np.append(True, np.diff(time) > 0.0)
     time, channels = time[keep], {name: values[keep] for name, values in log.channels.items()}
-    step = usual_step(time)
+    step = median_step(time)
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     if len(even) > 20 * len(time):
         raise ConfigError(f"log {log.name}: its times have gaps that are longer than what is between them; cut it up")
@@ -102,7 +102,7 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Drive], list[str]]
             continue
         rows_ = slice(first, last)
         drives.append(
-            Drive(
+            Segment(
                 log.name, log.use, float(even[first]), step,
                 {name: values[rows_] for name, values in inputs.items()},
                 {name: values[rows_] for name, values in outputs.items()},
@@ -126,14 +126,14 @@ def _resampled(time: Array, values: Array, even: Array, gap: float) -> tuple[Arr
     return found, near
 
 
-def _pieces(drive: Drive, length: float | None) -> list[Drive]:
+def _pieces(drive: Segment, length: float | None) -> list[Segment]:
     if length is None:
         return [drive]
     rows = max(round(length / drive.step), LEAST)
     count, history = max(drive.size // rows, 1), round(HISTORY / drive.step)
     edges = [k * rows for k in range(count)] + [drive.size]
     return [
-        Drive(
+        Segment(
             drive.log, drive.part, drive.start + drive.step * first, drive.step,
             # An input goes on to the first sample of the next piece.
             {name: values[first:last] for name, values in drive.inputs.items()},
