@@ -37,7 +37,7 @@ def test_a_fault_is_one_line_with_its_place_and_leaves_no_folder(tmp_path, capsy
     assert main(["identify", str(path), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ")
-    assert "study.yaml:16: parameters.cornering_stiffness_front: bounds conflict" in error
+    assert "study.yaml:16: parameters.cornering_stiffness_front: low" in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 

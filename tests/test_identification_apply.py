@@ -75,7 +75,10 @@ def test_a_stiffness_of_an_axle_is_that_of_two_tyres_and_goes_where_the_variant_
 @pytest.mark.parametrize(
     ("parameter", "reason"),
     [
-        (_found("drag_area", "m^2", 0.6, verdict="not identifiable", words="one speed"), "not identifiable from these"),
+        (
+            _found("drag_area", "m^2", 0.6, verdict="not identifiable", explanation="one speed"),
+            "not identifiable from these",
+        ),
         (_found("drag_area", "m^2", 0.6, at_bound="high"), "the estimate stands at its upper bound"),
         (_found("drag_area", "m^2", 0.6, at_bound="low"), "the estimate stands at its lower bound"),
         (FittedParameter("drag_area", "m^2", 0.6, kind="fixed"), "it was fixed"),
@@ -107,7 +110,9 @@ def test_a_delay_becomes_whole_periods_of_the_controllers_and_says_so(bolt: Path
 
 
 def test_a_value_that_contradicts_the_given_one_is_written_with_a_note(bolt: Path) -> None:
-    one = _found("steering_ratio", "1", 14.2, given=16.8, verdict="contradicts the given value", words="given 16.8")
+    one = _found(
+        "steering_ratio", "1", 14.2, given=16.8, verdict="contradicts the given value", explanation="given 16.8"
+    )
     change = plan_apply(_fit(one), str(bolt), today=DAY)
     assert change.notes == ("steering_ratio: contradicts the given value (given 16.8)",)
     assert "ratio: 14.2\n" in change.files[0].after

@@ -57,7 +57,7 @@ def test_the_stiffnesses_are_told_to_be_not_identifiable(do):
         one = fit[name]
         assert (one.kind, one.verdict) == ("free", "not identifiable")
         assert one.low is None or one.high is None or one.high / one.low > 3.0
-        assert "step steer" in one.words
+        assert "step steer" in one.explanation
     assert fit.condition_number > 1000.0
     assert "not identifiable" in page
     assert any("step steer" in text for text in fit.advice)
@@ -94,8 +94,8 @@ def test_the_braking_gives_deceleration_lag_and_resistance_with_intervals(do):
         assert one.low < one.value < one.high
         assert one.at_bound is None
     # A force is a mass times a deceleration, and nobody said what turns with the wheels; the deceleration is sure.
-    assert "depends on what the turning masses are worth" in fit["brake_force"].words
-    (text,) = (one for one in fit.combinations if "deceleration of a full pedal" in one)
+    assert "depends on the mass of rotating parts" in fit["brake_force"].explanation
+    (text,) = (one for one in fit.combinations if "deceleration at full pedal" in one)
     value, _, error, _ = text.split(": ")[1].split(" ")
     assert float(error) < 0.02 * float(value)
     assert fit.channel("vx", part="train").nrmse_percent > 98.0
@@ -115,10 +115,10 @@ def test_a_drag_that_is_that_of_the_engine_is_no_drag(do):
     assert code == 1
     assert fit["drag"].given == pytest.approx(0.5 * 1.2 * 0.33 * 2.25)
     assert fit["drag"].verdict == "not identifiable"
-    assert "not separable" in fit["drag"].words
+    assert "not separable" in fit["drag"].explanation
     assert any("coast-down" in text for text in fit.advice)
     assert not any("nan" in text for text in fit.advice)
-    assert any("deceleration of a full pedal" in text for text in fit.combinations)
+    assert any("deceleration at full pedal" in text for text in fit.combinations)
     assert any("deceleration without pedals at 20 m/s" in text for text in fit.combinations)
 
 

@@ -15,9 +15,10 @@ from mirdrake.identification.estimators.covariance import Stretch, autoregressio
 from mirdrake.identification.estimators.experiment_design import rank_manoeuvres
 from mirdrake.identification.estimators.regression import coast_down, regress, road_load_coefficients, understeer
 from mirdrake.identification.fit import load_fit
-from mirdrake.identification.identifiability import _together
+from mirdrake.identification.judgement import Direction
+from mirdrake.identification.messages import direction
 from mirdrake.identification.models import ModelSpec, make_model
-from mirdrake.identification.models.base import first_order, second_order
+from mirdrake.identification.models.filters import backlash, first_order, second_order
 from mirdrake.identification.online import OnlineSettings, filter_log
 from mirdrake.identification.parameters import FitParameter, Parameter, Setting, resolve_parameters
 from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
@@ -112,7 +113,7 @@ def test_stiffnesses_of_one_slow_lane_change_are_not_identified():
     found = fitted(DataSet((short,), wheelbase=FRONT + REAR), ModelSpec("single_track"), parameters=CAR)
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
         assert found[name].verdict == "not identifiable", found.table()
-        assert "step" in found[name].words or "sweep" in found[name].words
+        assert "step" in found[name].explanation or "sweep" in found[name].explanation
     assert found.advice
 
 
@@ -121,9 +122,9 @@ def test_combinations_are_products_or_sums():
     b = FitParameter(Parameter("inertia", "kg m^2", "", 2e3, 1.0, 1e9), "free")
     c = FitParameter(Parameter("delay", "s", "", 0.0, -1.0, 1.0, scale=0.05), "free")
     d = FitParameter(Parameter("lag", "s", "", 0.0, -1.0, 1.0, scale=0.1), "free")
-    assert _together([(a, 0.8), (b, -0.4)], 0.008) == "stiffness × inertia^-0.5: known to ± 2 %"
-    assert _together([(c, 0.8), (b, 0.4)], 0.008) == "delay + 0.025 s ln(inertia): known to ± 0.00098 s"
-    assert _together([(c, 0.6), (d, -0.5)], 0.006) == "delay - 0.42 lag: known to ± 0.00098 s"
+    assert direction(Direction(((a, 0.8), (b, -0.4)), 0.008)) == "stiffness × inertia^-0.5: known to ± 2 %"
+    assert direction(Direction(((c, 0.8), (b, 0.4)), 0.008)) == "delay + 0.025 s ln(inertia): known to ± 0.00098 s"
+    assert direction(Direction(((c, 0.6), (d, -0.5)), 0.006)) == "delay - 0.42 lag: known to ± 0.00098 s"
 
 
 def test_a_prior_holds_what_the_log_does_not_say():
@@ -292,12 +293,11 @@ def test_block_bootstrap_spreads_as_the_mean_does():
 
 
 def test_steering_with_play_is_found_again():
-    from mirdrake.identification.models.steer import play
 
     time = np.arange(0.0, 30.0, 0.01)
     wheel = 1.5 * np.sin(0.9 * time) + 0.8 * np.clip(30.0 * np.sin(0.37 * time), -1.0, 1.0)
     angle = first_order(np.interp(time - 0.04, time, wheel) / 16.0, 0.01, 0.06)
-    angle = play(angle, 0.01) + 0.004 + np.random.default_rng(0).normal(0.0, 5e-4, len(time))
+    angle = backlash(angle, 0.01) + 0.004 + np.random.default_rng(0).normal(0.0, 5e-4, len(time))
     data = DataSet((Log("a", "train", time, {"steering_wheel_angle": wheel, "road_wheel_angle": angle}),))
     found = fitted(data, ModelSpec("steering"), parameters={"steering_backlash": Setting(guess=0.005)})
     wanted = {
@@ -407,8 +407,11 @@ def test_the_best_fit_is_that_of_a_model_which_leaves_the_noise(noise):
     [
         (lambda log: replace(log, channels={"vx": log.channels["vx"]}), "needs the steering"),
         (lambda log: first_rows(log, 0), "is empty"),
-        (lambda log: replace(log, time=log.time[::-1].copy()), "times must rise"),
-        (lambda log: replace(log, channels={**log.channels, "yaw_rate": np.full(len(log.time), 0.1)}), "all the time"),
+        (lambda log: replace(log, time=log.time[::-1].copy()), "times must increase"),
+        (
+            lambda log: replace(log, channels={**log.channels, "yaw_rate": np.full(len(log.time), 0.1)}),
+            "is constant at",
+        ),
         (lambda log: replace(log, channels={**log.channels, "vx": np.full(len(log.time), np.nan)}), "0 % of the rows"),
         (lambda log: first_rows(log, 30), "unknowns"),
         (lambda log: replace(log, use="validation"), "for training"),
@@ -440,7 +443,7 @@ def test_a_late_vy_is_found_and_where_it_is_not_sought_the_interval_holds_the_tr
     blind = fitted(data, model, parameters=parameters)["yaw_inertia"]
     assert abs(blind.value / TRUTH["yaw_inertia"] - 1.0) > 0.03  # three times what noise does
     assert blind.low < TRUTH["yaw_inertia"] < blind.high
-    assert "whether vy is late" in blind.words
+    assert "whether vy has a delay" in blind.explanation
     seeing = fitted(data, model, parameters=parameters | {"velocity_delay": Setting(free=True)})
     assert seeing["velocity_delay"].value == pytest.approx(0.02, abs=0.001)
     assert seeing["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.01)

@@ -172,7 +172,7 @@ def test_a_data_file_alone_has_a_study(tmp_path):
     spec = default_study(write_log(tmp_path), overrides=["model.tyres=linear"])
     assert spec.model == {"kind": "single_track", "tyres": "linear"}
     assert spec.validation_fraction == 0.3
-    assert "held out" in spec.about
+    assert "for validation" in spec.about
 
 
 def test_a_data_file_whose_channels_give_nothing_says_what_is_missing(tmp_path):
@@ -187,7 +187,7 @@ def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys)
     path = write_log(tmp_path)
     main(["identify", str(path), "--out", str(tmp_path / "out"), "--set", "model.kind=kinematic"])
     text = capsys.readouterr().out
-    assert text.startswith("data: no study is given: model single_track by the channels there")
+    assert text.startswith("data: no study is given: model single_track, chosen by the channels")
     assert "Data check, remarks:" in text
     assert "log.csv, held out" in text
     path = write_log(tmp_path, ", sign: -1")
@@ -267,7 +267,7 @@ def test_what_a_study_says_is_left_as_it_is(monkeypatch):
     from mirdrake.identification.estimators import structure
 
     data = lagging(0.15)
-    monkeypatch.setattr(structure, "_solve", lambda *_: pytest.fail("nothing is open"))
+    monkeypatch.setattr(structure, "_minimise", lambda *_: pytest.fail("nothing is open"))
     fixed = {"steering_lag": Setting(fixed=0.1)}
     found = choose_structure(data, ModelSpec("kinematic"), fixed, EstimatorOptions())
     assert found.settings == fixed
@@ -282,13 +282,13 @@ def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
         problem=SimpleNamespace(
             model=make_model(ModelSpec("kinematic"), DataSet((steady(),), 0.32), {}),
             drives=[SimpleNamespace(names={"vx"}, channels=lambda _: np.full(9, 3.0))],
-            unknowns=(), values=lambda _: {}, sigmas={},
+            unknowns=(), values=lambda _: {"wheelbase": 0.32, "steering_ratio": 1.0}, sigmas={},
         ),
         covariance=np.eye(2), z=np.zeros(2),
     )  # fmt: skip
     for ranked in ((), (SimpleNamespace(name="step steer", d_gain=float("nan")),)):
         monkeypatch.setattr(output_error, "rank_manoeuvres", lambda *_, ranked=ranked, **__: ranked)
-        assert output_error.recommend_manoeuvre(empty) == []  # type: ignore[arg-type]
+        assert output_error.recommend_manoeuvre(empty) is None  # type: ignore[arg-type]
 
 
 def braking(height, seed=0, drive=0.5):
@@ -351,7 +351,7 @@ def test_which_wheels_drive_is_in_the_intervals(drive):
     assumed: Any = fit(data, spec, parameters=held)["load_transfer"]
     assert abs(assumed.value - truth) > 5.0 * assumed.sigma_noise
     assert assumed.low < truth < assumed.high
-    assert "how much the front wheels drive: give front_drive" in assumed.words
+    assert "the front axle's share of the drive force: give front_drive" in assumed.explanation
     known = fit(data, spec, parameters={**held, "front_drive": Setting(fixed=drive)})["load_transfer"]
     assert known.value == pytest.approx(truth, rel=0.02)
 

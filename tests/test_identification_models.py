@@ -14,10 +14,9 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
-from mirdrake.identification.estimators.shooting import cut, simulate
+from mirdrake.identification.estimators.shooting import make_shots, simulate
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
-from mirdrake.identification.models.base import first_order, second_order, smooth_between
-from mirdrake.identification.models.steer import play
+from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 from mirdrake.single_track.dynamics import Variant, brush_force
@@ -36,7 +35,7 @@ def test_single_track_follows_the_equations_written_out_once_more():
     model = make_model(ModelSpec("single_track"), lateral_data(), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | TRUTH
     (drive,), _ = make_segments(model, (Log("exact", "train", time, clean),))
-    run = simulate(model, cut(model, drive, p), [p], np.array([0.0, 0.0]), derivatives=False)
+    run = simulate(model, make_shots(model, drive, p), [p], np.array([0.0, 0.0]), derivatives=False)
     assert run is not None
     for i, name in enumerate(model.outputs):
         # Straight lines between samples of the steering are the difference.
@@ -48,9 +47,9 @@ def test_shots_side_by_side_are_one_trajectory(count):
     model = single_track(tyres="fiala")
     p = {info.name: info.guess for info in model.parameters}
     (drive,), _ = make_segments(model, lateral_data().logs)
-    shots = cut(model, drive, p)
+    shots = make_shots(model, drive, p)
     whole = simulate(model, shots, [p], np.zeros(2), derivatives=False)
-    shots = cut(model, drive, p)
+    shots = make_shots(model, drive, p)
     shots.length, shots.count = (drive.size, 1) if count == 1 else (-(-drive.size // count), count)
     shots.times = np.arange(shots.count * shots.length * 2 * shots.substeps + 1) * drive.step / (2 * shots.substeps)
     shots.nodes = np.zeros((2, shots.count))
@@ -143,7 +142,7 @@ def test_a_steering_gives_way_to_the_moments_of_its_wheels():
     moment = -0.036 * force - 1200.0 * 0.02 - 0.5 * 13.0 * 20.0 * 0.1
     state = np.array([0.0, 0.0, 0.02, 0.1, 0.01, 0.0, 0.0004])
     found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
-    assert found["steering_give"] == pytest.approx((2e-5 * moment - 0.0004) / 0.02)
+    assert found["steering_deflection"] == pytest.approx((2e-5 * moment - 0.0004) / 0.02)
     # The tyres slip by where the wheels are.
     assert found["slip_front"] == pytest.approx(20.0 * (-0.0004 - 0.01) / 0.4)
 
@@ -293,7 +292,7 @@ def test_between_samples_there_is_no_corner_and_what_is_held_stays():
 
 def test_play_follows_behind_its_width():
     wave = np.sin(np.linspace(0.0, 20.0, 2001))
-    behind = play(wave, 0.2)
+    behind = backlash(wave, 0.2)
     assert np.max(behind[500:]) == pytest.approx(0.9, abs=1e-4)
     assert np.max(np.abs(behind - wave)) <= 0.1 + 1e-12
 
@@ -314,7 +313,7 @@ def test_every_model_can_be_made_and_says_what_it_is():
     ("spec", "words"),
     [
         (ModelSpec("singel_track"), "did you mean 'single_track'"),
-        (ModelSpec("single_track", {"tyres": "fialla"}), "did you mean 'fiala'"),
+        (ModelSpec("single_track", {"tyres": "fialla"}), "model.tyres: 'fialla' is not allowed; allowed: .*'fiala'"),
         (ModelSpec("single_track", {"tires": "fiala"}), "model.tires"),
         (ModelSpec("single_track", {"outputs": ["vy"]}), "map its column"),
         (ModelSpec("single_track", {"outputs": ["vx"]}), "has no output 'vx'"),
@@ -335,7 +334,7 @@ def test_a_model_that_cannot_be_made_says_why(spec, words):
     [
         (Setting(low=2.0, high=1.0), "is not below high"),
         (Setting(low=1e3, high=2e3, guess=5e3), "lies outside"),
-        (Setting(fixed=1.0, guess=2.0), "is fixed"),
+        (Setting(fixed=1.0, guess=2.0), "is fixed, and has guess as well"),
         (Setting(fixed=-1.0), "must be positive"),
         (Setting(guess=float("nan")), "finite"),
         (Setting(prior=(9e4, -1.0)), "sigma must be positive"),
@@ -364,8 +363,8 @@ def test_what_nobody_gave_of_a_magic_formula_is_doubted():
     assert asked <= told.keys()
     for name in shares:
         one = told[frozenset({name})]
-        sigma = (one.changes[name] - values[name]) / one.part
-        assert one.most * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
+        sigma = (one.changes[name] - values[name]) / one.fraction
+        assert one.max_size * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
     known = {frozenset(one.changes) for one in model.assumptions(values, frozenset())}
     assert not known & asked
     assert model.suggest_experiment(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
@@ -392,7 +391,7 @@ def test_a_drive_in_shots_is_that_in_one():
     model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
     (drive,), _ = make_segments(model, lateral_data().logs, None)
     p = {info.name: info.guess for info in model.parameters}
-    shots = cut(model, drive, p)
+    shots = make_shots(model, drive, p)
     assert shots.count > 20
     first = shots.nodes[:, 0].copy()
     many = simulate(model, shots, [p], first, derivatives=False)

@@ -34,7 +34,7 @@ class Line(SimulatedModel):
         self.parameters = (Parameter("slope", "1", "of the line", 1.0, -10.0, 10.0, True, 1.0),)
         if curved:
             self.parameters += (Parameter("bend", "1/m", "of the line", 0.0, -10.0, 10.0, scale=1.0),)
-        self._doubt = assumption
+        self._assumption = assumption
 
     def run(self, p, drive, first):
         x = drive.inputs["x"]
@@ -44,7 +44,7 @@ class Line(SimulatedModel):
         return np.zeros((1, len(rows)))
 
     def assumptions(self, p, assumed):
-        return () if self._doubt is None else (self._doubt,)
+        return () if self._assumption is None else (self._assumption,)
 
     def offset_scale(self, channel):
         return 0.0
@@ -131,7 +131,7 @@ def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
     for name, truth in (("cornering_stiffness_front", 90e3), ("cornering_stiffness_rear", 110e3)):
         one = found[name]
         assert one.verdict == "weakly identified"
-        assert "where the centre of mass is: give front_length and rear_length" in one.words
+        assert "where the centre of mass is: give front_length and rear_length" in one.explanation
         assert one.low < truth < one.high
         assert abs(one.value - truth) > 3.0 * one.sigma_noise
     text = found.table()
@@ -147,8 +147,8 @@ def test_a_coast_down_tells_resistance_per_moving_mass_on_a_road_that_may_slope(
     rolling, drag = COAST["rolling_resistance"], COAST["drag"]
     assert found["rolling_resistance"].sigma_model == pytest.approx(math.hypot(0.001, 0.03 * rolling), rel=0.02)
     assert found["drag"].sigma_model == pytest.approx(0.03 * drag, rel=0.02)
-    assert "depends on the slope of the road: drive both ways" in found["rolling_resistance"].words
-    assert "depends on what the turning masses are worth: give rotating_mass" in found["drag"].words
+    assert "depends on the slope of the road: drive in both directions" in found["rolling_resistance"].explanation
+    assert "depends on the mass of rotating parts: give rotating_mass" in found["drag"].explanation
     # The deceleration goes with neither: it has the noise alone.
     (text,) = (one for one in found.combinations if one.startswith("deceleration without pedals at 20 m/s"))
     value, _, error, _ = text.split(": ")[1].split(" ")

@@ -9,8 +9,9 @@ from scipy.integrate import solve_ivp
 
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.structure import additions, choose_structure
+from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.models import ModelSpec
+from mirdrake.identification.models.single_track import SingleTrackModel, SingleTrackOptions
 from mirdrake.identification.parameters import Setting
 from tests.identification_rigs import FRONT, MASS, NOISE, REAR, TRUTH, lateral_data, pull, speed, steering
 
@@ -69,18 +70,18 @@ def test_a_fit_without_relaxation_says_that_its_inertia_depends_on_it():
     assert one.value < 0.95 * TRUTH["yaw_inertia"]
     assert one.value + 1.96 * one.sigma_noise < TRUTH["yaw_inertia"] < one.high
     assert one.verdict in {"weakly identified", "not identifiable"}
-    assert "whether the tyres relax: give the vehicle, or its relaxation length" in one.words
+    assert "whether tyre relaxation matters: give the vehicle, or its relaxation length" in one.explanation
 
 
 def test_what_a_study_or_a_vehicle_says_is_not_tried():
     data = relaxing(0.4)
 
     def tried(options, settings):
-        return [one.words for one in additions(data, ModelSpec("single_track", options), settings)]
+        return [one.description for one in SingleTrackModel.additions(data, SingleTrackOptions(**options), settings)]
 
-    assert "tyres that relax" in tried({}, {})
-    assert "tyres that relax" not in tried({"relaxation": False}, {})
-    assert "tyres that relax" not in tried({}, {"relaxation_front": Setting(given=0.4)})
+    assert "tyre relaxation" in tried({}, {})
+    assert "tyre relaxation" not in tried({"relaxation": False}, {})
+    assert "tyre relaxation" not in tried({}, {"relaxation_front": Setting(given=0.4)})
     assert "roll of the body" in tried({}, {})
     assert "roll of the body" not in tried({"roll": False}, {})
     assert "roll of the body" not in tried({"outputs": ["yaw_rate"]}, {})
@@ -98,6 +99,6 @@ def test_an_angle_of_the_wheels_that_is_only_asked_for_has_a_lag():
         assert result[name].low < TRUTH[name] < result[name].high, name
     plain: Any = fit(data, closed, parameters=CAR)
     assert plain["yaw_inertia"].value > 1.1 * TRUTH["yaw_inertia"]
-    assert "a lag of the steering: record where the wheels are" in plain["yaw_inertia"].words
+    assert "a lag of the steering: record the actual road wheel angle" in plain["yaw_inertia"].explanation
     # Where the wheels do as they are recorded, none is tried.
     assert not choose_structure(relaxing(0.0), closed, CAR, EstimatorOptions()).notes

@@ -13,7 +13,7 @@ from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.models import ModelSpec, make_model
-from mirdrake.identification.models.vehicle_values import vehicle_values
+from mirdrake.identification.models.vehicle_values import single_track_values
 from mirdrake.identification.online import filter_log
 from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrackParameters
@@ -169,7 +169,7 @@ def bolt(tmp_path_factory):
 def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
     """The fit of a seed's noise to the drives of the plant; stiffness and inertia start where all cars start."""
     measured = steer == "road_wheel_angle"
-    values = vehicle_values(load_vehicle(model), "single_track_roll", measured=measured)
+    values = single_track_values(load_vehicle(model), roll=True, measured=measured)
     places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Setting(fixed=-values["rear_length"]))
     places |= dict.fromkeys(("velocity_height", "accelerometer_height"), Setting(fixed=-SUNK))
     known = KNOWN if measured else (*KNOWN, *GIVING)
@@ -235,14 +235,14 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
     assert turn.low < so.yaw_inertia < turn.high
     # Leaning wheels are in the stiffness of an axle that has no camber thrust of its own, and so is a steering that
     # gives way where its command is all that is known.
-    values = vehicle_values(load_vehicle("bolt@handling"), "single_track", measured=steer == "road_wheel_angle")
+    values = single_track_values(load_vehicle("bolt@handling"), measured=steer == "road_wheel_angle")
     for axle in ("front", "rear"):
         one, stiffness = found[f"cornering_stiffness_{axle}"], values[f"cornering_stiffness_{axle}"]
         if axle == "front":
             stiffness /= 1.0 + stiffness * values["trail_front"] * values.get("steering_compliance", 0.0)
         assert one.low < stiffness < one.high
         assert one.verdict != "identified"
-        assert "where the centre of mass is" in one.words
+        assert "where the centre of mass is" in one.explanation
 
 
 @pytest.mark.slow
@@ -279,7 +279,7 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
 def test_what_a_plain_single_track_makes_of_a_full_plant(bolt):
     """Without relaxation its build-up of slip is a delay of 20 ms and a fifth of the inertia; roll has the rest."""
     so = truth()
-    values = vehicle_values(load_vehicle("bolt@handling"), "single_track", relaxation=False)
+    values = single_track_values(load_vehicle("bolt@handling"), relaxation=False)
     settings = {name: Setting(fixed=values[name]) for name in ("mass", "front_length", "rear_length")}
     settings |= dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Setting(fixed=-values["rear_length"]))
     data = bolt_data(bolt[0], (*SENSORS, "road_wheel_angle"))
@@ -294,7 +294,7 @@ def test_roll_of_a_vehicle_is_that_of_body_and_wheels_on_springs_and_tyres():
     plant, _, _ = parse_urdf(
         load_vehicle("bolt@handling").urdf, packages=load_vehicle("bolt@handling").packages, where_line=str
     )
-    values = vehicle_values(load_vehicle("bolt@handling"), "single_track_roll")
+    values = single_track_values(load_vehicle("bolt@handling"), roll=True)
     height, half, gravity = values["roll_arm"], 0.5 * 1.501, 9.80665
     # Bodies lean about their common centre; wheels, knuckles and carriers do not go up and down with their side.
     lean = 0.0
@@ -321,7 +321,7 @@ def test_roll_of_a_vehicle_is_that_of_body_and_wheels_on_springs_and_tyres():
 
 def test_values_of_a_vehicle_are_those_of_its_tyres():
     so, vehicle = truth(), load_vehicle("bolt@handling")
-    values = vehicle_values(vehicle, "single_track_roll")
+    values = single_track_values(vehicle, roll=True)
     assert values["cornering_stiffness_front"] == pytest.approx(so.stiffness[0], rel=1e-3)
     assert values["cornering_stiffness_rear"] == pytest.approx(so.stiffness[1], rel=1e-3)
     assert values["yaw_inertia"] == pytest.approx(so.yaw_inertia)
@@ -337,13 +337,13 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     # In a slow turn of ay the outer wheels carry m ay h and what the body leans by more, over the track.
     mass, gain = values["mass"], values["roll_gain"]
     moved = mass * values["com_height"] + mass * values["roll_arm"] * 9.80665 * gain  # over ay
-    soft = vehicle_values(vehicle, "single_track_roll", measured=False)
+    soft = single_track_values(vehicle, roll=True, measured=False)
     leaning = values["roll_moment"] + 0.0079 * moved / gain
     # What the plant's tyres were seen to have in the sweep, beside their trail: regression on force and roll.
     assert soft["camber_moment"] == pytest.approx(-1285.0, rel=0.07)
     assert leaning - soft["camber_moment"] == pytest.approx(-893.0, rel=0.07)
     # Trail and camber together are the trail of wheels that lean, in a turn: both front wheels have 2 M.
-    flat = vehicle_values(vehicle, "single_track")
+    flat = single_track_values(vehicle)
     force = mass * values["rear_length"] / (values["front_length"] + values["rear_length"])  # over ay
     whole = values["trail_front"] * force - soft["camber_moment"] * gain
     assert whole == pytest.approx(flat["trail_front"] * force, rel=1e-6)
@@ -357,7 +357,7 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     assert flat["cornering_stiffness_front"] == pytest.approx(
         so.stiffness[0] / (1.0 - values["roll_steer"] * values["roll_gain"] / slip), rel=0.01
     )
-    assert "relaxation_front" not in vehicle_values(load_vehicle("bolt"), "single_track")
+    assert "relaxation_front" not in single_track_values(load_vehicle("bolt"))
 
 
 # --- the multi-body cars of commonroad-vehicle-models ------------------------------------------------------------

@@ -52,12 +52,12 @@ def run(options: argparse.Namespace) -> int:
         raise RunError(f"{folder}: is not empty; choose another folder with --out")
     talks = not options.quiet and sys.stderr.isatty()
 
-    def tell(text: str) -> None:
+    def show(text: str) -> None:
         if talks:
             print(f"\r\033[K{spec.name}: {text}", end="", file=sys.stderr, flush=True)
 
     try:
-        result = identify(spec, path.parent, tell=tell)
+        result = identify(spec, path.parent, progress=show)
     finally:
         if talks:
             print("\r\033[K", end="", file=sys.stderr, flush=True)

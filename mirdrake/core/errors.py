@@ -14,7 +14,7 @@
 Every message is one line: what was given, where, what is allowed, what to do.
 """
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
 
@@ -33,7 +33,23 @@ class ConfigError(MirdrakeError):
     """A file or an override is wrong.
 
     Several faults of one file are reported together, one per line.
+
+    Args:
+        text: the message.
+        path: keys of the wrong entry in the spec, where the line in its file is not known yet; they precede the text.
+        faults: the single errors, instead of a text.
+
+    Attributes:
+        text: the message without the path.
+        path: as given.
+        faults: the single errors; the error itself if it is one.
     """
+
+    def __init__(self, text: str = "", *, path: Sequence[Hashable] = (), faults: Iterable["ConfigError"] = ()) -> None:
+        self.text, self.path = text, tuple(path)
+        self.faults: tuple[ConfigError, ...] = tuple(one for fault in faults for one in fault.faults) or (self,)
+        lines = [str(one) for one in self.faults if one is not self]
+        super().__init__("\n".join(lines) or ": ".join([".".join(map(str, path)), text] if path else [text]))
 
 
 class ModelError(MirdrakeError):

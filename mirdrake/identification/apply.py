@@ -118,7 +118,7 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
         if isinstance(stands, int | float) and math.isclose(stands, value, rel_tol=1e-12):
             continue
         if one.verdict != "identified":
-            notes.append(f"{one.name}: {one.verdict}{f' ({one.words})' if one.words else ''}")
+            notes.append(f"{one.name}: {one.verdict}{f' ({one.explanation})' if one.explanation else ''}")
         keys = place.path.split(".")
         edits.setdefault(path, []).extend(
             [
@@ -147,7 +147,7 @@ def _skip_reason(one: FittedParameter, folder: "_Folder") -> str:
     if one.kind == "fixed":
         return "it was fixed"
     if one.verdict == "not identifiable":
-        return f"not identifiable from these data{f' ({one.words})' if one.words else ''}"
+        return f"not identifiable from these data{f' ({one.explanation})' if one.explanation else ''}"
     if one.at_bound is not None:
         return f"the estimate stands at its {one.at_bound}er bound".replace("higher", "upper")
     if one.name in URDF_PARAMETERS:

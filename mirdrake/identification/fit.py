@@ -36,7 +36,7 @@ class FittedParameter:
         given: what the vehicle or the user says it is.
         source: where a fixed value, a prior or the given value is from.
         verdict: what is to be thought of the value.
-        words: the reason in a sentence.
+        explanation: the reason in a sentence.
         sigma_noise: standard deviation by the noise of this log [unit]; None as for sigma.
         sigma_model: by what the model leaves out and what was assumed [unit]; None: fixed, or not asked.
     """
@@ -52,7 +52,7 @@ class FittedParameter:
     given: float | None = None
     source: str = ""
     verdict: Verdict = "identified"
-    words: str = ""
+    explanation: str = ""
     sigma_noise: float | None = None
     sigma_model: float | None = None
 
@@ -91,7 +91,7 @@ class Fit:
     Attributes:
         name: of the study.
         model: kind of the model and its options.
-        estimator: how it was fitted, in words.
+        estimator: how it was fitted, in explanation.
         parameters: all of the model, fixed ones too.
         correlation: of the free parameters, in their order (free x free) [1].
         condition_number: of the scaled Fisher information; large: some combination is not identified.
@@ -156,7 +156,9 @@ class Fit:
             parts = [half_width(sigma) for sigma in (one.sigma_noise, one.sigma_model)]
             rows.append((one.name, _number(one.value), span, *parts, one.unit, _number(one.given, ""), one.verdict))
         lines = [f"{self.name}: {self.model}, {self.estimator}", "", *_columns(rows), ""]
-        lines += [f"{one.name}: {one.words}" for one in self.parameters if one.words and one.kind != "fixed"]
+        lines += [
+            f"{one.name}: {one.explanation}" for one in self.parameters if one.explanation and one.kind != "fixed"
+        ]
         if self.channels:
             rows = [("log", "part", "channel", "fit %", "at most", "rms", "unit", "white p", "inputs p")]
             rows += [

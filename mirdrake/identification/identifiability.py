@@ -1,151 +1,158 @@
-"""Which parameters a log gives, in words, and which combinations instead of those that it does not."""
+"""Which parameters the logs determine, and which combinations instead of those that they do not."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.identification import messages
 from mirdrake.identification.fit import FittedParameter, Verdict
+from mirdrake.identification.judgement import Combination, Direction, Judgement
 from mirdrake.identification.models.base import Assumption, AssumptionEffect, Model
 from mirdrake.identification.parameters import FitParameter
 
 Array = NDArray[np.float64]
 
 IDENTIFIED = 0.06
-"""Standard deviation, relative or over what is a large change, up to which a parameter is identified."""
+"""Largest standard deviation of an identified parameter, relative or over the scale of the parameter."""
 
 WEAK = 0.15
-"""The same up to which it is weakly identified."""
+"""Largest standard deviation of a weakly identified parameter, relative or over its scale."""
 
 DOUBTFUL = 0.02
-"""Standard deviation up to which a parameter is identified that is less sure by what the model takes for granted than
-by the noise; such a bias does not shrink in longer logs."""
+"""Largest standard deviation of an identified parameter that the assumptions make more uncertain than the noise does;
+such a bias does not shrink in longer logs."""
 
-TOGETHER = 0.95
-"""Correlation from which on two parameters are not told apart."""
-
-BY_FACTOR = 0.5
-"""Half of an interval of a logarithm from which on it is told as a factor."""
+INSEPARABLE = 0.95
+"""Correlation above which two parameters are not separable."""
 
 GIVEN = 0.05
-"""Difference from the given value that matters, relative or over what is a large change."""
+"""Least difference from the given value that counts as a contradiction, relative or over the scale."""
+
+NEGLIGIBLE_COMBINATION = 0.15
+"""Largest relative standard deviation of a combination that is worth reporting."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Uncertainty of the scaled free parameters.
+
+    Attributes:
+        sigmas: standard deviations by noise (p).
+        correlation: correlations (p, p).
+        bounds: bound that an estimate is at (p).
+        effects: contributions of the assumptions.
+        model_error: whether the residuals are far from white, so that an implausible value is not an estimate.
+    """
+
+    sigmas: Array
+    correlation: Array
+    bounds: Sequence[str | None]
+    effects: Sequence[AssumptionEffect] = ()
+    model_error: bool = False
 
 
 def judge(
-    model: Model,
-    unknowns: Sequence[FitParameter],
-    values: Mapping[str, float],
-    sigmas: Array,
-    correlation: Array,
-    bounds: Sequence[str | None],
-    *,
-    effects: Sequence[AssumptionEffect] = (),
-    model_error: bool = False,
+    model: Model, unknowns: Sequence[FitParameter], values: Mapping[str, float], uncertainty: Uncertainty
 ) -> tuple[FittedParameter, ...]:
-    """Parameters with their intervals and verdicts.
+    """Return the parameters with their intervals and verdicts.
 
     Args:
-        model: what was fitted.
+        model: fitted model.
         unknowns: all parameters.
         values: estimates.
-        sigmas: of the scaled free parameters, by noise (p).
-        correlation: of these (p, p).
-        bounds: where they stand (p).
-        effects: what may be off besides.
-        model_error: the residuals are far from white, so that a doubtful value is no value.
+        uncertainty: uncertainty of the free parameters.
     """
-    free = [one for one in unknowns if one.kind != "fixed"]
-    names = [one.info.name for one in free]
+    names = [one.info.name for one in unknowns if one.kind != "fixed"]
     found = []
-    for one in unknowns:
-        info = one.info
-        if one.kind == "fixed":
+    for unknown in unknowns:
+        info, value = unknown.info, values[unknown.info.name]
+        if unknown.kind == "fixed":
             found.append(
-                FittedParameter(info.name, info.unit, values[info.name], kind="fixed", given=one.given,
-                                source=one.source, verdict="fixed", words=info.source)
+                FittedParameter(info.name, info.unit, value, kind="fixed", given=unknown.given, source=unknown.source,
+                                verdict="fixed", explanation=info.source)
             )  # fmt: skip
             continue
-        i = names.index(info.name)
-        shifts = [(abs(float(effect.shift[i])), effect.assumption) for effect in effects]
+        judgement = _judge(model, unknown, values, uncertainty, names)
+        slope = abs(unknown.slope(value))
+        low, high = _interval(unknown, value, judgement.sigma)
+        finite = math.isfinite(judgement.sigma), math.isfinite(judgement.noise)
+        at_bound: Literal["low", "high"] | None = judgement.bound
         found.append(
-            _judge(model, one, values, float(sigmas[i]), shifts, correlation[i], names, bounds[i], model_error)
-        )
+            FittedParameter(
+                info.name, info.unit, value, slope * judgement.sigma if finite[0] else None, low, high, unknown.kind,
+                at_bound, unknown.given, unknown.source, judgement.verdict, messages.explanation(judgement),
+                sigma_noise=slope * judgement.noise if finite[1] else None,
+                sigma_model=slope * judgement.by_assumptions,
+            )
+        )  # fmt: skip
     return tuple(found)
 
 
+def _interval(unknown: FitParameter, value: float, sigma: float) -> tuple[float | None, float | None]:
+    """Return the 95 % interval, within the bounds; None if it is open."""
+    if not math.isfinite(sigma) or (unknown.logarithmic and sigma > 3.0):
+        return None, None
+    scaled, info = unknown.to_scaled(value), unknown.info
+    low, high = unknown.to_value(scaled - 1.96 * sigma), unknown.to_value(scaled + 1.96 * sigma)
+    return max(low, min(info.low, value)), min(high, max(info.high, value))
+
+
 def _judge(
-    model: Model,
-    one: FitParameter,
-    values: Mapping[str, float],
-    noise: float,
-    shifts: Sequence[tuple[float, Assumption]],
-    correlation: Array,
-    names: Sequence[str],
-    bound: str | None,
-    model_error: bool,
-) -> FittedParameter:
-    info, value = one.info, values[one.info.name]
-    scaled = one.to_scaled(value)
-    doubtful = math.hypot(*(shift for shift, _ in shifts))
-    sigma = math.hypot(noise, doubtful)
-    wide = not math.isfinite(sigma) or (one.logarithmic and sigma > 3.0)
-    span = sigma if one.logarithmic else sigma / max(1.0, abs(value) / info.scale)
-    low = None if wide else one.to_value(scaled - 1.96 * sigma)
-    high = None if wide else one.to_value(scaled + 1.96 * sigma)
-    if low is not None and high is not None:
-        low, high = max(low, min(info.low, value)), min(high, max(info.high, value))
-    kin = [(abs(rho), name) for rho, name in zip(correlation, names, strict=True) if name != info.name]
-    near = [name for rho, name in sorted(kin, reverse=True) if rho > TOGETHER][:2]
-    least, most = model.plausible_range(info.name, values)
-    odd = not least <= value <= most
-    if bound is not None:
-        verdict: Verdict = "not identifiable"
-        side, edge = ("lower", info.low) if bound == "low" else ("upper", info.high)
-        words = f"stands at its {side} bound of {_told(edge, info.unit)}"
-    elif not span <= WEAK:
-        verdict, words = "not identifiable", f"known to {_percent(one, sigma)} only"
-    elif odd and (model_error or span > IDENTIFIED):
+    model: Model, unknown: FitParameter, values: Mapping[str, float], uncertainty: Uncertainty, names: Sequence[str]
+) -> Judgement:
+    """Return the verdict on a free parameter and the figures that lead to it."""
+    info, value = unknown.info, values[unknown.info.name]
+    i = names.index(info.name)
+    noise = float(uncertainty.sigmas[i])
+    shifts = [(abs(float(effect.shift[i])), effect.assumption) for effect in uncertainty.effects]
+    by_assumptions = math.hypot(*(shift for shift, _ in shifts))
+    sigma = math.hypot(noise, by_assumptions)
+    span = sigma if unknown.logarithmic else sigma / max(1.0, abs(value) / info.scale)
+    plausible = model.plausible_range(info.name, values)
+    is_plausible = plausible[0] <= value <= plausible[1]
+    bound = uncertainty.bounds[i]
+
+    # The verdict by uncertainty and plausibility alone.
+    verdict: Verdict = "identified"
+    is_meaningless = not is_plausible and (uncertainty.model_error or span > IDENTIFIED)
+    if bound is not None or not span <= WEAK or is_meaningless:
         verdict = "not identifiable"
-        words = f"{_told(value, info.unit)} has no physical meaning (usual: {least:.4g} to {most:.4g}); "
-        words += "the model is bent to the log"
-    elif span > IDENTIFIED or (doubtful > noise and span > DOUBTFUL):
-        verdict, words = "weakly identified", f"known to {_percent(one, sigma)}"
-    else:
-        verdict, words = "identified", f"known to {_percent(one, sigma)}"
-        if odd:
-            words += f"; unusual (usual: {least:.4g} to {most:.4g})"
-    if verdict in {"weakly identified", "not identifiable"}:
-        if doubtful > noise:
-            worst = max(shifts, key=lambda shift: shift[0])[1]
-            words += f"; depends on {worst.words}: {worst.remedy}"
-        if near:
-            words += f"; {info.name} and {' and '.join(near)} are not separable in this log"
-        if near or doubtful <= noise or noise * span > IDENTIFIED * sigma:
-            words += f": {model.suggest_experiment(frozenset({info.name, *near}))}"
-    elif one.given is not None:
-        apart = abs(one.to_scaled(one.given) - scaled) if one.given > 0.0 or not one.logarithmic else math.inf
-        if apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0)):
-            verdict = "contradicts the given value"
-            words += f"; the given {_told(one.given, info.unit)} lies outside of the interval"
-            words += "; neither is proven wrong by this"
-    if one.kind == "prior" and one.prior is not None:
-        shrunk = noise * one.slope(value) / one.prior[1]
-        words += f"; its prior holds it, the log adds {'little' if shrunk > 0.9 else 'to it'}" if shrunk > 0.5 else ""
-    return FittedParameter(
-        info.name, info.unit, value, abs(one.slope(value)) * sigma if math.isfinite(sigma) else None, low, high,
-        one.kind, bound, one.given, one.source, verdict, words,  # type: ignore[arg-type]
-        sigma_noise=abs(one.slope(value)) * noise if math.isfinite(noise) else None,
-        sigma_model=abs(one.slope(value)) * doubtful,
+    elif span > IDENTIFIED or (by_assumptions > noise and span > DOUBTFUL):
+        verdict = "weakly identified"
+
+    # For an uncertain parameter the reason: assumptions, correlated parameters or noise.
+    depends_on: Assumption | None = None
+    inseparable: list[str] = []
+    remedy = ""
+    if verdict != "identified":
+        ranked = sorted(zip(np.abs(uncertainty.correlation[i]), names, strict=True), reverse=True)
+        inseparable = [name for rho, name in ranked if name != info.name and rho > INSEPARABLE][:2]
+        if by_assumptions > noise:
+            depends_on = max(shifts, key=lambda shift: shift[0])[1]
+        if inseparable or by_assumptions <= noise or noise * span > IDENTIFIED * sigma:
+            remedy = model.suggest_experiment(frozenset({info.name, *inseparable}))
+    elif unknown.given is not None and _contradicts(unknown, value, sigma, span):
+        verdict = "contradicts the given value"
+    prior_share = noise * unknown.slope(value) / unknown.prior[1] if unknown.kind == "prior" and unknown.prior else 0.0
+    return Judgement(
+        unknown, value, verdict, noise, by_assumptions, sigma, "low" if bound == "low" else "high" if bound else None,
+        span <= WEAK, is_meaningless, None if is_plausible else plausible, depends_on, tuple(inseparable), remedy,
+        prior_share,
     )  # fmt: skip
 
 
-def _percent(one: FitParameter, sigma: float) -> str:
-    if one.logarithmic:
-        if 1.96 * sigma > BY_FACTOR:
-            return f"a factor of {math.exp(1.96 * sigma):.2g}" if sigma < 3.0 else "no better than a factor of 300"
-        return f"± {196.0 * sigma:.2g} %"
-    return f"± {_told(1.96 * sigma * one.info.scale, one.info.unit, 2)}"
+def _contradicts(unknown: FitParameter, value: float, sigma: float, span: float) -> bool:
+    """Whether the given value lies outside of the interval, by a difference that matters."""
+    given = unknown.given
+    assert given is not None
+    apart = math.inf
+    if given > 0.0 or not unknown.logarithmic:
+        apart = abs(unknown.to_scaled(given) - unknown.to_scaled(value))
+    return apart > max(1.96 * sigma, GIVEN * (sigma / span if span > 0.0 else 1.0))
 
 
 def combinations(
@@ -155,79 +162,68 @@ def combinations(
     covariance: Array,
     judged: Sequence[FittedParameter],
     effects: Sequence[AssumptionEffect] = (),
-) -> tuple[str, ...]:
-    """What is identified where single parameters are not: named combinations of the model, then eigenvectors.
+) -> tuple[Combination | Direction, ...]:
+    """Return what is identified where single parameters are not: derived quantities of the model, then eigenvectors.
 
     Args:
-        model: what was fitted.
+        model: fitted model.
         unknowns: all parameters.
         values: estimates.
-        covariance: of the scaled free parameters, by noise (p, p).
+        covariance: covariance of the scaled free parameters by noise (p, p).
         judged: parameters with their verdicts.
-        effects: what may be off besides; a combination may not feel it, since it goes with what is assumed, too.
+        effects: contributions of the assumptions; a combination may be insensitive to them.
     """
     poor = {one.name for one in judged if one.verdict in {"not identifiable", "weakly identified"}}
     if not poor:
         return ()
     free = [one for one in unknowns if one.kind != "fixed"]
-    texts = []
+    return (
+        *_derived_combinations(model, free, values, covariance, poor, effects),
+        *_directions(free, covariance, poor, effects),
+    )
+
+
+def _derived_combinations(
+    model: Model,
+    free: Sequence[FitParameter],
+    values: Mapping[str, float],
+    covariance: Array,
+    poor: set[str],
+    effects: Sequence[AssumptionEffect],
+) -> Iterator[Combination]:
+    """Yield the well-known derived quantities of a model that depend on poorly known parameters."""
     base = model.derived_quantities(values)
     slopes = {name: np.zeros(len(free)) for name in base}
-    for i, one in enumerate(free):
-        scaled = one.to_scaled(values[one.info.name])
-        up, down = (
-            model.derived_quantities({**values, one.info.name: one.to_value(scaled + step)}) for step in (1e-4, -1e-4)
-        )
-        for name in base:
-            slopes[name][i] = (up[name][0] - down[name][0]) / 2e-4
+    for i, unknown in enumerate(free):
+        name, scaled = unknown.info.name, unknown.to_scaled(values[unknown.info.name])
+        moved = [{**values, name: unknown.to_value(scaled + step)} for step in (1e-4, -1e-4)]
+        up, down = (model.derived_quantities(p) for p in moved)
+        for key in base:
+            slopes[key][i] = (up[key][0] - down[key][0]) / 2e-4
     others = [(effect, model.derived_quantities({**values, **effect.assumption.changes})) for effect in effects]
-    for name, (value, unit) in base.items():
-        variance = float(slopes[name] @ covariance @ slopes[name])
+    for key, (value, unit) in base.items():
+        variance = float(slopes[key] @ covariance @ slopes[key])
         for effect, other in others:
-            itself = effect.size * (other[name][0] - value) / effect.assumption.part
-            variance += (float(slopes[name] @ effect.shift) + itself) ** 2
+            # An assumption moves the quantity through the estimates and directly.
+            itself = effect.size * (other[key][0] - value) / effect.assumption.fraction
+            variance += (float(slopes[key] @ effect.shift) + itself) ** 2
         sigma = max(variance, 0.0) ** 0.5
-        touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[name]) > 1e-12)}
-        if touched & poor and sigma < 0.15 * abs(value):
-            texts.append(f"{name}: {value:.4g} ± {1.96 * sigma:.2g} {unit}")
-    # Directions of the scaled parameters: those of a small variance that are made of poor ones.
-    index = [i for i, one in enumerate(free) if one.info.name in poor]
-    if len(index) > 1:
-        wide = covariance + sum(np.outer(one.shift, one.shift) for one in effects)
-        values_, vectors = np.linalg.eigh(wide[np.ix_(index, index)])
-        for variance, vector in zip(values_, vectors.T, strict=True):
-            big = np.abs(vector) > 0.2
-            if variance**0.5 < IDENTIFIED and big.sum() > 1:
-                together = [(free[index[k]], float(vector[k])) for k in np.flatnonzero(big)]
-                texts.append(_together(together, float(variance) ** 0.5))
-    return tuple(texts)
+        touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[key]) > 1e-12).tolist()}
+        if touched & poor and sigma < NEGLIGIBLE_COMBINATION * abs(value):
+            yield Combination(key, value, sigma, unit)
 
 
-def _told(number: float, unit: str, digits: int = 4) -> str:
-    """A number with its unit; a plain one has none."""
-    return f"{number:.{digits}g}" + (f" {unit}" if unit != "1" else "")
-
-
-def _together(parts: Sequence[tuple[FitParameter, float]], sigma: float) -> str:
-    """A direction of the scaled parameters in words: a product of powers, or a sum if one of them may be zero."""
-    plain = [(one, weight) for one, weight in parts if not one.logarithmic]
-    first, lead = max(plain or parts, key=lambda part: abs(part[1]))
-    rest = [(one, weight / lead) for one, weight in parts if one is not first]
-    sigma /= abs(lead)
-    if not plain:
-        powers = "".join(f" × {one.info.name}^{weight:.2g}" for one, weight in rest)
-        return f"{first.info.name}{powers}: known to ± {196.0 * sigma:.2g} %"
-    text, scale, unit = first.info.name, first.info.scale, first.info.unit
-    for one, weight in rest:
-        size = abs(weight) * scale / (1.0 if one.logarithmic else one.info.scale)
-        per = unit if one.logarithmic else _over(unit, one.info.unit)
-        name = f"ln({one.info.name})" if one.logarithmic else one.info.name
-        text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {per}{' ' if per else ''}{name}"
-    return f"{text}: known to ± {_told(1.96 * sigma * scale, unit, 2)}"
-
-
-def _over(unit: str, other: str) -> str:
-    """A unit by another one; none if they are the same."""
-    if unit == other:
-        return ""
-    return unit if other == "1" else f"{unit}/({other})" if " " in other or "/" in other else f"{unit}/{other}"
+def _directions(
+    free: Sequence[FitParameter], covariance: Array, poor: set[str], effects: Sequence[AssumptionEffect]
+) -> Iterator[Direction]:
+    """Yield directions of small variance that consist of poorly known parameters."""
+    index = [i for i, unknown in enumerate(free) if unknown.info.name in poor]
+    if len(index) < 2:
+        return
+    wide = covariance + sum(np.outer(one.shift, one.shift) for one in effects)
+    variances, vectors = np.linalg.eigh(wide[np.ix_(index, index)])
+    for variance, vector in zip(variances, vectors.T, strict=True):
+        big = np.abs(vector) > 0.2
+        if variance**0.5 < IDENTIFIED and big.sum() > 1:
+            parts = tuple((free[index[k]], float(vector[k])) for k in np.flatnonzero(big).tolist())
+            yield Direction(parts, float(variance) ** 0.5)

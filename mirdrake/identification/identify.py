@@ -1,15 +1,14 @@
-"""A study from its file to its result: data, check, stages, the last fit; written into a folder."""
+"""Identification study: data, data check, stages, final fit; results written into a folder."""
 
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import to_si, where
+from mirdrake.core.yaml_io import Source, to_si, where
 from mirdrake.identification.check import check_data
 from mirdrake.identification.data import DataSet, load_data, make_data
 from mirdrake.identification.estimators import EstimatorOptions, fit
@@ -18,7 +17,7 @@ from mirdrake.identification.findings import DataReport
 from mirdrake.identification.fit import Fit
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import Model
-from mirdrake.identification.models.vehicle_values import vehicle_values
+from mirdrake.identification.models.registry import check_options, model_class
 from mirdrake.identification.parameters import Parameter, Setting
 from mirdrake.identification.plausibility import STANDSTILL, STEERING
 from mirdrake.identification.rejection import reject_faults
@@ -27,25 +26,25 @@ from mirdrake.identification.validation_split import split_validation
 from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import load_vehicle
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]
 
-FOLLOWS = 25.0
-"""Fit of the best channel of the training drives from which on a model has to do with them [%]."""
+MIN_FIT = 25.0
+"""Fit of the best training channel below which the estimates say nothing about the vehicle [%]."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What a study gave.
+    """Result of a study.
 
     Attributes:
-        name: of the study.
-        about: what it is, for people.
-        check: what was found in the data, and done about it; its data set is what the model was fitted to.
-        fit: the last fit.
-        stages: the fits before it.
-        vehicle: name of the vehicle; "" when none was given.
+        name: name of the study.
+        about: its description.
+        check: findings and repairs of the data check; its data set is what the model was fitted to.
+        fit: final fit.
+        stages: fits before it.
+        vehicle: name of the vehicle; "" without one.
         given: values of the vehicle by name of the parameter.
-        seconds: that all of it took [s].
+        seconds: duration of the study [s].
     """
 
     name: str
@@ -69,42 +68,46 @@ class Identification:
         write_file(folder / "data_check.csv", self.check.to_pandas().to_csv(index=False).encode())
 
 
-def identify(spec: StudySpec, folder: Path, *, tell: Tell | None = None) -> Identification:
-    """Do a study.
+def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None) -> Identification:
+    """Run a study.
 
     Args:
         spec: the study.
-        folder: that its files are relative to.
-        tell: is told what is done.
+        folder: folder that its files are relative to.
+        progress: called with a description of each step.
 
     Raises:
         ConfigError: data, model or parameters have faults; one line per fault.
     """
     began = time.monotonic()
-    tell = tell or _silent
-    tell("reading")
+    progress = progress or _silent
+    try:
+        model_spec, vehicle_name = _model_spec(spec, folder)
+    except ConfigError as error:
+        raise locate_in_study(spec, error) from None
+
+    # Data, and what the vehicle says about it.
+    progress("reading")
     data = make_data(embedded_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
-    vehicle, given = ("", {}) if spec.vehicle is None else _given(spec, folder, spec.vehicle, data)
+    vehicle, given = ("", {}) if vehicle_name is None else _given(spec, model_spec, vehicle_name, data)
     if data.wheelbase is None and given:
         data = replace(data, wheelbase=given["front_length"] + given["rear_length"])
     if not data.train:
-        raise ConfigError(f"{where(spec, 'data')}: no drive is for training; set 'use: train' of at least one")
-    tell("checking the data")
+        raise ConfigError(f"{where(spec, 'data')}: no log is for training; set 'use: train' of at least one")
+    progress("checking the data")
     check = check_data(data)
     _check_alive(check.data)
     drives = check.data if spec.validation_fraction is None else split_validation(check.data, spec.validation_fraction)
-    kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
-    if kind == "plant" and spec.vehicle is not None:
-        options = {"vehicle": _vehicle_of(folder, spec.vehicle), **options}
-    model_spec, asked = ModelSpec(kind, options), {**given, **_fixed_numbers(spec)}
+
+    # Errors below name keys of the study; their lines are added at the end.
     try:
-        model = make_model(model_spec, drives, asked)
+        model = make_model(model_spec, drives, {**given, **_fixed_numbers(spec)})
         _check_moves(drives, model)
         if not spec.force:
             reject_faults(check, {*model.inputs, *model.outputs})
         settings = make_settings(spec, model, given, vehicle)
-        stages = _run_stages(spec, model_spec, model, drives, settings, tell)
-        tell("fitting")
+        stages = _run_stages(spec, model_spec, model, drives, settings, progress)
+        progress("fitting")
         chosen = choose_structure(drives, model_spec, settings, _options(spec))
         final = fit(
             drives, chosen.model, parameters=chosen.settings, options=_options(spec), name=spec.name,
@@ -121,14 +124,14 @@ def _silent(text: str) -> None:
 
 
 def make_settings(spec: StudySpec, model: Model, given: Mapping[str, float], vehicle: str) -> dict[str, Setting]:
-    """What a study and a vehicle say of the parameters of a model.
+    """Return the settings of the parameters of a model by a study and a vehicle.
 
     Raises:
-        ConfigError: there is no such parameter, a unit does not fit, or bounds contradict; one line per fault.
+        ConfigError: unknown parameter, or a unit does not fit; all faults together.
     """
     known = {info.name: info for info in model.parameters}
     faults = [
-        f"{where(spec, 'parameters', name)}: {model.title} has no such parameter; {did_you_mean(name, known)}"
+        ConfigError(f"{model.title} has no such parameter; {did_you_mean(name, known)}", path=("parameters", name))
         for name in spec.parameters
         if name not in known
     ]
@@ -141,18 +144,19 @@ def make_settings(spec: StudySpec, model: Model, given: Mapping[str, float], veh
                 settings[name] = Setting(given=value, source=vehicle)
             continue
         try:
-            settings[name] = _choice(spec, entry, info, value, vehicle)
+            settings[name] = _setting(entry, info, value, vehicle)
         except ConfigError as error:
-            faults.append(str(error))
+            faults.append(error)
     if faults:
-        raise ConfigError("\n".join(faults))
+        raise ConfigError(faults=faults)
     return settings
 
 
-def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float | None, vehicle: str) -> Setting:
+def _setting(entry: ParameterSpec, info: Parameter, given: float | None, vehicle: str) -> Setting:
+    """Return the setting of one parameter, in SI units."""
+
     def number(value: Value | None, *path: str) -> float | None:
-        place = where(spec, "parameters", info.name, *path)
-        return None if value is None else to_number(value, info.unit, place)
+        return None if value is None else to_number(value, info.unit, ("parameters", info.name, *path))
 
     values = {key: number(getattr(entry, key), key) for key in ("fixed", "sigma", "guess", "low", "high", "given")}
     prior = None
@@ -161,40 +165,40 @@ def _choice(spec: StudySpec, entry: ParameterSpec, info: Parameter, given: float
         assert mean is not None
         assert sigma is not None
         prior = (mean, sigma)
-    low, high, guess = values["low"], values["high"], values["guess"]
-    place = where(spec, "parameters", info.name)
-    if low is not None and high is not None and low >= high:
-        raise ConfigError(f"{place}: bounds conflict: low {low:g} is not below high {high:g} {info.unit}")
-    if guess is not None and not (-np.inf if low is None else low) <= guess <= (np.inf if high is None else high):
-        raise ConfigError(f"{place}: the guess {guess:g} {info.unit} lies outside of its bounds")
     own = values.pop("given")
     source = entry.source or (vehicle if own is None and given is not None else "")
     return Setting(**values, prior=prior, free=entry.free, given=given if own is None else own, source=source)
 
 
-def to_number(value: Value, unit: str, place: str) -> float:
-    """A number that may carry the unit of its parameter.
+def to_number(value: Value, unit: str, path: tuple[str, ...]) -> float:
+    """Return a number that may carry the unit of its parameter.
+
+    Args:
+        value: number or text.
+        unit: unit of the parameter.
+        path: keys of the value in the study.
 
     Raises:
-        ConfigError: it is none, or has another unit.
+        ConfigError: it is not a number, or has another unit.
     """
     if not isinstance(value, str):
         return float(value)
-    bare, _, said = value.strip().partition(" ")
+    bare, _, given = value.strip().partition(" ")
     try:
-        if said.strip() in {unit, ""}:
+        if given.strip() in {unit, ""}:
             return float(bare)
         number = to_si(value, unit)
-        if isinstance(number, str):
-            raise ConfigError(f"{place}: '{value}' is not a number in {unit}")
-        return float(number)
-    except (KeyError, ValueError) as error:
-        text = str(error) if isinstance(error, ValueError) and "allowed" in str(error) else f"{unit} is expected"
-        raise ConfigError(f"{place}: '{value}': {text}") from None
+    except KeyError:  # no other unit is known for this quantity
+        raise ConfigError(f"'{value}': {unit} is expected", path=path) from None
+    except ValueError as error:
+        raise ConfigError(f"'{value}': {error if given else f'{unit} is expected'}", path=path) from None
+    if isinstance(number, str):
+        raise ConfigError(f"'{value}' is not a number in {unit}", path=path)
+    return float(number)
 
 
 def _fixed_numbers(spec: StudySpec) -> dict[str, float]:
-    """Values of the study that a model may want before its parameters are known: plain numbers that are fixed."""
+    """Return the plain numbers that the study fixes, which a model may need before its parameters are known."""
     found: dict[str, float] = {}
     for name, entry in spec.parameters.items():
         value = entry.fixed if entry.fixed is not None else entry.given
@@ -203,7 +207,7 @@ def _fixed_numbers(spec: StudySpec) -> dict[str, float]:
         try:
             found |= {} if value is None else {name: float(value)}
         except ValueError:
-            continue  # told with its place when the parameter is known
+            continue  # reported by make_settings, where the unit is known
     return found
 
 
@@ -214,21 +218,30 @@ def _load(spec: StudySpec, folder: Path, file: str) -> DataSet:
     return load_data(path)
 
 
-def _given(spec: StudySpec, folder: Path, name: str, data: DataSet) -> tuple[str, dict[str, float]]:
-    """Name of a vehicle, and values of its files by name of the parameter."""
-    vehicle = load_vehicle(_vehicle_of(folder, name), where=where(spec, "vehicle"))
+def _model_spec(spec: StudySpec, folder: Path) -> tuple[ModelSpec, str | None]:
+    """Return kind and options of the model, checked, and the name or folder of the vehicle."""
+    vehicle = spec.vehicle
+    if vehicle is not None and (folder / vehicle).is_dir():
+        vehicle = str(folder / vehicle)
+    kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
+    if vehicle is not None and "vehicle" in model_class(kind).Options.model_fields:
+        options = {"vehicle": vehicle, **options}
+    source = spec._source or Source("study", {})
+    found = ModelSpec(kind, options, source._replace(prefix=(*source.prefix, "model")))
+    check_options(found)
+    return found, vehicle
+
+
+def _given(spec: StudySpec, model: ModelSpec, name: str, data: DataSet) -> tuple[str, dict[str, float]]:
+    """Return the name of a vehicle and the values of its files by name of the parameter."""
+    vehicle = load_vehicle(name, where=where(spec, "vehicle"))
     measured = all("road_wheel_angle" in log.channels for log in data.logs)
-    relaxation = spec.model.get("relaxation") is not False
-    return vehicle.name, vehicle_values(vehicle, str(spec.model["kind"]), relaxation=relaxation, measured=measured)
-
-
-def _vehicle_of(folder: Path, name: str) -> str:
-    """A folder beside the study, or a name."""
-    return str(folder / name) if (folder / name).is_dir() else name
+    values = model_class(model.kind).vehicle_values(vehicle, check_options(model), measured=measured)
+    return vehicle.name, values
 
 
 def _check_alive(data: DataSet) -> None:
-    """Refuse a drive in which nothing moves.
+    """Reject a log in which nothing changes.
 
     Raises:
         ConfigError: all channels of a log are constant.
@@ -239,7 +252,7 @@ def _check_alive(data: DataSet) -> None:
 
 
 def _check_moves(data: DataSet, model: Model) -> None:
-    """Refuse training drives in which the speed is zero or the steering does not move, if the model has them.
+    """Reject training logs in which the speed is zero or the steering does not move, if they are inputs of the model.
 
     Raises:
         ConfigError: one line for each such channel.
@@ -251,24 +264,24 @@ def _check_moves(data: DataSet, model: Model) -> None:
         if not len(values):
             continue
         if name in {"vx", "speed"} and np.max(np.abs(values)) < STANDSTILL:
-            lines.append(f"{name}: the vehicle stands in all training drives; there is nothing to identify")
+            lines.append(f"{name}: the vehicle is at rest in all training logs; there is nothing to identify")
         if name in STEERING and np.ptp(values) == 0.0:
-            lines.append(f"{name}: does not move in any training drive; map the column that does, or drive bends")
+            lines.append(f"{name}: does not move in any training log; map the column that does, or drive turns")
     if lines:
         raise ConfigError("\n".join(lines))
 
 
 def reject_poor_fit(found: Fit) -> Fit:
-    """A fit of a model that does not follow what it was fitted to: then no parameter of it is identified."""
+    """Return the fit with all verdicts "not identifiable" if the model does not follow the data it was fitted to."""
     best = max((one.nrmse_percent for one in found.channels if one.part == "train"), default=100.0)
-    if best >= FOLLOWS:
+    if best >= MIN_FIT:
         return found
-    words = f"the model follows no channel by more than {max(best, 0.0):.0f} %: its values say nothing of the vehicle"
+    text = f"the model fits no channel by more than {max(best, 0.0):.0f} %: its values say nothing about the vehicle"
     parameters = tuple(
-        one if one.kind == "fixed" else replace(one, verdict="not identifiable", words=words)
+        one if one.kind == "fixed" else replace(one, verdict="not identifiable", explanation=text)
         for one in found.parameters
     )
-    return replace(found, parameters=parameters, notes=(words, *found.notes))
+    return replace(found, parameters=parameters, notes=(text, *found.notes))
 
 
 def _options(spec: StudySpec) -> EstimatorOptions:
@@ -276,29 +289,27 @@ def _options(spec: StudySpec) -> EstimatorOptions:
 
 
 def _run_stages(
-    spec: StudySpec, kind: ModelSpec, model: Model, data: DataSet, settings: dict[str, Setting], tell: Tell
+    spec: StudySpec, kind: ModelSpec, model: Model, data: DataSet, settings: dict[str, Setting], progress: Progress
 ) -> list[Fit]:
-    """The fits before the last one; their results become guesses, or fixed values, in `settings`."""
+    """Return the fits before the final one; their results become guesses, or fixed values, in `settings`."""
     known = {info.name: info for info in model.parameters}
     names = [log.name for log in data.logs]
     found: list[Fit] = []
     for index, stage in enumerate(spec.stages):
         for name in stage.free:
             if name not in known:
-                place = where(spec, "stages", index, "free")
-                raise ConfigError(f"{place}: unknown parameter '{name}'; {did_you_mean(name, known)}")
+                hint = did_you_mean(name, known)
+                raise ConfigError(f"unknown parameter '{name}'; {hint}", path=("stages", index, "free"))
         chosen = names if stage.logs is None else []
         for name in stage.logs or ():
             parts = [one for one in names if one == name or one.startswith(f"{name}, part ")]
             if not parts:
-                raise ConfigError(
-                    f"{where(spec, 'stages', index, 'logs')}: no log '{name}'; {did_you_mean(name, names)}"
-                )
+                raise ConfigError(f"no log '{name}'; {did_you_mean(name, names)}", path=("stages", index, "logs"))
             chosen = [*chosen, *parts]
-        tell(f"stage {stage.name}")
+        progress(f"stage {stage.name}")
         part = replace(data, logs=tuple(log for log in data.logs if log.name in chosen))
         if not part.train:
-            raise ConfigError(f"{where(spec, 'stages', index, 'logs')}: none of these logs is for training")
+            raise ConfigError("none of these logs is for training", path=("stages", index, "logs"))
         options = replace(_options(spec), bootstrap=0, profile=False)
         own = {name: _in_stage(settings.get(name, Setting()), known[name], free=name in stage.free) for name in known}
         result = fit(part, kind, parameters=own, options=options, name=f"{spec.name}, stage {stage.name}")
@@ -310,19 +321,20 @@ def _run_stages(
     return found
 
 
-def _in_stage(choice: Setting, info: Parameter, *, free: bool) -> Setting:
+def _in_stage(setting: Setting, info: Parameter, *, free: bool) -> Setting:
+    """Return the setting within a stage: free, or fixed to its value so far."""
     if free:
-        return replace(choice, free=True, fixed=None)
-    if choice.fixed is not None:
-        return choice
-    value = choice.guess if choice.guess is not None else choice.given
+        return replace(setting, free=True, fixed=None)
+    if setting.fixed is not None:
+        return setting
+    value = setting.guess if setting.guess is not None else setting.given
     if value is None:
-        value = choice.prior[0] if choice.prior is not None else info.guess
-    return Setting(fixed=value, given=choice.given, source=choice.source or "as it was before this stage")
+        value = setting.prior[0] if setting.prior is not None else info.guess
+    return Setting(fixed=value, given=setting.given, source=setting.source or "its value before this stage")
 
 
-def _after_stage(choice: Setting, value: float, stage: str, *, keep: bool) -> Setting:
+def _after_stage(setting: Setting, value: float, stage: str, *, keep: bool) -> Setting:
+    """Return the setting after a stage: fixed to the estimate, or starting from it."""
     if keep:
-        return Setting(fixed=value, given=choice.given, source=f"stage {stage}")
-    changes: dict[str, Any] = {"guess": value, "free": True}
-    return replace(choice, **changes)
+        return Setting(fixed=value, given=setting.given, source=f"stage {stage}")
+    return replace(setting, guess=value, free=True)

@@ -1,8 +1,8 @@
-"""Online identification: a joint unscented Kalman filter of the single track and its parameters.
+"""Online identification: joint unscented Kalman filter of a single track and its parameters.
 
-State: vy, yaw rate, and what drifts slowly: the logarithm of a factor on both cornering stiffnesses, that of the
-steering ratio, and the offset of the steering. Sigma points after S. J. Julier and J. K. Uhlmann, Proc. IEEE 92, 2004;
-linear tyres; the car is taken as kinematic below a speed, and parameters stand still there.
+State: vy, yaw rate, and slowly drifting parameters: the logarithm of a factor on both cornering stiffnesses, that of
+the steering ratio, and the steering offset. Sigma points after S. J. Julier and J. K. Uhlmann, Proc. IEEE 92, 2004;
+linear tyres. Below a least speed the car is kinematic and the parameters are not updated.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification.data import Log
-from mirdrake.identification.models.base import channel_of
-from mirdrake.identification.models.single_track import SPEED
+from mirdrake.identification.models.base import SPEED, find_channel
 from mirdrake.identification.models.steer import STEERING
 from mirdrake.identification.relations import make_grid
 from mirdrake.single_track.parameters import SingleTrackParameters
@@ -23,7 +22,7 @@ Array = NDArray[np.float64]
 STATES = ("vy", "yaw_rate", "stiffness_factor", "steering_ratio", "steering_offset")
 
 _N = len(STATES)
-_SPREAD = _N - 2.0 if _N > 3 else 1.0  # κ of Julier's sigma points, n + κ = 3 is kept positive by this
+_SPREAD = _N - 2.0 if _N > 3 else 1.0  # κ of Julier's sigma points, positive for every n
 _MEAN = np.full(2 * _N + 1, 0.5 / (_N + _SPREAD))
 _MEAN[0] = _SPREAD / (_N + _SPREAD)
 
@@ -38,9 +37,9 @@ class OnlineSettings:
         vy: process noise of the lateral velocity [m/s per √s].
         spin: process noise of the yaw rate [rad/s per √s].
         factor: drift of the logarithms of stiffness and ratio [1/√s].
-        offset: drift of the offset [rad/√s].
-        start: standard deviations of these logarithms and of the offset at the start [1, 1, rad].
-        least_speed: no update of the parameters below [m/s].
+        offset: drift of the steering offset [rad/√s].
+        start: initial standard deviations of these logarithms and of the offset [1, 1, rad].
+        least_speed: no update of the parameters below this speed [m/s].
         most_lateral: nor above this lateral acceleration, where tyres are not linear [m/s²].
     """
 
@@ -57,7 +56,7 @@ class OnlineSettings:
 
 @dataclass(frozen=True)
 class OnlineTrace:
-    """What the filter believed over time.
+    """Estimates of the filter over time.
 
     Attributes:
         time: (n) [s].
@@ -74,9 +73,9 @@ class OnlineFilter:
     """The filter; call :meth:`step` for each sample.
 
     Args:
-        car: what is known; its stiffnesses are multiplied by the factor.
-        ratio: steering channel over the angle of the wheels, first guess [1].
-        settings: noise.
+        car: known parameters; the estimated factor multiplies its stiffnesses.
+        ratio: first guess of steering channel over road wheel angle [1].
+        settings: noise and limits.
     """
 
     def __init__(
@@ -95,7 +94,7 @@ class OnlineFilter:
         return np.concatenate((self.mean[:, None], self.mean[:, None] + root, self.mean[:, None] - root), axis=1)
 
     def _motion(self, x: Array, steer: float, v: float) -> tuple[Array, Array]:
-        """Lateral acceleration [m/s²] and yaw acceleration [rad/s²] of all sigma points."""
+        """Return lateral acceleration [m/s²] and yaw acceleration [rad/s²] of all sigma points."""
         car = self._car
         delta = steer / np.exp(x[3]) + x[4]
         factor = np.exp(x[2])
@@ -104,26 +103,26 @@ class OnlineFilter:
         return (front + rear) / car.mass, (car.front_length * front - car.rear_length * rear) / car.yaw_inertia
 
     def step(self, step: float, steer: float, v: float, yaw_rate: float, lateral: float) -> None:
-        """Predict over a step and take in a sample.
+        """Predict over a step and update with a sample.
 
         Args:
-            step: since the last sample [s].
-            steer: channel of the steering.
+            step: time since the last sample [s].
+            steer: steering channel.
             v: speed [m/s].
-            yaw_rate: measured [rad/s]; NaN: not there.
-            lateral: measured lateral acceleration of the centre of mass [m/s²]; NaN: not there.
+            yaw_rate: measured [rad/s]; NaN if missing.
+            lateral: measured lateral acceleration of the centre of mass [m/s²]; NaN if missing.
         """
         s, car = self._set, self._car
         last_steer, last_v = self._before or (steer, v)
         self._before = steer, v
-        if v < s.least_speed:  # kinematic: vy and yaw rate follow, parameters wait
+        if v < s.least_speed:  # kinematic motion; the parameters are not observable
             self.mean[1] = yaw_rate if np.isfinite(yaw_rate) else self.mean[1]
             self.mean[0] = car.rear_length * self.mean[1]
             self.covariance[:2, :] = self.covariance[:, :2] = 0.0
             self.covariance[0, 0], self.covariance[1, 1] = 0.01, 1e-4
             return
         x = self._sigma_points()
-        # Heun's steps, short against the fastest motion.
+        # Prediction by Heun's steps, short against the fastest time constant.
         fast = 1.5 * (car.front_stiffness + car.rear_stiffness) / (car.mass * v)
         many = max(1, int(np.ceil(step * fast / 0.7)))
         h = step / many
@@ -144,6 +143,7 @@ class OnlineFilter:
         if abs(lateral) > s.most_lateral or not (np.isfinite(yaw_rate) or np.isfinite(lateral)):
             self.mean, self.covariance = mean, covariance
             return
+        # Update with the values that were measured.
         side, _ = self._motion(x, steer, v)
         seen = np.stack((x[1], side))
         rows = [i for i, value in enumerate((yaw_rate, lateral)) if np.isfinite(value)]
@@ -166,37 +166,37 @@ def filter_log(
     settings: OnlineSettings | None = None,
     rate: float = 50.0,
 ) -> OnlineTrace:
-    """Run the filter over a recorded drive.
+    """Run the filter over a recorded log.
 
     Args:
-        log: with steering, speed, yaw rate; lateral acceleration if there is one.
-        car: what is known.
+        log: with steering, speed and yaw rate; lateral acceleration if available.
+        car: known parameters.
         ratio: first guess of the steering ratio [1].
-        settings: noise.
-        rate: of the filter; samples between are averaged [Hz].
+        settings: noise and limits.
+        rate: rate of the filter; samples in between are averaged [Hz].
 
     Raises:
         ConfigError: a channel is missing.
     """
     offered = set(log.channels)
-    steer = channel_of(offered, STEERING, "the steering", "online")
-    forward = channel_of(offered, SPEED, "the speed", "online")
-    channel_of(offered, ("yaw_rate",), "the yaw rate", "online")
+    steer = find_channel(offered, STEERING, "the steering", "online")
+    forward = find_channel(offered, SPEED, "the speed", "online")
+    find_channel(offered, ("yaw_rate",), "the yaw rate", "online")
     grid = make_grid(log)
     n = len(grid.channels[forward])
     if n < 2:
         raise ConfigError(f"log {log.name}: has {n} samples; an online filter needs more")
     lateral = grid.channels.get("lateral_acceleration", np.full(n, np.nan))
-    one = OnlineFilter(car, ratio=ratio, settings=settings)
+    estimator = OnlineFilter(car, ratio=ratio, settings=settings)
     many = max(int(1.0 / (rate * grid.step) + 1e-6), 1)
     count, step = n // many, many * grid.step
     columns = (grid.channels[steer], grid.channels[forward], grid.channels["yaw_rate"], lateral)
     rows = np.stack([values[: count * many].reshape(-1, many).mean(axis=1) for values in columns], axis=1)
     mean, sigma = np.empty((count, _N)), np.empty((count, _N))
     for k, (angle, v, turn, side) in enumerate(rows.tolist()):
-        one.step(step, angle, v, turn, side)
-        mean[k] = one.mean
-        sigma[k] = np.sqrt(np.diag(one.covariance))
+        estimator.step(step, angle, v, turn, side)
+        mean[k] = estimator.mean
+        sigma[k] = np.sqrt(np.diag(estimator.covariance))
     mean[:, 2:4] = np.exp(mean[:, 2:4])
     sigma[:, 2:4] *= mean[:, 2:4]
     return OnlineTrace(log.time[0] + step * (np.arange(count) + 0.5), mean, sigma)

@@ -1,8 +1,8 @@
-"""Parameters of a model that is to be fitted: what a model has, and what a study makes of them."""
+"""Parameters of a model, what a study sets for them, and the parameters of the resulting fit."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -15,20 +15,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter that a model has.
+    """Parameter of a model.
 
     Attributes:
-        name: in studies and results.
-        unit: SI.
-        meaning: what it is, in words.
-        guess: where a fit starts, or the value if it is not free.
-        low: no estimate may be below.
-        high: no estimate may be above.
-        free: whether it is estimated if nothing is said.
-        scale: what counts as a large change of it; 0: its own size, and it is positive: its logarithm is estimated.
-        source: where the guess is from, if it is more than a guess.
-        usual: how far from the guess vehicles are, as standard deviation of the logarithm, or over the scale: a weak
-            prior that keeps a fit in range where a log says nothing; 0: none.
+        name: key in studies and results.
+        unit: SI unit.
+        meaning: description.
+        guess: initial value of a fit, or the value if the parameter is not free.
+        low: lower bound of an estimate.
+        high: upper bound of an estimate.
+        free: whether it is estimated if the study says nothing.
+        scale: size of a large change; 0 for a positive parameter, whose logarithm is estimated.
+        source: source of the guess, if it is more than a guess.
+        usual: usual distance from the guess, as standard deviation of the logarithm or of value over scale: a weak
+            prior that keeps a fit in range where a log carries no information; 0 for none.
     """
 
     name: str
@@ -42,20 +42,25 @@ class Parameter:
     source: str = ""
     usual: float = 0.0
 
+    @property
+    def is_positive(self) -> bool:
+        """Whether the parameter is positive, so that its logarithm is estimated."""
+        return self.scale == 0.0
+
 
 @dataclass(frozen=True)
 class Setting:
-    """What a study says of a parameter; everything may be left out.
+    """Setting of a parameter by a study; every field may be left out.
 
     Attributes:
-        fixed: value, not to be estimated.
-        guess: where the fit starts.
+        fixed: value of a parameter that is not estimated.
+        guess: initial value of the fit.
         low: lower bound.
         high: upper bound.
-        prior: mean and standard deviation of what is known of it.
-        free: True: estimate it although the model would not; False: keep the guess.
-        given: value of the vehicle file or data sheet, to be compared with.
-        source: where these are from.
+        prior: mean and standard deviation of the prior knowledge.
+        free: True to estimate a parameter that the model would fix, False to keep the guess.
+        given: value of the vehicle file or data sheet, to compare with.
+        source: source of these values.
         sigma: standard deviation of a value that is not estimated.
     """
 
@@ -69,17 +74,23 @@ class Setting:
     source: str = ""
     sigma: float | None = None
 
+    @property
+    def value(self) -> float | None:
+        """The value known before a fit, if there is one."""
+        numbers = (self.fixed, self.guess, self.given, self.prior[0] if self.prior else None)
+        return next((number for number in numbers if number is not None), None)
+
 
 @dataclass(frozen=True)
 class FitParameter:
-    """A parameter of a study.
+    """Parameter of a fit.
 
     Attributes:
-        info: what the model has, with the study's guess and bounds.
+        info: parameter of the model, with the guess and bounds of the study.
         kind: "fixed", "free" or "prior".
         prior: mean and standard deviation.
-        given: to be compared with.
-        source: of the fixed value, the prior or the given value.
+        given: value to compare with.
+        source: source of the fixed value, the prior or the given value.
         sigma: standard deviation of the fixed value.
     """
 
@@ -92,110 +103,143 @@ class FitParameter:
 
     @property
     def is_assumed(self) -> bool:
-        """Whether it is fixed to a value that nobody gave."""
+        """Whether it is fixed to a default value."""
         return self.kind == "fixed" and self.source.startswith(("assumed", "half of"))
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the logarithm is what is estimated."""
-        return self.info.scale == 0.0
+        """Whether the logarithm is estimated."""
+        return self.info.is_positive
 
     def to_scaled(self, value: float) -> float:
-        """From the value to what is estimated: of the order of one, zero at the guess."""
+        """Return the scaled value, which is of the order of one and zero at the guess."""
         info = self.info
         if self.logarithmic:
             return math.log(value / info.guess) if value > 0.0 else -math.inf
         return (value - info.guess) / info.scale
 
     def to_value(self, scaled: float) -> float:
-        """Back."""
+        """Inverse of :meth:`to_scaled`."""
         info = self.info
         return info.guess * math.exp(scaled) if self.logarithmic else info.guess + info.scale * scaled
 
     def slope(self, value: float) -> float:
-        """Change of the value by what is estimated [unit]."""
+        """Return the derivative of the value by the scaled value [unit]."""
         return value if self.logarithmic else self.info.scale
 
 
+def known_values(settings: Mapping[str, Setting]) -> dict[str, float]:
+    """Return the parameter values known before a fit, by name."""
+    return {name: setting.value for name, setting in settings.items() if setting.value is not None}
+
+
 def resolve_parameters(known: Sequence[Parameter], settings: Mapping[str, Setting]) -> tuple[FitParameter, ...]:
-    """Parameters of a study, in the order of the model.
+    """Return the parameters of a fit, in the order of the model.
 
     Args:
         known: parameters of the model.
-        settings: by name; those left out are as the model has them.
+        settings: settings by name; the others are as in the model.
 
     Raises:
-        ConfigError: there is no such parameter, or the choice contradicts itself or the model; one line per fault.
+        ConfigError: unknown parameter, or a setting contradicts itself or the model; all faults together.
     """
     names = [info.name for info in known]
-    faults = [f"parameters.{name}: unknown; {did_you_mean(name, names)}" for name in settings if name not in names]
+    faults = [
+        ConfigError(f"unknown; {did_you_mean(name, names)}", path=("parameters", name))
+        for name in settings
+        if name not in names
+    ]
     found = []
     for info in known:
-        try:
-            found.append(_choose(info, settings.get(info.name, Setting())))
-        except ConfigError as error:
-            faults.append(str(error))
+        setting = settings.get(info.name, Setting())
+        problem = _problem(info, setting)
+        if problem:
+            faults.append(ConfigError(problem, path=("parameters", info.name)))
+        else:
+            found.append(_resolve(info, setting))
     if faults:
-        raise ConfigError("\n".join(faults))
+        raise ConfigError(faults=faults)
     return tuple(found)
 
 
-def _choose(info: Parameter, choice: Setting) -> FitParameter:
-    place = f"parameters.{info.name}"
-    values = {"fixed": choice.fixed, "guess": choice.guess, "low": choice.low, "high": choice.high}
-    values |= {"given": choice.given, "sigma": choice.sigma}
-    values |= {} if choice.prior is None else {"prior mean": choice.prior[0], "prior sigma": choice.prior[1]}
-    for name, value in values.items():
-        if value is not None and not math.isfinite(value):
-            raise ConfigError(f"{place}: {name} must be a finite number, got {value}")
-    positive = info.scale == 0.0
-    if choice.sigma is not None and choice.sigma <= 0.0:
-        raise ConfigError(f"{place}: sigma must be positive, got {choice.sigma:g} {info.unit}")
-    if choice.fixed is not None:
-        if choice.guess is not None or choice.prior is not None or choice.free:
-            raise ConfigError(f"{place}: is fixed, so it cannot have a guess, a prior or be free; leave out one")
-        if positive and choice.fixed <= 0.0:
-            raise ConfigError(f"{place}: must be positive, got {choice.fixed:g} {info.unit}")
-        info = replace(info, guess=choice.fixed)
-        return FitParameter(
-            info, "fixed", given=choice.given, source=choice.source or "fixed in the study", sigma=choice.sigma
-        )
-    low = info.low if choice.low is None else choice.low
-    high = info.high if choice.high is None else choice.high
+def _problem(info: Parameter, setting: Setting) -> str:
+    """Return what is wrong with a setting; empty if nothing is."""
+    unit, positive = info.unit, info.is_positive
+    for item in fields(setting):
+        value = getattr(setting, item.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                return f"{item.name} must be a finite number, got {number}"
+    if setting.sigma is not None and setting.sigma <= 0.0:
+        return f"sigma must be positive, got {setting.sigma:g} {unit}"
+    if setting.fixed is not None:
+        others = [name for name in ("guess", "low", "high", "prior", "free") if getattr(setting, name) is not None]
+        if others:
+            return f"is fixed, and has {', '.join(others)} as well; leave out one or the other"
+        return f"must be positive, got {setting.fixed:g} {unit}" if positive and setting.fixed <= 0.0 else ""
+    low, high = _bounds(info, setting)
     if low >= high:
-        raise ConfigError(f"{place}: low {low:g} {info.unit} is not below high {high:g} {info.unit}; give low < high")
+        return f"low {low:g} {unit} is not below high {high:g} {unit}; give low < high"
     if positive and high <= 0.0:
-        raise ConfigError(f"{place}: must be positive, but high is {high:g} {info.unit}")
-    if positive:
-        low = max(low, 1e-12 * high)
-    prior = choice.prior
-    if prior is not None and prior[1] <= 0.0:
-        raise ConfigError(f"{place}: prior sigma must be positive, got {prior[1]:g} {info.unit}")
-    if prior is not None and not low <= prior[0] <= high:
-        raise ConfigError(f"{place}: prior mean {prior[0]:g} {info.unit} lies outside of {low:g} to {high:g}")
-    guess = choice.guess
-    if guess is not None and not low <= guess <= high:
-        raise ConfigError(f"{place}: guess {guess:g} {info.unit} lies outside of {low:g} to {high:g} {info.unit}")
-    if guess is None:
-        guess = prior[0] if prior is not None else choice.given if choice.given is not None else info.guess
-        guess = _inside(guess, low, high, positive=positive)
-    if positive and guess <= 0.0:
-        raise ConfigError(f"{place}: must be positive, got a guess of {guess:g} {info.unit}")
-    asked = choice.low is not None or choice.high is not None or choice.guess is not None
-    free = choice.free if choice.free is not None else info.free or asked or prior is not None
-    info = replace(info, guess=guess, low=low, high=high)
-    if free and choice.sigma is not None:
-        raise ConfigError(f"{place}: sigma is that of a fixed value, and this one is estimated; give a prior")
-    if not free:
-        source = choice.source or info.source or ("given" if choice.given is not None else "assumed")
-        return FitParameter(info, "fixed", given=choice.given, source=source, sigma=choice.sigma)
-    kind: Literal["free", "prior"] = "free" if prior is None else "prior"
-    return FitParameter(info, kind, prior, choice.given, choice.source or info.source)
+        return f"must be positive, but high is {high:g} {unit}"
+    return _problem_of_guess(info, setting)
 
 
-def _inside(guess: float, low: float, high: float, *, positive: bool) -> float:
+def _problem_of_guess(info: Parameter, setting: Setting) -> str:
+    """Return what is wrong with guess and prior of a parameter that is not fixed."""
+    unit, (low, high) = info.unit, _bounds(info, setting)
+    if setting.prior is not None:
+        mean, sigma = setting.prior
+        if sigma <= 0.0:
+            return f"prior sigma must be positive, got {sigma:g} {unit}"
+        if not low <= mean <= high:
+            return f"prior mean {mean:g} {unit} lies outside of {low:g} to {high:g}"
+    if setting.guess is not None and not low <= setting.guess <= high:
+        return f"guess {setting.guess:g} {unit} lies outside of {low:g} to {high:g} {unit}"
+    guess = _guess(info, setting)
+    if info.is_positive and guess <= 0.0:
+        return f"must be positive, got a guess of {guess:g} {unit}"
+    if setting.sigma is not None and _is_free(info, setting):
+        return "sigma is that of a fixed value, and this one is estimated; give a prior"
+    return ""
+
+
+def _resolve(info: Parameter, setting: Setting) -> FitParameter:
+    """Return the parameter of a fit for a setting without faults."""
+    given = setting.given
+    if setting.fixed is not None:
+        source = setting.source or "fixed in the study"
+        return FitParameter(replace(info, guess=setting.fixed), "fixed", None, given, source, setting.sigma)
+    low, high = _bounds(info, setting)
+    changed = replace(info, guess=_guess(info, setting), low=low, high=high)
+    if not _is_free(info, setting):
+        source = setting.source or info.source or ("given" if given is not None else "assumed")
+        return FitParameter(changed, "fixed", None, given, source, setting.sigma)
+    kind: Literal["free", "prior"] = "free" if setting.prior is None else "prior"
+    return FitParameter(changed, kind, setting.prior, given, setting.source or info.source)
+
+
+def _bounds(info: Parameter, setting: Setting) -> tuple[float, float]:
+    low = info.low if setting.low is None else setting.low
+    high = info.high if setting.high is None else setting.high
+    # A logarithm needs a positive lower bound.
+    return (max(low, 1e-12 * high) if info.is_positive and low < high else low), high
+
+
+def _guess(info: Parameter, setting: Setting) -> float:
+    """Return the guess of the study, or the prior mean, given value or model's guess, moved within the bounds."""
+    if setting.guess is not None:
+        return setting.guess
+    guess = setting.prior[0] if setting.prior is not None else info.guess if setting.given is None else setting.given
+    low, high = _bounds(info, setting)
     if low <= guess <= high:
         return guess
     if not math.isfinite(low) or not math.isfinite(high):
         return min(max(guess, low), high)
-    return math.sqrt(low * high) if positive and low > 1e-9 * high else 0.5 * (low + high)
+    return math.sqrt(low * high) if info.is_positive and low > 1e-9 * high else 0.5 * (low + high)
+
+
+def _is_free(info: Parameter, setting: Setting) -> bool:
+    """Whether a parameter is estimated: bounds, a guess or a prior ask for it."""
+    asked = any(value is not None for value in (setting.low, setting.high, setting.guess, setting.prior))
+    return setting.free if setting.free is not None else info.free or asked

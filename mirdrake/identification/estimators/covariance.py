@@ -1,22 +1,22 @@
-"""How sure an estimate is when residuals are correlated in time.
+"""Uncertainty of an estimate with autocorrelated residuals.
 
 To first order the estimate moves by A⁻¹ g, with the information matrix A = Σ Jₜᵀ Jₜ and g = Σ Jₜᵀ rₜ over all samples
-of all outputs; J are derivatives of the residuals r over their noise. With white residuals of one size the covariance
-of g is A, and that of the estimate A⁻¹. Residuals of real logs are not white, and A⁻¹ is too small by a large factor.
+of all outputs; J are derivatives of the residuals r over their noise. With white residuals of equal variance the
+covariance of g is A, and that of the estimate A⁻¹. Residuals of real logs are not white, and A⁻¹ is too small by a
+large factor.
 
-The derivatives are known; only the correlation of the residuals has to be found (E. A. Morelli and V. Klein,
+The derivatives are known; only the autocorrelation of the residuals has to be estimated (E. A. Morelli and V. Klein,
 Determining the accuracy of maximum likelihood parameter estimates with colored residuals, NASA CR-194893, 1994). Here
-it is that of an autoregression by output, a(q) r = e, by Burg's method, of the order with the least information
-criterion of Akaike (as W. J. den Haan and A. Levin, A practitioner's guide to robust covariance matrix estimation,
-Handbook of Statistics 15, 1997): what is white stays white, and nothing is lost by asking. Then g = Σ bₜᵀ eₜ, where b
-follows from J by the same recursion backwards in time. The eₜ have no memory, so the covariance of g is
-Σ bₜᵀ eₜ eₜᵀ bₜ, whatever their size is from sample to sample (H. White, Econometrica 48, 1980): noise that grows with
-the motion is covered, too.
+each output has an autoregression a(q) r = e by Burg's method, of the order with the least Akaike information criterion
+(as W. J. den Haan and A. Levin, A practitioner's guide to robust covariance matrix estimation, Handbook of Statistics
+15, 1997), so white residuals stay white. Then g = Σ bₜᵀ eₜ, where b follows from J by the same recursion backwards in
+time. The innovations eₜ are white, so the covariance of g is Σ bₜᵀ eₜ eₜᵀ bₜ, whatever their variance from sample to
+sample (H. White, Econometrica 48, 1980): noise that grows with the motion is covered, too.
 
-A fit takes out of the residuals what is at its own frequencies, and a model that is wrong leaves residuals that seem to
-cancel. So in no direction the covariance is taken to be below what the same residuals give without memory.
+A fit removes its own frequencies from the residuals, and a wrong model leaves residuals that seem to cancel. So the
+covariance is kept at least at the value for white residuals, in every direction.
 
-Beside it a block bootstrap, whose blocks are long against that correlation.
+There is also a block bootstrap, with blocks much longer than the autocorrelation.
 """
 
 from collections.abc import Sequence
@@ -28,16 +28,16 @@ from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-_FEWEST = 8
-"""Samples in a row that tell something of their correlation, by order of the autoregression."""
+_MIN_SAMPLES = 8
+"""Least samples in a row, per order of the autoregression."""
 
 
 class Stretch(NamedTuple):
-    """Samples that follow one another in time.
+    """Consecutive samples.
 
     Attributes:
         slopes: derivatives of the residuals (n, outputs, p).
-        residuals: over their noise, times their weight in a robust loss (n, outputs).
+        residuals: residuals over their noise, times their weight in a robust loss (n, outputs).
         measured: where there is a value (n, outputs); elsewhere slopes and residuals are zero.
     """
 
@@ -47,9 +47,9 @@ class Stretch(NamedTuple):
 
 
 def score_covariance(stretches: Sequence[Stretch]) -> tuple[Array, Array]:
-    """Covariance of Σ Jᵀ r with the memory of the residuals, and without (p, p) each.
+    """Return the covariance of Σ Jᵀ r for autocorrelated and for white residuals (p, p) each.
 
-    Between stretches there is no memory. Samples on both sides of a value that is missing count as neighbours.
+    Different stretches are independent. Samples on both sides of a missing value count as neighbours.
     """
     outputs = stretches[0].residuals.shape[1]
     models = [autoregression([one.residuals[one.measured[:, k], k] for one in stretches]) for k in range(outputs)]
@@ -69,9 +69,9 @@ def score_covariance(stretches: Sequence[Stretch]) -> tuple[Array, Array]:
 
 
 def autoregression(series: Sequence[Array]) -> Array:
-    """Coefficients 1, a1, a2, … of the autoregression that several stretches of a noise share.
+    """Return the coefficients 1, a1, a2, … of the autoregression shared by several stretches of a noise.
 
-    Burg's method; order by the information criterion of Akaike, at most 10 log10 n.
+    Burg's method; order by the Akaike information criterion, at most 10 log10 n.
     """
     ahead = [one for one in series if len(one)]
     count = sum(len(one) for one in ahead)
@@ -79,7 +79,7 @@ def autoregression(series: Sequence[Array]) -> Array:
     if count == 0:
         return model
     power = sum(float(one @ one) for one in ahead) / count
-    most = min(int(10.0 * np.log10(count)), max(len(one) for one in ahead) // _FEWEST)
+    most = min(int(10.0 * np.log10(count)), max(len(one) for one in ahead) // _MIN_SAMPLES)
     behind, least = ahead, count * np.log(max(power, 1e-300))
     for order in range(1, most + 1):
         ahead, behind = [one[1:] for one in ahead], [one[:-1] for one in behind]
@@ -117,23 +117,23 @@ class _Sums:
 
 
 def _at_least(noise: Array, least: Array) -> Array:
-    """A covariance, in no direction below another one."""
+    """Return a covariance raised to at least another one in every direction."""
     size = np.sqrt(np.maximum(np.diag(least), 1e-300))
     values, vectors = np.linalg.eigh((noise - least) / np.outer(size, size))
     return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
 
 
 def block_bootstrap(information: list[Array], scores: list[Array], prior: Array, count: int, seed: int = 0) -> Array:
-    """Shifts of the estimate when blocks of the data are drawn with replacement (count, p).
+    """Return shifts of the estimate when blocks of the data are drawn with replacement (count, p).
 
-    One Gauss-Newton step each: the model is not run again.
+    One Gauss-Newton step each; the model is not simulated again.
 
     Args:
         information: JᵀWJ by block (p, p).
         scores: JᵀWr by block (p).
-        prior: information that is no data (p, p).
-        count: draws.
-        seed: of the draws.
+        prior: information of the priors (p, p).
+        count: number of draws.
+        seed: seed of the draws.
     """
     random = np.random.default_rng(seed)
     blocks, right = np.array(information), np.array(scores)

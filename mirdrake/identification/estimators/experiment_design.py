@@ -1,30 +1,29 @@
-"""Which manoeuvre would reduce the uncertainty most, by the information that the model predicts for it."""
+"""Experiment design: which manoeuvre would reduce the uncertainty most, by the Fisher information of the model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.models.base import Model, Segment
+from mirdrake.identification.models.manoeuvres import STEP
 from mirdrake.identification.parameters import FitParameter
 
 Array = NDArray[np.float64]
 
-STEP, DURATION = 0.01, 20.0
 _FINER = 4
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A manoeuvre and what it would bring.
+    """Manoeuvre and the expected uncertainty after it.
 
     Attributes:
-        name: of the manoeuvre.
-        sigmas: predicted standard deviations of the scaled free parameters, with what is known already (p).
-        d_gain: how much smaller the volume of uncertainty gets, per parameter: factor on a standard deviation [1].
+        name: name of the manoeuvre.
+        sigmas: predicted standard deviations of the scaled free parameters, with the present information (p).
+        d_gain: factor on the standard deviations, geometric mean over the uncertainty ellipsoid [1].
         a_gain: factor on the root of the mean variance [1].
     """
 
@@ -32,56 +31,6 @@ class Candidate:
     sigmas: Array
     d_gain: float
     a_gain: float
-
-
-def manoeuvres(speed: float, wheelbase: float, *, lateral: float = 3.0) -> dict[str, tuple[Array, Array]]:
-    """Angle of the front wheels [rad] and speed [m/s] of lateral manoeuvres, 20 s in steps of 0.01 s.
-
-    Args:
-        speed: highest [m/s].
-        wheelbase: [m].
-        lateral: lateral acceleration [m/s²] of a neutral car.
-    """
-    t = np.arange(0.0, DURATION, STEP)
-    one = lateral * wheelbase / speed**2
-    slow = 0.5 * speed
-    square = np.sign(np.sin(2.0 * np.pi * 0.2 * t))
-    sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (2.3 / DURATION) * t**2))
-    phase = np.clip(t, 0.0, DURATION)
-    lane = np.where(phase % 10.0 < 4.0, np.sin(2.0 * np.pi * 0.5 * (phase % 10.0)), 0.0)
-    full = np.full(len(t), speed)
-    both = np.where(t < 0.5 * DURATION, slow, speed)
-    return {
-        "step steer": (one * square, full),
-        "step steer at two speeds": (np.where(t < 0.5 * DURATION, 4.0 * one, one) * square, both),
-        "swept sine to 2.5 Hz": (one * sweep, full),
-        "swept sine at two speeds": (np.where(t < 0.5 * DURATION, 4.0 * one, one) * sweep, both),
-        "double lane change": (one * lane, full),
-        "slowly increasing steer": (2.0 * one * t / DURATION, full),
-        "steady circle with rising speed": (np.full(len(t), one), np.linspace(0.3 * speed, speed, len(t))),
-    }
-
-
-def longitudinal_manoeuvres(speed: float) -> dict[str, dict[str, Array]]:
-    """Pedals of longitudinal manoeuvres, 60 s in steps of 0.01 s, and the speed that they are driven at first [m/s]."""
-    t = np.arange(0.0, 60.0, STEP)
-    zero, wave = np.zeros(len(t)), np.sign(np.sin(2.0 * np.pi * t / 12.0))
-    levels = 0.3 + 0.3 * (t // 12.0 % 2.0)
-    return {
-        "coast-down": {"throttle": zero, "brake": zero, "vx": np.full(len(t), speed)},
-        "throttle steps": {"throttle": levels * np.maximum(wave, 0.0), "brake": zero, "vx": 0.3 * speed + zero},
-        "brake steps": {
-            "throttle": 0.6 * np.maximum(wave, 0.0), "brake": 0.5 * levels * np.maximum(-wave, 0.0) * (t % 6.0 < 1.0),
-            "vx": np.full(len(t), 0.7 * speed),
-        },
-    }  # fmt: skip
-
-
-def lists_manoeuvres(model: Model) -> bool:
-    """Whether there are manoeuvres for a model here."""
-    if model.kind == "longitudinal":
-        return set(model.inputs) <= {"throttle", "brake"}
-    return model.kind in {"kinematic", "single_track", "single_track_roll"}
 
 
 def rank_manoeuvres(
@@ -94,23 +43,23 @@ def rank_manoeuvres(
     candidates: Mapping[str, Mapping[str, Array]] | None = None,
     speed: float = 20.0,
 ) -> tuple[Candidate, ...]:
-    """Manoeuvres, the best first, by D-optimality; without those that the model cannot follow.
+    """Return manoeuvres that the model can follow, the best first, by D-optimality.
 
     Args:
         model: the model.
         unknowns: its parameters; the free ones count.
-        values: of the parameters.
+        values: values of the parameters.
         sigmas: noise by output.
-        known: information that there is already (p, p); None: only weak priors.
-        candidates: recorded channels by manoeuvre; None: those of this module that the model can drive.
-        speed: highest that may be driven [m/s].
+        known: present information (p, p); None for weak priors only.
+        candidates: channels by manoeuvre; None for those of the model.
+        speed: highest speed that may be driven [m/s].
     """
     free = [one for one in unknowns if one.kind != "fixed"]
     base = np.diag([1.0 / one.info.usual**2 if one.info.usual > 0.0 else 1e-6 for one in free])
     now = base if known is None else known + 1e-9 * np.eye(len(free))
     before = np.linalg.inv(now)
     found = []
-    plans = candidates or _candidates(model, values, speed)
+    plans = candidates or model.candidate_manoeuvres(values, speed)
     for name, drive in zip(plans, _driven(model, values, list(plans.values())), strict=True):
         gained = information(model, unknowns, values, sigmas, drive)
         if not np.isfinite(gained).all():
@@ -133,7 +82,7 @@ def information(
     sigmas: Mapping[str, float],
     drive: Segment,
 ) -> Array:
-    """Fisher information of the scaled free parameters in a drive, offsets and first states taken out (p, p)."""
+    """Return the Fisher information of the scaled free parameters, offsets and initial states eliminated (p, p)."""
     problem = Problem(model, [drive], unknowns, sigmas)
     jacobian = problem.jacobian(problem.scaled(values))
     p = len(problem.free)
@@ -144,7 +93,7 @@ def information(
 
 
 def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[str, Array]]) -> list[Segment]:
-    """Drives with what the model itself shows, so that guesses of its states along the way are near; side by side."""
+    """Return segments with simulated outputs, so that the guesses of the states along the way are close."""
     drives = []
     for channels in plans:
         many = len(next(iter(channels.values())))
@@ -157,7 +106,7 @@ def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[s
     first = np.zeros(1, dtype=np.intp)
     x = np.concatenate([model.initial_states(values, drive, first) for drive in drives], axis=1)
     seen = np.empty((len(model.outputs), longest, len(drives)))
-    step = STEP / _FINER  # a small robot is stiff: its yaw answers within milliseconds
+    step = STEP / _FINER  # a small robot is stiff: its yaw responds within milliseconds
     with np.errstate(all="ignore"):
         for k in range(longest):
             now = u[:, k, None]
@@ -168,16 +117,3 @@ def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[s
         replace(drive, outputs=dict(zip(model.outputs, seen[:, : drive.size, i], strict=True)))
         for i, drive in enumerate(drives)
     ]
-
-
-def _candidates(model: Model, values: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:
-    if model.kind == "longitudinal":
-        return longitudinal_manoeuvres(speed)
-    wheelbase = values.get("wheelbase") or values["front_length"] + values["rear_length"]
-    found = {}
-    for name, (angle, v) in manoeuvres(speed, wheelbase).items():
-        channels = {"vx": v, "speed": v, "y": cumulative_trapezoid(v, dx=STEP, initial=0.0)}
-        for steer in ("road_wheel_angle", "steering_wheel_angle", "steering_command"):
-            channels[steer] = angle * values["steering_ratio"]
-        found[name] = channels
-    return found

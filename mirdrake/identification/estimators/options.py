@@ -1,4 +1,4 @@
-"""How a model is fitted."""
+"""Options of the estimator."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,18 +6,19 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """How a model is fitted.
+    """Options of the estimator.
 
     Attributes:
-        loss: what residuals weigh; huber: those beyond 2.5 sigma only linearly.
-        shooting: length of pieces with first states of their own [s]; None: each log is one piece.
-        continuity: standard deviation of the gap between pieces, over the usual size of the states; None: pieces are
-            not joined. Small: prediction error that lets little disturbance in.
+        loss: loss function; huber: residuals beyond 2.5 sigma count linearly.
+        shooting: length of pieces with initial states of their own [s]; None: each segment is one piece.
+        continuity: standard deviation of the gap between pieces over the scale of the states; None: pieces are not
+        joined.
+            A small value gives a prediction-error method that allows little disturbance.
         offsets: whether sensor offsets are estimated.
-        bootstrap: draws of the block bootstrap; 0: none.
-        profile: whether the profile likelihood of each free parameter is worked out.
-        iterations: most evaluations of one least squares.
-        seed: of the bootstrap.
+        bootstrap: draws of the block bootstrap; 0 for none.
+        profile: whether the profile likelihood of each free parameter is computed.
+        iterations: largest number of evaluations of one optimisation.
+        seed: seed of the bootstrap.
     """
 
     loss: Literal["huber", "linear", "soft_l1"] = "huber"

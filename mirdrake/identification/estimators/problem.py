@@ -1,35 +1,35 @@
-"""Residuals and their derivatives: what least squares is asked to make small."""
+"""Residuals and their derivatives: the problem that least squares solves."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mirdrake.identification.estimators.shooting import Sensitivity, Shots, cut, simulate
+from mirdrake.identification.estimators.shooting import Sensitivity, Shots, make_shots, simulate
 from mirdrake.identification.models.base import Array, Model, Segment
 from mirdrake.identification.parameters import FitParameter
 
 _START = 3.0
-"""How far the first state may be from its guess, over its scale: a weak prior."""
+"""Standard deviation of the initial state from its guess over its scale: a weak prior."""
 
 
 @dataclass
 class Problem:
-    """Free parameters θ, sensor offsets of each log, first states of each drive.
+    """Free parameters θ, sensor offsets of each log, initial states of each segment.
 
-    Unknowns z: scaled free parameters; then offsets over their usual size, by log and output; then first states of
-    each drive, as the difference from their guess over the scale of the state.
+    Unknowns z: scaled free parameters; then offsets over their usual size, by log and output; then initial states of
+    each segment, as the difference from their guess over the scale of the state.
 
-    Residuals: outputs of each drive over their noise (outputs x n each), sample after sample zero where nothing was
-    measured; then the gaps between pieces of one log if they are joined; then priors of parameters, offsets, states.
+    Residuals: outputs of each segment over their noise (outputs x n each), sample by sample, zero where nothing was
+    measured; then the gaps between pieces of one log if they are joined; then priors of parameters, offsets and states.
 
     Attributes:
         model: the model.
-        drives: what it is fitted to.
+        drives: segments that it is fitted to.
         unknowns: all parameters of the model.
         sigmas: noise by output [unit].
         offsets: whether sensors have offsets.
-        joined: standard deviation of the gap between pieces of a log, over the scales of the states; None: free.
+        joined: standard deviation of the gap between pieces of a log over the scales of the states; None if free.
     """
 
     model: Model
@@ -46,7 +46,7 @@ class Problem:
         self.free = [one for one in self.unknowns if one.kind != "fixed"]
         guess = {one.info.name: one.info.guess for one in self.unknowns}
         self._guess = guess
-        self._shots = [cut(self.model, drive, guess) for drive in self.drives]
+        self._shots = [make_shots(self.model, drive, guess) for drive in self.drives]
         self._starts = [shots.nodes[:, 0].copy() for shots in self._shots]
         self.logs = list(dict.fromkeys(drive.log for drive in self.drives))
         self.sensors = [
@@ -68,7 +68,7 @@ class Problem:
 
     @property
     def measured(self) -> int:
-        """Number of residuals of measurements, with those that are zero because nothing was measured."""
+        """Number of residuals of measurements, including those of missing values, which are zero."""
         return int(sum(mask.size for mask in self.masks))
 
     @property
@@ -77,27 +77,28 @@ class Problem:
         return int(sum(mask.sum() for mask in self.masks))
 
     def bounds(self) -> tuple[Array, Array]:
-        """Of the unknowns."""
+        """Return the bounds of the unknowns."""
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         for i, one in enumerate(self.free):
             low[i], high[i] = one.to_scaled(one.info.low), one.to_scaled(one.info.high)
         return low, high
 
     def values(self, z: Array) -> dict[str, float]:
-        """All parameters for unknowns."""
+        """Return all parameters for given unknowns."""
         found = dict(self._guess)
         for one, scaled in zip(self.free, z, strict=False):
             found[one.info.name] = one.to_value(float(scaled))
         return found
 
     def scaled(self, values: Mapping[str, float]) -> Array:
-        """Unknowns for parameters, with no offsets and first states as guessed."""
+        """Return the unknowns for given parameters, without offsets and with guessed initial states."""
         z = np.zeros(self.size)
         for i, one in enumerate(self.free):
             z[i] = one.to_scaled(values[one.info.name])
         return z
 
     def _run(self, z: Array, *, derivatives: bool) -> list[Sensitivity] | None:
+        """Simulate all segments; None if the model diverges. The last run is kept for the Jacobian."""
         if self._last is not None and self._last[0] == z.tobytes():
             return self._last[1]
         closed, self._closed = z.tobytes() == self._closed, b""
@@ -120,8 +121,8 @@ class Problem:
                 derivatives=derivatives,
                 closed=closed,
             )
-            if run is None:  # once more, from what was measured
-                shots.nodes = cut(self.model, shots.drive, base).nodes
+            if run is None:  # retry from the measured states
+                shots.nodes = make_shots(self.model, shots.drive, base).nodes
                 run = simulate(
                     self.model, shots, columns, first, changes=self.model.difference_step, derivatives=derivatives
                 )
@@ -134,10 +135,10 @@ class Problem:
         return found
 
     def traces(self, z: Array) -> list[Array]:
-        """What the model with its offsets shows (outputs, n), by drive.
+        """Return the model outputs with offsets (outputs, n), by segment.
 
         Raises:
-            FloatingPointError: the model runs away.
+            FloatingPointError: the model diverges.
         """
         runs = self._run(z, derivatives=False)
         if runs is None:
@@ -152,7 +153,7 @@ class Problem:
         return found
 
     def residuals(self, z: Array) -> Array:
-        """Residuals at unknowns; NaN if the model runs away."""
+        """Return the residuals at given unknowns; NaN if the model diverges."""
         runs = self._run(z, derivatives=False)
         if runs is None:
             return np.full(self.rows, np.nan)
@@ -170,11 +171,12 @@ class Problem:
         return self.measured + len(self._joints()) * len(self.model.states) + self._prior_rows
 
     def jacobian(self, z: Array) -> Array:
-        """Derivatives of the residuals (rows, unknowns)."""
+        """Return the derivatives of the residuals (rows, unknowns)."""
         runs = self._run(z, derivatives=True)
         found = np.zeros((self.rows, self.size))
         if runs is None:
             return found * np.nan
+        # Measurements: by parameters, initial states and offsets.
         free, size, at = len(self.free), len(self.model.states), 0
         noise = np.array([self.sigmas[name] for name in self.model.outputs])
         for k, (run, drive, mask) in enumerate(zip(runs, self.drives, self.masks, strict=True)):
@@ -189,6 +191,7 @@ class Problem:
                     block[i :: len(noise), free + j] = self.model.offset_scale(self.model.outputs[i]) / noise[i]
             block *= shown
             at += mask.size
+        # Gaps between joined pieces.
         for k in self._joints():
             rows = slice(at, at + size)
             assert self.joined is not None
@@ -198,6 +201,7 @@ class Problem:
             found[rows, start : start + size] = by[:, free:] * np.array(self.model.state_scales)
             found[rows, start + size : start + 2 * size] = -np.eye(size) / self.joined
             at += size
+        # Priors.
         for i, one in enumerate(self.free):
             if one.prior is not None:
                 found[at, i] = one.slope(one.to_value(float(z[i]))) / one.prior[1]
@@ -212,7 +216,7 @@ class Problem:
         return found
 
     def _joints(self) -> list[int]:
-        """Drives that the next one goes on from."""
+        """Return the indices of segments that the next one continues."""
         if self.joined is None:
             return []
         return [k for k in range(len(self.drives) - 1) if is_continuation(self.drives[k], self.drives[k + 1])]
@@ -243,7 +247,7 @@ class Problem:
         return np.concatenate((np.array(found), rest))
 
     def spread(self, z: Array) -> dict[str, float]:
-        """Root mean square of the residuals by output [unit], a few large ones left aside."""
+        """Return the root mean square of the residuals by output [unit], with outliers limited."""
         traces, found = self.traces(z), {}
         for i, name in enumerate(self.model.outputs):
             off = np.concatenate([
@@ -257,13 +261,13 @@ class Problem:
 
 
 def is_continuation(one: Segment, other: Segment) -> bool:
-    """Whether a drive goes on where another ends."""
+    """Whether a segment begins where another one ends."""
     gap = other.start - one.start - one.step * one.size
     return one.log == other.log and abs(gap) < 0.5 * one.step
 
 
 def transfer_states(z: Array, before: Problem, now: Problem) -> Array:
-    """Offsets and first states of a problem for another one of the same drives; states that are new are as guessed."""
+    """Return offsets and initial states of one problem for another of the same segments; new states are as guessed."""
     offsets, starts = np.split(z[len(before.free) :], [len(before.sensors)])
     had, have = before.model.states, now.model.states
     found = np.zeros((len(now.drives), len(have)))

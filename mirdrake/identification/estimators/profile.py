@@ -1,4 +1,4 @@
-"""Profile likelihood: how much worse the fit gets when one parameter is held elsewhere and the others follow."""
+"""Profile likelihood: rise of the cost when one parameter is moved and the others are refitted."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ _CLOSE = 5e-3  # of half of the rise
 
 
 def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.DataFrame]:
-    """Profiles of all free parameters: value, and rise of -2 ln likelihood.
+    """Return the profiles of all free parameters: value, and rise of -2 ln likelihood.
 
     The rise is divided by the factor by which the autocorrelation of the residuals widens the variance, so that 3.84 is
     the end of the 95 % interval.
@@ -31,7 +31,7 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
         centre = float(solution.z[i])
         rows = [(one.to_value(centre), 0.0)]
         widened = float(solution.covariance[i, i] / max(solution.white[i, i], 1e-300)) or 1.0
-        # The other unknowns follow on a straight line at first, and then on from the neighbour.
+        # The other unknowns start on the tangent of the profile, then from the neighbouring point.
         follow = np.delete(solution.white[:, i], i) / max(solution.white[i, i], 1e-300)
         follow = np.append(follow, np.zeros(len(solution.z) - len(problem.free)))
         for side in _SIDES:

@@ -1,7 +1,7 @@
-"""Regressions where the parameters enter linearly; intervals hold for correlated residuals.
+"""Regressions with linear parameters and intervals for autocorrelated residuals.
 
-- coast_down: dv/dt over windows = -(A + B v + C v²) / m, from pedals that are not touched.
-- understeer: channel of the steering = ratio (L r / v + K ay) + bias, with slow turns, both terms free.
+- coast_down: dv/dt over windows = -(A + B v + C v²) / m, with released pedals.
+- understeer: steering channel = ratio (L r / v + K ay) + bias, in quasi-steady turns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,8 +15,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.estimators.covariance import Stretch, score_covariance
 from mirdrake.identification.fit import Fit, FittedParameter
-from mirdrake.identification.models.base import Array, channel_of
-from mirdrake.identification.models.single_track import SPEED
+from mirdrake.identification.models.base import SPEED, Array, find_channel
 from mirdrake.identification.models.steer import STEERING
 from mirdrake.identification.relations import make_grid
 
@@ -25,13 +24,13 @@ _LEAST_ROWS = 20
 
 @dataclass(frozen=True)
 class Regression:
-    """y = X b + e.
+    """Result of y = X b + e.
 
     Attributes:
         values: b (p).
-        covariance: of them (p, p), autocorrelation of e taken into account.
+        covariance: covariance of b (p, p), allowing for autocorrelated e.
         residual: e (n).
-        condition: of the scaled XᵀX.
+        condition: condition number of the scaled XᵀX.
     """
 
     values: Array
@@ -41,16 +40,16 @@ class Regression:
 
 
 def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust: bool = True) -> Regression:
-    """Least squares, with Huber's weights if robust.
+    """Solve a least-squares regression, with Huber's weights if robust.
 
     Args:
-        y: (n).
-        X: (n, p).
-        groups: rows that follow one another in time.
-        robust: whether large residuals weigh less.
+        y: dependent variable (n).
+        X: regressors (n, p).
+        groups: stretches of consecutive rows.
+        robust: whether large residuals count less.
 
     Raises:
-        ConfigError: fewer rows than it takes, or columns that are not independent.
+        ConfigError: too few rows, or linearly dependent columns.
     """
     n, p = X.shape
     if n < max(3 * p, _LEAST_ROWS):
@@ -84,13 +83,13 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
 
 
 def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False, window: float = 1.0) -> Fit:
-    """Road load from coasting: F = A + B v + C v² over the mass, rolling resistance and drag from it.
+    """Estimate the road load F = A + B v + C v² over the mass from coasting.
 
     Args:
-        data: training logs; pedals, where there are any, say where the vehicle coasts.
-        mass: with what turns reduced to the road [kg]; None: everything per kilogram.
+        data: training logs; pedals, if recorded, mark where the vehicle coasts.
+        mass: mass with the equivalent mass of rotating parts [kg]; None: everything per kilogram.
         linear: whether there is a term B v.
-        window: over which the speed's change is taken [s].
+        window: length over which the deceleration is taken [s].
 
     Raises:
         ConfigError: not enough coasting.
@@ -121,8 +120,8 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
 
 
 def _coasting(log: Log, window: float) -> Array:
-    """Rows of change of speed [m/s²], mean speed and mean of its square."""
-    name = channel_of(set(log.channels), SPEED, "the speed", "coast_down")
+    """Return rows of acceleration [m/s²], mean speed and mean squared speed."""
+    name = find_channel(set(log.channels), SPEED, "the speed", "coast_down")
     grid = make_grid(log)
     v = grid.channels[name]
     free = np.abs(v) > 1.0
@@ -140,12 +139,13 @@ def _coasting(log: Log, window: float) -> Array:
 
 
 def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float = 4.0) -> Fit:
-    """Ratio and bias of the steering and the understeer gradient from quasi-steady turns.
+    """Estimate ratio and bias of the steering and the understeer gradient from quasi-steady turns.
 
     Args:
         data: training logs.
-        wheelbase: front to rear axle [m]; None: that of the data set, or 1 m, and the ratio is that over the wheelbase.
-        highest: lateral acceleration up to which it is taken [m/s²].
+        wheelbase: front to rear axle [m]; None: that of the data set, or 1 m, so that the ratio is per metre of
+        wheelbase.
+        highest: largest lateral acceleration of the rows used [m/s²].
 
     Raises:
         ConfigError: a channel is missing, or too few turns.
@@ -153,9 +153,9 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
     length = wheelbase or data.wheelbase or 1.0
     ys, xs, groups, at = [], [], [], 0
     for log in data.train:
-        steer = channel_of(set(log.channels), STEERING, "the steering", "understeer")
-        forward = channel_of(set(log.channels), SPEED, "the speed", "understeer")
-        rate = channel_of(set(log.channels), ("yaw_rate",), "the yaw rate", "understeer")
+        steer = find_channel(set(log.channels), STEERING, "the steering", "understeer")
+        forward = find_channel(set(log.channels), SPEED, "the speed", "understeer")
+        rate = find_channel(set(log.channels), ("yaw_rate",), "the yaw rate", "understeer")
         grid = make_grid(log)
         width = 0.3 / grid.step
         v, r, angle = (gaussian_filter1d(grid.channels[name], width) for name in (forward, rate, steer))
@@ -196,7 +196,7 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
         verdict = "identified" if span < 0.06 else "weakly identified" if span < 0.15 else "not identifiable"
         parameters.append(
             FittedParameter(name, unit, value, sigma, value - 1.96 * sigma, value + 1.96 * sigma,
-                            verdict=verdict, words=f"known to ± {1.96 * sigma:.2g} {unit}")  # type: ignore[arg-type]
+                            verdict=verdict, explanation=f"known to ± {1.96 * sigma:.2g} {unit}")  # type: ignore[arg-type]
         )  # fmt: skip
     return Fit(
         "regression", model, how, tuple(parameters), correlation, found.condition, data_sha256=data.digest,
@@ -207,5 +207,5 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
 def road_load_coefficients(
     fit: Fit, mass: float, *, gravity: float = GRAVITY, density: float = 1.2
 ) -> Mapping[str, float]:
-    """Rolling resistance [1] and drag area [m²] of a coast-down with the mass given."""
+    """Return rolling resistance [1] and drag area [m²] of a coast-down for a mass."""
     return {"rolling_resistance": fit["A"].value / (mass * gravity), "drag_area": 2.0 * fit["C"].value / density}

@@ -1,4 +1,4 @@
-"""From logs to the drives that models are fitted to: even steps, no gaps in the inputs."""
+"""Segments of logs for the estimators: constant step, inputs without gaps."""
 
 from itertools import pairwise
 
@@ -10,51 +10,51 @@ from mirdrake.identification.data import Array, Log
 from mirdrake.identification.models.base import Model, Segment
 from mirdrake.identification.timing import median_step
 
-LONGEST_GAP = 0.25
-"""Inputs are bridged by straight lines over this [s]; a longer gap ends a drive."""
+MAX_GAP = 0.25
+"""Gaps of the inputs up to this length are interpolated [s]; a longer one ends a segment."""
 
-FINEST = 0.004
-"""Faster logs are averaged to steps of no less than this [s]."""
+MIN_STEP = 0.004
+"""Logs with a shorter step are averaged to this step at least [s]."""
 
-MOST = 400_000
-"""Samples of a data set; more are averaged, too."""
+MAX_SAMPLES = 400_000
+"""Samples of a data set; larger ones are averaged as well."""
 
 HISTORY = 2.0
-"""Inputs that a piece of a drive gets from before its beginning, for delays and lags [s]."""
+"""Duration of the inputs kept before the beginning of a piece, for delays and lags [s]."""
 
-LEAST = 20
-"""Fewer samples are no drive."""
+MIN_SAMPLES = 20
+"""Least number of samples of a segment."""
 
 
 def make_segments(model: Model, logs: tuple[Log, ...], piece: float | None = None) -> tuple[list[Segment], list[str]]:
-    """Drives of logs, and notes of what was done.
+    """Return the segments of logs, and notes about the resampling.
 
     Args:
-        model: says which channels are wanted.
-        logs: recorded drives.
-        piece: length of the pieces that logs are cut into [s]; None: as long as they are.
+        model: model whose channels are needed.
+        logs: recorded logs.
+        piece: length of the pieces that segments are cut into [s]; None for whole segments.
 
     Raises:
-        ConfigError: a log has a channel without values, or none that moves.
+        ConfigError: a log lacks a channel or its values, or a channel is constant.
     """
     found, notes, faults = [], [], []
     total = sum(len(log.time) for log in logs)
     for log in logs:
         try:
-            drives, told = _of_log(model, log, total)
+            segments, more = _log_segments(model, log, total)
         except ConfigError as error:
-            faults.append(str(error))
+            faults.append(error)
             continue
-        for drive in drives:
-            found += _pieces(drive, piece)
-        notes += told
+        for segment in segments:
+            found += _pieces(segment, piece)
+        notes += more
     if faults:
-        raise ConfigError("\n".join(faults))
+        raise ConfigError(faults=faults)
     return found, notes
 
 
-def _of_log(model: Model, log: Log, total: int) -> tuple[list[Segment], list[str]]:
-    notes = []
+def _check_channels(model: Model, log: Log) -> None:
+    """Reject a log that lacks a channel of the model or its values."""
     for name in (*model.inputs, *model.outputs):
         values = log.channels.get(name)
         if values is None:
@@ -67,26 +67,33 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Segment], list[str
                 f"log {log.name}: {name} has values in {100.0 * good.mean():.0f} % of the rows only; leave the log out"
             )
         if name in model.outputs and np.ptp(values[good]) == 0.0:
-            raise ConfigError(
-                f"log {log.name}: {name} is {values[good][0]:.4g} all the time; it says nothing, leave the log out"
-            )
-    time = log.time
+            raise ConfigError(f"log {log.name}: {name} is constant at {values[good][0]:.4g}; leave the log out")
+
+
+def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], list[str]]:
+    """Resample a log to its median step and cut it where the inputs have gaps."""
+    _check_channels(model, log)
+    notes, time = [], log.time
     keep = np.append(True, np.diff(time) > 0.0)
     time, channels = time[keep], {name: values[keep] for name, values in log.channels.items()}
     step = median_step(time)
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     if len(even) > 20 * len(time):
-        raise ConfigError(f"log {log.name}: its times have gaps that are longer than what is between them; cut it up")
+        raise ConfigError(f"log {log.name}: its gaps are longer than the recorded stretches; cut it up")
+
+    # Inputs are interpolated over short gaps; outputs stay missing where there is no value.
     inputs: dict[str, Array] = {}
     whole: NDArray[np.bool_] = np.ones(len(even), dtype=bool)
     for name in model.inputs:
-        inputs[name], near = _resampled(time, channels[name], even, LONGEST_GAP)
+        inputs[name], near = _resampled(time, channels[name], even, MAX_GAP)
         whole &= near
     outputs = {}
     for name in model.outputs:
         values, near = _resampled(time, channels[name], even, 1.5 * step)
         outputs[name] = np.where(near, values, np.nan)
-    many = max(int(np.floor(FINEST / step + 1e-6)), int(np.ceil(total / MOST)), 1)
+
+    # More samples than the estimators need are averaged.
+    many = max(int(np.floor(MIN_STEP / step + 1e-6)), int(np.ceil(total / MAX_SAMPLES)), 1)
     if many > 1:
         rows = len(even) // many * many
         even = even[:rows].reshape(-1, many).mean(axis=1)
@@ -94,11 +101,13 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Segment], list[str
         outputs = {name: values[:rows].reshape(-1, many).mean(axis=1) for name, values in outputs.items()}
         whole = np.asarray(whole[:rows].reshape(-1, many).all(axis=1))
         step *= many
-        notes.append(f"log {log.name}: means of {many} samples, {1.0 / step:.4g} Hz")
+        notes.append(f"log {log.name}: averaged over {many} samples to {1.0 / step:.4g} Hz")
+
+    # Segments are the stretches in which all inputs have values.
     drives = []
     edges = np.flatnonzero(np.diff(np.concatenate(([0], whole.astype(int), [0]))))
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if last - first < LEAST:
+        if last - first < MIN_SAMPLES:
             continue
         rows_ = slice(first, last)
         drives.append(
@@ -109,14 +118,14 @@ def _of_log(model: Model, log: Log, total: int) -> tuple[list[Segment], list[str
             )
         )  # fmt: skip
     if not drives:
-        raise ConfigError(f"log {log.name}: no {LEAST} samples in a row have all of {', '.join(model.inputs)}")
+        raise ConfigError(f"log {log.name}: no {MIN_SAMPLES} samples in a row have all of {', '.join(model.inputs)}")
     if len(drives) > 1:
-        notes.append(f"log {log.name}: {len(drives)} drives, with gaps of more than {LONGEST_GAP:g} s between them")
+        notes.append(f"log {log.name}: {len(drives)} segments, separated by gaps of more than {MAX_GAP:g} s")
     return drives, notes
 
 
 def _resampled(time: Array, values: Array, even: Array, gap: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Values at even times, and where samples on both sides are near enough."""
+    """Return values at even times, and where the samples on both sides are near enough."""
     good = np.isfinite(values)
     known = time[good]
     found = np.interp(even, known, values[good])
@@ -127,15 +136,16 @@ def _resampled(time: Array, values: Array, even: Array, gap: float) -> tuple[Arr
 
 
 def _pieces(drive: Segment, length: float | None) -> list[Segment]:
+    """Cut a segment into pieces that keep the preceding inputs as their history."""
     if length is None:
         return [drive]
-    rows = max(round(length / drive.step), LEAST)
+    rows = max(round(length / drive.step), MIN_SAMPLES)
     count, history = max(drive.size // rows, 1), round(HISTORY / drive.step)
     edges = [k * rows for k in range(count)] + [drive.size]
     return [
         Segment(
             drive.log, drive.part, drive.start + drive.step * first, drive.step,
-            # An input goes on to the first sample of the next piece.
+
             {name: values[first:last] for name, values in drive.inputs.items()},
             {name: values[first:last] for name, values in drive.outputs.items()},
             {name: values[max(first - history, 0) : first] for name, values in drive.inputs.items()},

@@ -1,14 +1,14 @@
-"""Simulation of a drive and its sensitivities, all shots side by side: multiple shooting, condensed.
+"""Simulation of a segment and its sensitivities by condensed multiple shooting, all shots side by side.
 
-A drive is cut into shots of equal length. Each is integrated from a guess of its first state, with small changes of
-every state and of every free parameter beside it, as one batch of arrays (Runge-Kutta of fourth order). Newton steps
-on the first states close the gaps between the shots; what is left is the one trajectory from the first state of the
-drive, and its derivatives by that state and by the parameters follow by the chain rule from shot to shot::
+A segment is make_shots into shots of equal length. Each is integrated from a guess of its initial state, together with
+small changes of every state and every free parameter, as one batch of arrays (Runge-Kutta of fourth order). Newton
+steps on the initial states close the gaps between the shots. The result is the trajectory from the initial state of the
+segment; its derivatives by that state and by the parameters follow by the chain rule from shot to shot::
 
     s[k+1] = end(s[k], θ)       ds[k+1] = Φ[k] ds[k] + G[k] dθ       dy = H ds[k] + J dθ
 
-(H. G. Bock, 1983; the gaps are closed exactly, not weighed.) With n samples and shots of about √n the integration takes
-√n steps of arrays instead of n steps of numbers.
+(H. G. Bock, 1983; here the gaps are closed exactly.) With n samples and shots of about √n the integration takes √n
+steps of arrays instead of n steps of scalars.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,30 +19,30 @@ import numpy as np
 from mirdrake.identification.models.base import Array, Model, Segment
 from mirdrake.identification.models.simulated import SimulatedModel
 
-_NUDGE = 1e-5
+_DIFFERENCE = 1e-5
 """Relative change of a state or a scaled parameter for a derivative."""
 
 _CLOSED = 1e-4
-"""Gap between shots, over the scale of the state, whose last part is closed to first order: its square is nothing."""
+"""Gap between shots over the scale of the state below which the remainder is closed to first order."""
 
 _SHARE = 0.3
-"""Samples of a shot over √n: a step of long arrays takes little more than one of short ones [1]."""
+"""Samples of a shot over √n: a step of long arrays takes little more time than one of short ones [1]."""
 
-_LONGEST = 160
-"""Samples of a shot."""
+_MAX_LENGTH = 160
+"""Largest number of samples of a shot."""
 
 
 @dataclass
 class Shots:
-    """A drive cut into shots, with the first states that closed the gaps last.
+    """A segment make_shots into shots, with the initial states that closed the gaps last.
 
     Attributes:
-        drive: the drive.
+        drive: the segment.
         count: number of shots.
         length: samples of each.
-        substeps: steps of the integration from sample to sample.
-        times: of the drive's inputs, samples, ends and middles of the steps [s].
-        nodes: first states (states, shots).
+        substeps: integration steps per sample.
+        times: times of samples, ends and middles of the steps [s].
+        nodes: initial states (states, shots).
     """
 
     drive: Segment
@@ -53,16 +53,16 @@ class Shots:
     nodes: Array = field(repr=False)
 
 
-def cut(model: Model, drive: Segment, p: Mapping[str, float]) -> Shots:
-    """Cut a drive into shots.
+def make_shots(model: Model, drive: Segment, p: Mapping[str, float]) -> Shots:
+    """Cut a segment into shots.
 
     Args:
         model: the model.
-        drive: at least two samples.
+        drive: segment of at least two samples.
         p: parameters, for guesses of the states.
     """
     n = drive.size
-    length = min(max(int(np.ceil(_SHARE * n**0.5)), 20), _LONGEST, n)
+    length = min(max(int(np.ceil(_SHARE * n**0.5)), 20), _MAX_LENGTH, n)
     count = -(-n // length)
     substeps = max(1, int(np.ceil(drive.step / model.max_step - 1e-9)))
     times = np.asarray(np.arange(count * length * 2 * substeps + 1) * (drive.step / (2 * substeps)), dtype=np.float64)
@@ -76,10 +76,10 @@ class Sensitivity:
 
     Attributes:
         y: outputs (outputs, n).
-        by_parameters: their derivatives (outputs, n, parameters), by scaled parameters.
-        by_start: their derivatives by the first state (outputs, n, states).
-        last: state behind the last sample (states).
-        last_by: its derivatives by parameters and first state (states, parameters + states).
+        by_parameters: their derivatives by scaled parameters (outputs, n, parameters).
+        by_start: their derivatives by the initial state (outputs, n, states).
+        last: state after the last sample (states).
+        last_by: its derivatives by parameters and initial state (states, parameters + states).
     """
 
     y: Array
@@ -90,7 +90,7 @@ class Sensitivity:
 
 
 def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], same: Sequence[bool]) -> Array:
-    """Inputs of the equations (times in a shot, inputs, columns, shots)."""
+    """Return the inputs of the equations (times in a shot, inputs, columns, shots)."""
     base = model.input_signals(columns[0], shots.drive, shots.times)
     step = shots.length * 2 * shots.substeps
     index = np.arange(step + 1)[:, None] + step * np.arange(shots.count)
@@ -105,7 +105,7 @@ def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], 
 
 
 def _integrate(model: Model, shots: Shots, x: Array, u: Array, p: Mapping[str, Array]) -> Array:
-    """States at all samples and at the end of each shot (length + 1, states, columns, shots)."""
+    """Return the states at all samples and at the end of each shot (length + 1, states, columns, shots)."""
     h = shots.drive.step / shots.substeps
     found = np.empty((shots.length + 1, *x.shape))
     found[0] = x
@@ -128,26 +128,26 @@ def simulate(
     columns: Sequence[Mapping[str, float]],
     first: Array,
     *,
-    changes: float = _NUDGE,
+    changes: float = _DIFFERENCE,
     derivatives: bool = True,
     closed: bool = False,
 ) -> Sensitivity | None:
-    """The trajectory of a drive from its first state.
+    """Return the trajectory of a segment from its initial state.
 
     Args:
         model: the model.
-        shots: the drive; its nodes are moved to where the gaps are closed.
+        shots: the segment; its nodes are moved to where the gaps are closed.
         columns: parameters, then the same with each free one changed by `changes` in its scale.
-        first: first state (states).
-        changes: what the columns behind the first are changed by.
-        derivatives: whether to work out the derivatives, too.
+        first: initial state (states).
+        changes: change of the columns after the first.
+        derivatives: whether to compute the derivatives.
         closed: whether the nodes are those that an earlier call with the same numbers left.
 
     Returns:
-        None if the states grow beyond all bounds.
+        None if the states diverge.
     """
     if isinstance(model, SimulatedModel):
-        return _whole_runs(model, shots.drive, columns, first, changes, derivatives=derivatives)
+        return _difference_runs(model, shots.drive, columns, first, changes, derivatives=derivatives)
     scales = np.array(model.state_scales)
     size, count = len(scales), shots.count
     nodes = shots.nodes.copy()
@@ -155,31 +155,32 @@ def simulate(
     names = list(columns[0])
 
     def batch(sets: Sequence[Mapping[str, float]], same: Sequence[bool]) -> tuple[Array, Array, dict[str, Array]]:
-        """States, inputs, parameters of: the base, each state changed, each of the further sets."""
+        """Return states, inputs and parameters of: the base, each state changed, each of the further sets."""
         all_sets = [sets[0]] * (1 + size) + list(sets[1:])
         x = np.repeat(nodes[:, None, :], len(all_sets), axis=1)
         for i in range(size):
-            x[i, 1 + i] += _NUDGE * scales[i]
+            x[i, 1 + i] += _DIFFERENCE * scales[i]
         p = {name: np.array([[one[name]] for one in all_sets]) for name in names}
         return x, _inputs(model, shots, all_sets, [True] * (1 + size) + list(same)), p
 
     closed = closed and derivatives
-    moved = np.zeros((size, count))  # nodes since the path was integrated
+    moved = np.zeros((size, count))  # shift of the nodes since the path was integrated
     with np.errstate(all="ignore"):
         if not closed:
             x, u, p = batch(columns[:1], [])
         for _ in range(0 if closed else 25):
             x = np.repeat(nodes[:, None, :], 1 + size, axis=1)
             for i in range(size):
-                x[i, 1 + i] += _NUDGE * scales[i]
+                x[i, 1 + i] += _DIFFERENCE * scales[i]
             path = _integrate(model, shots, x, u, p)
             ends = path[-1]
             if not np.isfinite(ends).all():
                 return None
-            if count == 1:
+            if count == 1:  # nothing to close
                 closed = True
                 break
-            by_state = (ends[:, 1:] - ends[:, :1]) / (_NUDGE * scales)[None, :, None]
+            # One Newton step on all nodes, propagated from shot to shot.
+            by_state = (ends[:, 1:] - ends[:, :1]) / (_DIFFERENCE * scales)[None, :, None]
             gaps = ends[:, 0, :-1] - nodes[:, 1:]
             shift = np.zeros((size, count))
             for k in range(count - 1):
@@ -204,7 +205,7 @@ def simulate(
         return _chain(model, shots, path, u, p, len(columns) - 1 if derivatives else 0, changes, moved)
 
 
-def _whole_runs(
+def _difference_runs(
     model: SimulatedModel,
     drive: Segment,
     columns: Sequence[Mapping[str, float]],
@@ -213,7 +214,7 @@ def _whole_runs(
     *,
     derivatives: bool,
 ) -> Sensitivity | None:
-    """Derivatives as differences of whole runs."""
+    """Return derivatives as differences between complete runs."""
     scales = np.array(model.state_scales)
     size, free = len(scales), len(columns) - 1
     base = model.run(columns[0], drive, first)
@@ -236,7 +237,10 @@ def _whole_runs(
 def _chain(
     model: Model, shots: Shots, path: Array, u: Array, p: Mapping[str, Array], free: int, changes: float, nodes: Array
 ) -> Sensitivity | None:
-    """From the batch, and what its nodes were moved by since (states, shots), to derivatives along the whole drive."""
+    """Return the derivatives along the whole segment by the chain rule.
+
+    `nodes` is the shift of the nodes since the batch was integrated (states, shots).
+    """
     scales = np.array(model.state_scales)
     size, n, count = len(scales), shots.drive.size, shots.count
     inside = np.moveaxis(path[:-1], 0, -1)  # states, columns, shots, samples
@@ -246,10 +250,10 @@ def _chain(
     if not np.isfinite(y).all():
         return None
     outputs = len(y)
-    by_state = (y[:, 1 : 1 + size] - y[:, :1]) / (_NUDGE * scales)[None, :, None, None]
+    by_state = (y[:, 1 : 1 + size] - y[:, :1]) / (_DIFFERENCE * scales)[None, :, None, None]
     by_free = (y[:, 1 + size :] - y[:, :1]) / changes
     ends = path[-1]
-    phi = (ends[:, 1 : 1 + size] - ends[:, :1]) / (_NUDGE * scales)[None, :, None]
+    phi = (ends[:, 1 : 1 + size] - ends[:, :1]) / (_DIFFERENCE * scales)[None, :, None]
     gain = (ends[:, 1 + size :] - ends[:, :1]) / changes
     moved = np.zeros((count + 1, size, free + size))
     moved[0, :, free:] = np.eye(size)

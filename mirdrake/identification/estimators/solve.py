@@ -1,4 +1,4 @@
-"""Least squares over a problem, noise weights in turns with it, and the covariance of what comes out."""
+"""Least squares over a problem, alternating with the noise weights, and the covariance of the result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,19 +18,19 @@ _ROBUST = {"huber": 2.5, "soft_l1": 2.5, "linear": 1.0}
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved problem.
+    """Solved problem with its uncertainty.
 
     Attributes:
         z: unknowns.
-        problem: with the noise found.
+        problem: problem with the estimated noise.
         cost: half the sum of the losses.
-        covariance: of the scaled free parameters (p, p), autocorrelation of the residuals taken into account.
-        white: the same if residuals were white.
+        covariance: covariance of the scaled free parameters (p, p), allowing for autocorrelated residuals.
+        white: the same for white residuals.
         inflation: ratio of variances by parameter (p).
-        information: Fisher information of the free parameters, the other unknowns taken out (p, p).
+        information: Fisher information of the free parameters, the other unknowns eliminated (p, p).
         bound: "low", "high" or None, by parameter.
         draws: shifts of the scaled parameters by the block bootstrap (count, p), or None.
-        message: of the optimiser.
+        message: message of the optimiser.
     """
 
     z: Array
@@ -46,13 +46,13 @@ class Solution:
 
 
 class Minimum(NamedTuple):
-    """Where the cost is least.
+    """Minimum of the cost.
 
     Attributes:
         z: unknowns.
-        problem: with the noise found.
+        problem: problem with the estimated noise.
         cost: half the sum of the losses.
-        message: of the optimiser.
+        message: message of the optimiser.
     """
 
     z: Array
@@ -62,33 +62,33 @@ class Minimum(NamedTuple):
 
     @property
     def values(self) -> dict[str, float]:
-        """All parameters."""
+        """Values of all parameters."""
         return self.problem.values(self.z)
 
 
 def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None) -> Solution:
-    """Fit, in turns with the noise of the outputs, and how sure it is.
+    """Fit, alternating with the noise of the outputs, and return the solution with its covariance.
 
     Raises:
-        RunError: the model cannot follow the drive from the first guess.
+        RunError: the model diverges from the first guess.
     """
-    return finish(minimise(problem, options, z, passes=3), options)
+    return assess(minimise(problem, options, z, passes=3), options)
 
 
 def minimise(
     problem: Problem, options: EstimatorOptions, z: Array | None = None, *, passes: int = 1, close: float | None = None
 ) -> Minimum:
-    """Least squares.
+    """Minimise the cost.
 
     Args:
-        problem: with a first idea of the noise.
-        options: how.
-        z: where to start; None: far from the end, with a loss that forgives more, so that the first turn is coarse.
-        passes: most turns with the noise; 1: it stays as it is.
-        close: relative change of the cost that ends it; None: that of the model.
+        problem: problem with a first guess of the noise.
+        options: options of the estimator.
+        z: initial unknowns; None starts from the guesses with a more tolerant loss and a coarse first pass.
+        passes: largest number of passes that update the noise; 1 keeps it.
+        close: relative change of the cost at which to stop; None for that of the model.
 
     Raises:
-        RunError: the model cannot follow the drive from the first guess.
+        RunError: the model diverges from the first guess.
     """
     begun = z is not None
     z = np.zeros(problem.size) if z is None else z.copy()
@@ -101,7 +101,7 @@ def minimise(
         first = problem.residuals(z)
         if not np.isfinite(first).all():
             raise RunError(
-                f"model {problem.model.kind}: runs away from the guess; "
+                f"model {problem.model.kind}: diverges from the guess; "
                 "give guesses or bounds that are nearer to the vehicle"
             )
         result = least_squares(
@@ -113,6 +113,7 @@ def minimise(
         z = result.x
         if passes == 1:
             break
+        # The noise weights follow from the residuals, until they settle.
         before = problem.sigmas
         problem = replace(problem, sigmas={name: max(s, 1e-9) for name, s in problem.spread(z).items()})
         if near and all(abs(problem.sigmas[name] / before[name] - 1.0) < 0.02 for name in before):
@@ -122,11 +123,11 @@ def minimise(
 
 
 def robust(loss: str, measured: int) -> Callable[[Array], Array]:
-    """Loss of squared residuals with two derivatives (3, n): robust for what was measured, quadratic for priors.
+    """Return a loss of squared residuals with two derivatives (3, n): robust for measurements, quadratic for priors.
 
     Args:
         loss: "huber", "soft_l1" or "linear".
-        measured: how many of the residuals, the first ones, were measured.
+        measured: number of residuals of measurements, which come first.
     """
     width = _ROBUST[loss] ** 2
 
@@ -152,14 +153,14 @@ def robust(loss: str, measured: int) -> Callable[[Array], Array]:
 
 
 def _inside(z: Array, low: Array, high: Array) -> Array:
-    """Strictly within the bounds, as the optimiser wants it."""
+    """Move unknowns strictly within the bounds, as the optimiser requires."""
     room = np.where(np.isfinite(high - low), 1e-3 * (high - low), 1e-3)
     room = np.minimum(room, 0.02)
     return np.minimum(np.maximum(z, low + room), high - room)
 
 
-def weights_of(residuals: Array, loss: str) -> Array:
-    """Of each residual in the robust loss, first derivative."""
+def loss_weights(residuals: Array, loss: str) -> Array:
+    """Return the weight of each residual in the robust loss, its first derivative."""
     if loss == "linear":
         return np.ones(len(residuals))
     ratio = np.abs(residuals) / _ROBUST[loss]
@@ -169,29 +170,35 @@ def weights_of(residuals: Array, loss: str) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of a positive matrix; directions that it does not have get a very large value."""
+    """Invert a positive semidefinite matrix; its null directions get a very large value."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     return np.asarray((vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(size, size))
 
 
-def finish(found: Minimum, options: EstimatorOptions) -> Solution:
-    """How sure the unknowns of a minimum are."""
+def assess(found: Minimum, options: EstimatorOptions) -> Solution:
+    """Return the uncertainty of a minimum."""
     problem, z = found.problem, found.z
     p = len(problem.free)
     residuals, jacobian = problem.residuals(z), problem.jacobian(z)
+
+    # Parameters at a bound.
     low, high = problem.bounds()
     bound: list[str | None] = []
     for i, one in enumerate(problem.free):
         near = 1e-3 * max(min(one.to_scaled(one.info.high) - one.to_scaled(one.info.low), 2.0), 1e-6)
         bound.append("low" if z[i] - low[i] < near else "high" if high[i] - z[i] < near else None)
+
+    # Information of the measurements with their robust weights, and of the priors.
     data = problem.measured
-    weights = weights_of(residuals, options.loss)
+    weights = loss_weights(residuals, options.loss)
     weights[data:] = 1.0
     inner = jacobian * np.sqrt(weights)[:, None]
     information = inner.T @ inner
     prior = inner[data:].T @ inner[data:]
     whole = inverse(information)
+
+    # Scores sample by sample for the covariance, and by blocks for the bootstrap.
     stretches, blocks, rights, at = [], [], [], 0
     for drive, mask in zip(problem.drives, problem.masks, strict=True):
         part, shape = slice(at, at + mask.size), (drive.size, len(mask))
@@ -205,18 +212,19 @@ def finish(found: Minimum, options: EstimatorOptions) -> Solution:
             blocks.append(inner[block].T @ inner[block])
             rights.append(each[rows_].sum(axis=0))
         at += mask.size
-    # Information of the data as it would be if they were weighed by their long-run noise; then what is known besides.
+
+    # Information of the data weighted by the covariance of the scores, plus that of the priors.
     measured = inner[:data].T @ inner[:data]
     size = np.sqrt(np.maximum(np.diag(measured), 1e-300))
     inside = measured / np.outer(size, size)
-    noise, forgetful = (one / np.outer(size, size) for one in score_covariance(stretches))
+    noise, memoryless = (one / np.outer(size, size) for one in score_covariance(stretches))
     noise *= problem.samples / max(problem.samples - problem.size, 1)
     effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
     spread = inverse(effective + prior)[:p, :p]
     white = whole[:p, :p]
     moved = whole[:p] * size
     inflation = np.einsum("ij,jk,ik->i", moved, noise, moved) / np.maximum(
-        np.einsum("ij,jk,ik->i", moved, forgetful, moved), 1e-300
+        np.einsum("ij,jk,ik->i", moved, memoryless, moved), 1e-300
     )
     draws = None
     if options.bootstrap and len(blocks) > 4:

@@ -1,49 +1,61 @@
-"""What the estimators ask of a model: states, rates, and what sensors would show, for many parameter sets at once."""
+"""Interface between models and estimators: states, derivatives and sensor outputs for many parameter sets at once."""
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.identification.parameters import Parameter
+from mirdrake.core.yaml_io import Schema, Source
+from mirdrake.identification.data import DataSet
+from mirdrake.identification.models.filters import smooth_between
+from mirdrake.identification.parameters import Parameter, Setting
+from mirdrake.vehicles import Vehicle
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 """Parameters by name: floats, or arrays (columns, 1)."""
 
+SPEED = ("vx", "speed")
+"""Channels of the speed; the first one that all logs have is used."""
+
+
+class ModelOptions(Schema):
+    """Options of a model; each model class declares its own subclass."""
+
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """Which model is fitted.
+    """Kind of a model and its options, not yet checked.
 
     Attributes:
-        kind: name in :data:`mirdrake.identification.models.registry.MODELS`.
-        options: of this kind.
+        kind: key in :data:`mirdrake.identification.models.registry.MODELS`.
+        options: fields of the model's :attr:`Model.Options`.
+        source: file and lines of the options, for error messages; None if they are not from a file.
     """
 
     kind: str
     options: Mapping[str, Any] = field(default_factory=dict)
+    source: Source | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a log on even steps.
+    """Uninterrupted part of a log, resampled to a constant step.
 
     Attributes:
         log: name of the log.
         part: "train" or "validation".
         start: time of the first sample [s].
-        step: from sample to sample [s].
+        step: sample time [s].
         inputs: channels that drive the model, by name (n each), without gaps.
-        outputs: channels that the model is compared with (n each), NaN where there is no value.
-        before: inputs ahead of the first sample, of a piece that was cut out of a longer drive (m each); may be empty.
+        outputs: channels that the model is compared with (n each), NaN for missing values.
+        before: inputs before the first sample, of a piece cut from a longer segment (m each); may be empty.
     """
 
     log: str
@@ -61,26 +73,26 @@ class Segment:
 
     @property
     def time(self) -> Array:
-        """Of the samples (n) [s]."""
+        """Times of the samples (n) [s]."""
         return np.asarray(self.start + self.step * np.arange(self.size), dtype=np.float64)
 
     @property
     def names(self) -> frozenset[str]:
-        """Its channels."""
+        """Names of all channels."""
         return frozenset((*self.inputs, *self.outputs))
 
     def channels(self, name: str) -> Array:
-        """Samples of an input or output (n)."""
+        """Return the samples of an input or output (n)."""
         return self.inputs[name] if name in self.inputs else self.outputs[name]
 
     def at(self, name: str, times: Array, delay: float = 0.0, *, smooth: bool = False) -> Array:
-        """An input channel between its samples.
+        """Interpolate an input channel.
 
         Args:
-            name: of the channel.
-            times: from the first sample on (any) [s].
-            delay: of the channel [s].
-            smooth: cubic between the samples, see :func:`smooth_between`; else straight lines.
+            name: channel.
+            times: relative to the first sample (any) [s].
+            delay: delay to apply to the channel [s].
+            smooth: cubic interpolation, see :func:`smooth_between`; otherwise linear.
         """
         early = self.before.get(name, np.empty(0))
         known = np.concatenate((early, self.inputs[name]))
@@ -89,53 +101,54 @@ class Segment:
         return np.interp(times - delay, self.step * (np.arange(len(known)) - len(early)), known)
 
     def with_history(self, times: Array) -> tuple[Array, int]:
-        """Even times and those before them for which inputs are known, and how many these are.
+        """Extend evenly spaced times backwards as far as inputs are known; return them and the number added.
 
-        What has a lag is not at rest where a piece begins: its answer is worked out from further back.
+        A lag is not at rest where a piece begins, so its response is computed from further back.
         """
         known = max((len(values) for values in self.before.values()), default=0)
         step = float(times[1] - times[0])
-        many = int(known * self.step / step + 1e-6)
-        return np.concatenate((times[0] + step * np.arange(-many, 0), times)), many
+        added = int(known * self.step / step + 1e-6)
+        return np.concatenate((times[0] + step * np.arange(-added, 0), times)), added
 
 
-PART = 0.3
-"""Which part of an effect that is left out is tried, see :class:`Assumption`: enough that the model shows it [1]."""
+OMITTED_FRACTION = 0.3
+"""Fraction of one standard deviation at which an omitted effect is evaluated: large enough for the model to show it."""
 
-SMALL = 0.01
-"""Part of a standard deviation that is small enough for a derivative [1]."""
+SMALL_FRACTION = 0.01
+"""Fraction of one standard deviation at which a derivative by an assumed value is evaluated."""
 
 
 @dataclass(frozen=True)
 class Assumption:
-    """What a fit takes for granted, and how far off it may be.
+    """Something that a fit takes as given, and how wrong it may be.
 
     Attributes:
-        words: what it is, behind "depends on".
-        remedy: what would settle it.
-        changes: parameters by name where they are a part of a standard deviation off [their units].
-        part: which part: small, since estimates move by its first order, but such that the model can show it [1].
-        options: of the model, where what is in assumption is left out of it.
-        is_omitted: it may as well be nothing, and the log is asked; else it is an assumption that is surely off.
-        most: standard deviations that it cannot go beyond, whatever a log seems to say [1].
+        description: noun phrase that completes "depends on …".
+        remedy: what would make the assumption unnecessary.
+        changes: parameters by name, a fraction of one standard deviation off [their units].
+        fraction: that fraction: small, as estimates are linearised in it, but visible in the model [1].
+        options: model options that add an omitted effect.
+        is_omitted: whether it is an effect that may be absent, so that the log is asked for evidence; otherwise it is
+            an assumed value, which is certainly off.
+        max_size: bound on its size, in standard deviations [1].
     """
 
-    words: str
+    description: str
     remedy: str
     changes: Mapping[str, float] = field(default_factory=dict)
-    part: float = 1.0
+    fraction: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
     is_omitted: bool = False
-    most: float = math.inf
+    max_size: float = math.inf
 
 
 class AssumptionEffect(NamedTuple):
-    """What a assumption does.
+    """Contribution of an assumption to the uncertainty.
 
     Attributes:
-        assumption: which.
+        assumption: the assumption.
         shift: standard deviation that it adds to each of the scaled free parameters, with its sign (p).
-        size: how many of its own standard deviations that takes [1].
+        size: expected size of the assumption's error, in its standard deviations [1].
     """
 
     assumption: Assumption
@@ -143,21 +156,54 @@ class AssumptionEffect(NamedTuple):
     size: float = 1.0
 
 
+class Addition(NamedTuple):
+    """Effect that the structure search may add to a model.
+
+    Attributes:
+        description: noun phrase for the notes of a fit.
+        settings: parameters that become free.
+        options: model options.
+        min_saving: share of the cost that the effect must save to be kept.
+        delay: the effect is tried only if the estimated steering delay so far exceeds this [s].
+        fading_parameter: if a later addition drives this parameter to its lower plausible bound, the effect is dropped.
+    """
+
+    description: str
+    settings: Mapping[str, Setting] = MappingProxyType({})
+    options: Mapping[str, Any] = MappingProxyType({})
+    min_saving: float = 0.01
+    delay: float = -np.inf
+    fading_parameter: str = ""
+
+
 class Model(ABC):
     """Equations ẋ = f(x, u, p), y = h(x, u, p).
 
+    A new model is a subclass in a file of its own and one line in the registry. Everything that differs between models
+    is an attribute or a method here.
+
+    Args of the constructor: the channels that all logs have, known parameter values by name, the wheelbase of the data
+    set [m] or None, and the checked :attr:`Options`.
+
     Attributes:
-        kind: name.
+        kind: key in the registry.
+        Options: schema of the options.
+        uses_steering_guess: whether slow turns give the first guess of steering ratio and offset.
         title: kind and options in words.
-        parameters: all of them.
+        parameters: all parameters.
         states: names of the states.
-        state_scales: what counts as a large change of each state, in its unit.
-        inputs: channels that it needs.
-        outputs: channels that it is compared with.
-        fine: longest step of the integration [s].
+        state_scales: size of a large change of each state, in its unit.
+        inputs: channels that drive the equations.
+        outputs: channels that are compared.
+        max_step: longest step of the integration [s].
+        difference_step: change of a scaled parameter for a numerical derivative.
+        tolerance: relative change of the unknowns at which a fit ends.
+        input_parameters: parameters that change :meth:`input_signals`.
     """
 
-    kind: str
+    kind: ClassVar[str]
+    Options: ClassVar[type[ModelOptions]] = ModelOptions
+    uses_steering_guess: ClassVar[bool] = False
     title: str
     parameters: tuple[Parameter, ...]
     states: tuple[str, ...]
@@ -166,25 +212,52 @@ class Model(ABC):
     outputs: tuple[str, ...]
     max_step: float = 0.0101
     difference_step: float = 1e-5
-    """Change of a scaled parameter for a derivative."""
     tolerance: float = 1e-7
-    """Relative change of the unknowns that ends a fit."""
     input_parameters: frozenset[str] = frozenset()
-    """Parameters that change :meth:`drive`."""
+
+    @abstractmethod
+    def __init__(self, channels: set[str], known: Mapping[str, float], wheelbase: float | None, options: Any) -> None:
+        """Choose inputs and outputs from the channels and make the parameters."""
+
+    @classmethod
+    def is_default_for(cls, channels: set[str]) -> bool:
+        """Whether a data file with these channels is fitted with this model when no study is given."""
+        del channels
+        return False
+
+    @classmethod
+    def vehicle_values(cls, vehicle: Vehicle, options: Any, *, measured: bool) -> dict[str, float]:
+        """Return the parameters that the files of a vehicle give, by name.
+
+        Args:
+            vehicle: a loaded vehicle.
+            options: checked options of the model.
+            measured: whether the road wheel angle is recorded, rather than its set-point.
+        """
+        from mirdrake.identification.models.vehicle_values import common_values
+
+        del options
+        return common_values(vehicle, measured=measured)
+
+    @classmethod
+    def additions(cls, data: DataSet, options: Any, settings: Mapping[str, Setting]) -> Iterator[Addition]:
+        """Yield the effects that the study leaves open, in the order in which they are tried."""
+        del data, options, settings
+        yield from ()
 
     @abstractmethod
     def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
-        """Inputs of the equations (inputs, times).
+        """Return the inputs of the equations (inputs, times).
 
         Args:
             p: parameters.
             drive: recorded channels.
-            times: from the first sample of the drive on, even steps [s].
+            times: relative to the first sample, evenly spaced [s].
         """
 
     @abstractmethod
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Time derivatives of the states.
+        """Return the time derivatives of the states.
 
         Args:
             x: states (states, columns, shots).
@@ -194,39 +267,49 @@ class Model(ABC):
 
     @abstractmethod
     def observe(self, x: Array, u: Array, p: Values) -> Array:
-        """What the sensors of :attr:`outputs` show (outputs, …); arguments as of :meth:`rates`, or with more axes."""
+        """Return the sensor readings of :attr:`outputs` (outputs, …); arguments as in :meth:`rates`, or more axes."""
 
     @abstractmethod
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
-        """Guesses of the state at samples of a drive (states, rows), from what was measured."""
+        """Return guesses of the states at samples of a segment (states, rows), from the measurements."""
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
-        """Combinations of parameters with a meaning of their own: value and unit by name."""
+        """Return physically meaningful combinations of parameters: value and unit by name."""
         del p
         return {}
 
     def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
-        """Between which values a parameter makes sense."""
+        """Return the range of values in which a parameter makes physical sense."""
         del name, p
         return -np.inf, np.inf
 
     def assumptions(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Assumption, ...]:
-        """What it takes for granted.
+        """Return the assumptions of the model.
 
         Args:
             p: parameters.
-            assumed: those that are fixed to what nobody gave.
+            assumed: names of the parameters that are fixed to a default.
         """
         del p, assumed
         return ()
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
-        """Which drive would tell these parameters apart."""
+        """Return, in the imperative, which drive would identify these parameters."""
         del names
         return "drive with more and faster changes of the inputs"
 
+    def candidate_manoeuvres(self, p: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:
+        """Return standard manoeuvres for the experiment design: channels in steps of 0.01 s, by name of the manoeuvre.
+
+        Args:
+            p: parameters.
+            speed: highest speed that may be driven [m/s].
+        """
+        del p, speed
+        return {}
+
     def offset_scale(self, channel: str) -> float:
-        """How large the offset of a sensor is expected to be [unit of the channel]; 0: has none."""
+        """Return the expected size of a sensor's offset [unit of the channel]; 0 if it has none."""
         return OFFSETS.get(channel, 0.0)
 
 
@@ -234,100 +317,40 @@ OFFSETS = {
     "yaw_rate": 0.005, "lateral_acceleration": 0.15, "longitudinal_acceleration": 0.15, "vy": 0.05, "sideslip": 0.01,
     "roll": 0.01, "roll_rate": 0.005,
 }  # fmt: skip
-"""What inertial units are usually off by [rad/s, m/s², m/s, rad]: standard deviation of the offsets that are fitted."""
+"""Usual offsets of inertial sensors [rad/s, m/s², m/s, rad]: standard deviation of the offsets that are estimated."""
 
 
-def smooth_between(values: Array, places: Array) -> Array:
-    """Samples between their places by cubic convolution (R. G. Keys, IEEE Trans. ASSP 29, 1981).
-
-    Straight lines round off what turns between two samples: they are a filter whose answer has the variance h²/6, for
-    samples h apart. A lag τ has τ², so that a fit makes it shorter by h²/(12 τ) and the delay longer by as much: 0.17
-    ms for 50 ms at 100 Hz. This has no such variance. A value that is held stays held.
-
-    Args:
-        values: samples (n).
-        places: in samples from the first one (any); beyond the ends the last value counts.
-    """
-    last = len(values) - 1
-    places = np.clip(places, 0.0, float(last))
-    at = np.minimum(places.astype(np.intp), max(last - 1, 0))
-    part = places - at
-    one, two = values[at], values[np.minimum(at + 1, last)]
-    before, behind = values[np.maximum(at - 1, 0)], values[np.minimum(at + 2, last)]
-    cubic = 3.0 * (one - two) + behind - before
-    square = 2.0 * before - 5.0 * one + 4.0 * two - behind
-    found = one + 0.5 * part * (two - before + part * (square + part * cubic))
-    return np.where(one == two, one, found)
-
-
-def first_order(values: Array, step: float, lag: float) -> Array:
-    """The answer of a first-order lag to straight lines between samples, at rest in the first sample; exact.
-
-    Args:
-        values: samples (n).
-        step: [s].
-        lag: time constant [s]; 0: none.
-    """
-    if lag <= 1e-6 * step:
-        return values
-    decay = float(np.exp(-step / lag))
-    # Of a ramp within the step: u0 gets the weight w0, u1 the weight w1.
-    rise = (lag / step) * (1.0 - decay)
-    ahead, behind = 1.0 - rise, rise - decay
-    return np.asarray(lfilter([ahead, behind], [1.0, -decay], values, zi=[rise * values[0]])[0])
-
-
-def second_order(values: Array, step: float, frequency: float, damping: float) -> Array:
-    """The answer of ÿ = ω² (u - y) - 2 ζ ω ẏ to samples joined by straight lines, at rest in the first one.
-
-    Args:
-        values: samples (n).
-        step: [s].
-        frequency: ω [rad/s].
-        damping: ζ [1].
-    """
-    # State y, ẏ, u and the slope of u: exact for straight lines.
-    block = np.zeros((4, 4))
-    block[0, 1] = 1.0
-    block[1] = [-(frequency**2), -2.0 * damping * frequency, frequency**2, 0.0]
-    block[2, 3] = 1.0
-    full = expm(block * step)
-    a, b0, b1 = full[:2, :2], full[:2, 2] - full[:2, 3] / step, full[:2, 3] / step
-    # y[k+1] = a y[k] + b0 u[k] + b1 u[k+1] as a transfer function of second order.
-    trace, det = float(np.trace(a)), float(np.linalg.det(a))
-    adj = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
-    numerator = [b1[0], b0[0] - (adj @ b1)[0], -(adj @ b0)[0]]
-    denominator = [1.0, -trace, det]
-    return np.asarray(lfilter(numerator, denominator, values - values[0]) + values[0])
-
-
-def channel_of(offered: set[str], names: tuple[str, ...], what: str, kind: str) -> str:
-    """The first channel of a list that every log has.
+def find_channel(channels: set[str], names: Collection[str], what: str, kind: str) -> str:
+    """Return the first of several channels that every log has.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: none is there.
     """
     for name in names:
-        if name in offered:
+        if name in channels:
             return name
     raise ConfigError(
-        f"model {kind}: needs {what}, channel {' or '.join(names)}, in every log; the logs share "
-        f"{', '.join(sorted(offered)) or 'nothing'}; map the column in 'channels'"
+        f"{kind}: needs {what}, channel {' or '.join(names)}, in every log; the logs share "
+        f"{', '.join(sorted(channels)) or 'nothing'}; map the column in 'channels'",
+        path=("model",),
     )
 
 
-def pick_outputs(offered: set[str], possible: list[str], asked: list[str] | None, kind: str) -> tuple[str, ...]:
-    """The channels to compare.
+def select_outputs(channels: set[str], possible: list[str], asked: list[str] | None, kind: str) -> tuple[str, ...]:
+    """Return the channels to compare.
 
     Raises:
-        ConfigError: one that was asked for is missing or unknown, or there is none at all.
+        ConfigError: a requested output is missing or unknown, or there is none at all.
     """
     for name in asked or []:
         if name not in possible:
-            raise ConfigError(f"model.outputs: {kind} has no output '{name}'; {did_you_mean(name, possible)}")
-        if name not in offered:
-            raise ConfigError(f"model.outputs: no log has '{name}'; map its column in 'channels'")
-    found = tuple(name for name in possible if name in offered and (asked is None or name in asked))
+            hint = did_you_mean(name, possible)
+            raise ConfigError(f"{kind} has no output '{name}'; {hint}", path=("model", "outputs"))
+        if name not in channels:
+            raise ConfigError(f"no log has '{name}'; map its column in 'channels'", path=("model", "outputs"))
+    found = tuple(name for name in possible if name in channels and (asked is None or name in asked))
     if not found:
-        raise ConfigError(f"model {kind}: needs at least one of {', '.join(possible)} to compare with; map its column")
+        raise ConfigError(
+            f"{kind}: needs at least one of {', '.join(possible)} to compare with; map its column", path=("model",)
+        )
     return found

@@ -1,12 +1,12 @@
-"""Where the fit of a steering starts: by a regression, before any model is simulated.
+"""First guess of the steering by a regression over slow turns, before any model is simulated.
 
-In slow bends a vehicle of any size turns with::
+In slow turns a vehicle of any size yaws with::
 
     r = v (c / ρ + δ0) / (L (1 + K v²)) + r0,    nearly    r = g v c + o v - h v³ c + r0
 
-for the steering channel c of ratio ρ and offset δ0, the wheelbase L and the bias r0 of the gyro: it is linear in
-g = 1 / (ρ L), o = δ0 / L, h = K g and r0. So scale and zero of a command of unknown units (0 to 1,
-ticks of a servo) are known well enough for a fit, whatever the size of the vehicle.
+for the steering channel c of ratio ρ and offset δ0, the wheelbase L and the gyro bias r0. This is linear in
+g = 1 / (ρ L), o = δ0 / L, h = K g and r0. Scale and zero of a command of unknown units (0 to 1, ticks of a servo) are
+then known well enough for a fit, whatever the size of the vehicle.
 """
 
 from collections.abc import Sequence
@@ -22,38 +22,38 @@ from mirdrake.identification.parameters import Parameter
 from mirdrake.identification.relations import Grid, make_grid
 
 CALM = 3.0
-"""Tyres of any vehicle slip little at this lateral acceleration [m/s²]."""
+"""Lateral acceleration at which the tyres of any vehicle have little slip [m/s²]."""
 
 FEWEST = 50
-"""Rows of slow bends that tell something."""
+"""Least number of rows of slow turns for an estimate."""
 
 STEEPEST = 0.35
-"""Angle of the front wheels in the tightest bend of a lively drive [rad]."""
+"""Road wheel angle in the tightest turn of a lively drive [rad]."""
 
 LONGEST = 2.7
-"""Wheelbase of a car that makes wide bends only [m]."""
+"""Wheelbase of a car whose turns are all wide [m]."""
 
 _ALIGNED = 0.5
-"""Correlation from which on a delay of the steering is one."""
+"""Correlation above which an estimated steering delay is used."""
 
 _SLOW = 0.5
-"""Smoothing of the speed [s]: its noise must not look like a change of it."""
+"""Smoothing of the speed [s], so that its noise does not look like a change."""
 
 _HELD = 10.0
-"""How strongly K v² is held near zero: noise of neighbouring rows is one noise."""
+"""Weight that keeps K v² near zero: the noise of neighbouring rows is correlated."""
 
 _BIAS = 0.02
 """Usual bias of a gyro [rad/s]."""
 
 
 class SteeringGuess(NamedTuple):
-    """What slow bends say of the steering.
+    """Estimate of the steering from slow turns.
 
     Attributes:
-        gain: of the curvature over the channel, 1 / (ratio · wheelbase) [1/m by unit of the channel].
-        curvature: at zero of the channel [1/m].
-        delay: of the yaw rate behind the channel [s].
-        tightest: largest curvature of the drives [1/m].
+        gain: curvature over the channel, 1 / (ratio · wheelbase) [1/m by unit of the channel].
+        curvature: curvature at zero of the channel [1/m].
+        delay: delay of the yaw rate against the channel [s].
+        tightest: largest curvature of the logs [1/m].
     """
 
     gain: float
@@ -63,19 +63,19 @@ class SteeringGuess(NamedTuple):
 
     @property
     def wheelbase(self) -> float:
-        """A guess where none is given: that of a car, or less if no car makes such bends [m]."""
+        """Guess where none is given: that of a car, or less if the turns are too tight for a car [m]."""
         return min(LONGEST, STEEPEST / max(self.tightest, 1e-9))
 
 
 def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
-    """Scale and zero of a steering channel, by robust regression over slow bends.
+    """Return scale and zero of a steering channel, by robust regression over slow turns.
 
     Args:
-        logs: drives.
+        logs: recorded drives.
         steer: name of the channel.
 
     Returns:
-        None if the drives do not tell, or if the sign is wrong.
+        None if the logs carry too little information, or if the sign is wrong.
     """
     rows, delays, tightest = [], [], 0.0
     for log in logs:
@@ -90,10 +90,10 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     v, c, r = np.concatenate(rows, axis=1)
     if len(v) < FEWEST or np.ptp(c) == 0.0 or np.ptp(r) == 0.0:
         return None
-    middle = float(np.median(c))  # a command about 1500 is nearly the same column as the speed
+    middle = float(np.median(c))  # a command of about 1500 is nearly collinear with the speed
     top, one = float(np.max(v)), np.ones(len(v))
     base = np.column_stack((v * (c - middle), v, one, -((v / top) ** 2) * v * (c - middle)))
-    # K v² and r0 are held near zero where nothing tells them apart from the rest, as at one speed.
+    # K v² and r0 are kept near zero where they are not separable from the rest, as at one speed.
     plain = _robust(base[:, :3], r, np.array([0.0, 0.0, 1.0 / _BIAS]))
     if plain[0] <= 0.0:
         return None
@@ -105,7 +105,7 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
 
 
 def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
-    """Speed, steering and yaw rate of slow bends (3, n), the delay of the latter, and the largest curvature."""
+    """Return speed, steering and yaw rate in slow turns (3, n), the delay of the yaw rate, the largest curvature."""
     forward = "vx" if "vx" in grid.channels else "speed"
     if not {forward, steer} <= set(grid.channels) or not {"yaw_rate", "lateral_acceleration"} & set(grid.channels):
         return None
@@ -118,7 +118,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
     else:
         rate = smooth(grid, "lateral_acceleration") / np.where(moving, speed, 1.0)
     delay = estimate_delay(rate, angle, grid.step)
-    late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # no cause comes late
+    late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # a cause precedes
     index = np.arange(float(len(angle)))
     angle = np.interp(index - late / grid.step, index, angle)
     calm = moving & (np.abs(speed * rate) < CALM)
@@ -129,7 +129,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
 
 
 def _robust(base: Array, values: Array, held: Array) -> Array:
-    """Least squares with weights of Huber, then of Tukey; unknowns are held near zero by that much over the noise."""
+    """Solve least squares with Huber's weights, then Tukey's; `held` weighs unknowns towards zero, over the noise."""
     weights, found = np.ones(len(values)), np.zeros(base.shape[1])
     noise = float(np.std(values))
     for turn in range(20):
@@ -139,7 +139,7 @@ def _robust(base: Array, values: Array, held: Array) -> Array:
         away = np.abs(values - base @ found)
         noise = max(1.4826 * float(np.median(away)), 1e-9)
         ratio = away / noise
-        # What is far off counts with all its size in Huber's loss; in Tukey's it does not count.
+        # Huber's loss is convex and finds the neighbourhood; Tukey's then ignores outliers altogether.
         late = turn > 9
         weights = np.maximum(1.0 - (ratio / 4.685) ** 2, 0.0) if late else 1.0 / np.sqrt(np.maximum(ratio / 1.345, 1.0))
     return np.asarray(found)
@@ -148,13 +148,13 @@ def _robust(base: Array, values: Array, held: Array) -> Array:
 def with_guess(
     parameters: Sequence[Parameter], steer: str, guess: SteeringGuess, wheelbase: float
 ) -> tuple[Parameter, ...]:
-    """Parameters with guesses and bounds of the steering by what slow bends say.
+    """Return the parameters with guesses and bounds of the steering from slow turns.
 
     Args:
-        parameters: of a model.
+        parameters: parameters of a model.
         steer: its steering channel.
-        guess: of the channel.
-        wheelbase: of the model [m].
+        guess: estimate for that channel.
+        wheelbase: wheelbase of the model [m].
     """
     found = []
     for one in parameters:
@@ -162,12 +162,12 @@ def with_guess(
             ratio = 1.0 / (guess.gain * wheelbase)
             one = replace(one, guess=ratio, low=0.1 * ratio, high=10.0 * ratio)
         elif one.name == "steering_offset":
-            # An angle is zeroed to some degrees; a command may have its zero anywhere.
+            # An angle sensor is zeroed to a few degrees; a command may have its zero anywhere.
             offset, room = guess.curvature * wheelbase, 0.2 if steer != "steering_command" else 1.0
             low, high = min(-room, offset - room), max(room, offset + room)
             one = replace(one, guess=offset, low=low, high=high, usual=one.usual if room < 1.0 else 30.0)
         elif one.name == "steering_delay" and guess.delay > 0.15:
-            late = guess.delay - 0.1  # the vehicle itself takes some of it
+            late = guess.delay - 0.1  # the vehicle's response accounts for a part
             one = replace(one, guess=late, high=max(one.high, 2.0 * late))
         found.append(one)
     return tuple(found)

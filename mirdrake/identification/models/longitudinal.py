@@ -1,214 +1,141 @@
-"""Motion ahead: drive, brakes, rolling resistance, drag and grade.
+"""Longitudinal motion: drive force, brakes, rolling resistance, drag and grade.
 
 ::
 
     (m + mr) v̇ = Fd - (Fb + c m g + B |v|) tanh(v / 0.1 m/s) - D v |v| - m g (sin γ + γ0)
 
-with the drive force Fd from the pedal, min(F, P / v) times its position, or from a measured torque at the wheels over
-their radius; the brake force Fb from the pedal or a torque; each with a dead time and a lag of first order. D is half
-the density of air times the drag area. Without a mass, forces are per kilogram.
+Fd is the drive force: pedal position times min(F, P / v), or the measured wheel torque over the wheel radius. Fb is the
+brake force from the pedal or a torque. Each has a dead time and a first-order lag. D is half the air density times the
+drag area. Without a mass, forces are per kilogram.
 """
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.models.base import (
-    PART,
-    SMALL,
+    OMITTED_FRACTION,
+    SMALL_FRACTION,
+    SPEED,
     Array,
     Assumption,
     Model,
+    ModelOptions,
     Segment,
     Values,
-    channel_of,
-    first_order,
-    pick_outputs,
+    find_channel,
+    select_outputs,
 )
-from mirdrake.identification.models.single_track import SPEED
+from mirdrake.identification.models.filters import first_order
+from mirdrake.identification.models.manoeuvres import longitudinal_manoeuvres
 from mirdrake.identification.parameters import Parameter
 
 _DRIVE = {"throttle": "throttle", "torque": "drive_torque"}
 _BRAKE = {"pedal": "brake", "torque": "brake_torque"}
-_STAND = 0.1
-_TURNING = 0.03  # what turns, over the mass [1]
-_SLOPE = 0.001  # of a road that is said to be flat, assumed [1]
-_VISCOUS = 0.01  # resistance over speed, over the force of the rolling resistance, assumed [s/m]
+_STANDSTILL = 0.1  # speed below which resistances fade [m/s]
+_ROTATING = 0.03  # standard deviation of the rotating mass over the mass [1]
+_SLOPE = 0.001  # standard deviation of the slope of a road taken as level [1]
+_VISCOUS = 0.01  # standard deviation of the viscous resistance over the rolling resistance force [s/m]
+
+
+class LongitudinalOptions(ModelOptions):
+    """Options of the longitudinal model."""
+
+    drive: Literal["throttle", "torque", "none"] | None = Field(
+        default=None, description="signal of the drive force; the first one logged, in this order, if left out [-]"
+    )
+    brake: Literal["pedal", "torque", "none"] | None = Field(
+        default=None, description="signal of the brakes; the first one logged, unless the wheel torque has it [-]"
+    )
+    outputs: list[str] | None = Field(default=None, description="channels to compare; all if left out [-]")
 
 
 class LongitudinalModel(Model):
-    """See the head of the module.
-
-    Args:
-        offered: channels that all logs have.
-        given: what is known of parameters.
-        wheelbase: not used.
-        drive: "throttle", "torque" or "none"; left out: what there is, in this order.
-        brake: "pedal", "torque" or "none"; left out: the pedal, unless the torque at the wheels has it already.
-        outputs: channels to compare; None: the speed, and the acceleration if there is one.
+    """Longitudinal motion; equations in the head of the module.
 
     Raises:
-        ConfigError: a channel is missing, or an option unknown.
+        ConfigError: a channel is missing.
     """
 
     kind = "longitudinal"
+    Options = LongitudinalOptions
 
     def __init__(
-        self,
-        offered: set[str],
-        given: Mapping[str, float],
-        wheelbase: float | None,
-        *,
-        drive: str | None = None,
-        brake: str | None = None,
-        outputs: list[str] | None = None,
+        self, channels: set[str], known: Mapping[str, float], wheelbase: float | None, options: LongitudinalOptions
     ) -> None:
         del wheelbase
+        drive: str | None = options.drive
+        brake: str | None = options.brake
         if drive is None:
-            drive = next((name for name, channel in _DRIVE.items() if channel in offered), "none")
-        if brake is None:
-            brake = next((name for name, channel in _BRAKE.items() if channel in offered and drive != "torque"), "none")
-        for name, value, known in (("drive", drive, _DRIVE), ("brake", brake, _BRAKE)):
-            if value not in {*known, "none"}:
-                raise ConfigError(f"model.{name}: unknown '{value}'; {did_you_mean(value, [*known, 'none'])}")
+            drive = next((name for name, channel in _DRIVE.items() if channel in channels), "none")
+        if brake is None:  # a measured wheel torque includes the brake torque
+            usable = drive != "torque"
+            brake = next((name for name, channel in _BRAKE.items() if channel in channels and usable), "none")
+        for name, value, signals in (("drive", drive, _DRIVE), ("brake", brake, _BRAKE)):
             if value != "none":
-                channel_of(offered, (known[value],), f"the {name}", self.kind)
+                find_channel(channels, (signals[value],), f"the {name}", self.kind)
         self._drive, self._brake = drive, brake
         self.title = f"longitudinal, drive {drive}, brake {brake}"
-        self._speed = channel_of(offered, SPEED, "the speed", self.kind)
-        self._grade = "grade" in offered
-        self.inputs = tuple(
-            name for name in (_DRIVE.get(drive, ""), _BRAKE.get(brake, ""), "grade" if self._grade else "") if name
-        )
+        self._speed = find_channel(channels, SPEED, "the speed", self.kind)
+        self._grade = "grade" in channels
+        inputs = (_DRIVE.get(self._drive, ""), _BRAKE.get(self._brake, ""), "grade" if self._grade else "")
+        self.inputs = tuple(name for name in inputs if name)
         self.states, self.state_scales = ("vx",), (1.0,)
-        self.outputs = pick_outputs(offered, [self._speed, "longitudinal_acceleration"], outputs, self.kind)
+        self.outputs = select_outputs(channels, [self._speed, "longitudinal_acceleration"], options.outputs, self.kind)
         self.input_parameters = frozenset(
-            {
-                "drive_force",
-                "drive_delay",
-                "drive_lag",
-                "brake_force",
-                "brake_delay",
-                "brake_lag",
-                "wheel_radius",
-            }
+            {"drive_force", "drive_delay", "drive_lag", "brake_force", "brake_delay", "brake_lag", "wheel_radius"}
         )
-        self.parameters = self._make(given)
+        self.parameters = self._make_parameters(known)
 
-    def _make(self, given: Mapping[str, float]) -> tuple[Parameter, ...]:
-        bare = "mass" not in given
-        mass = given.get("mass", 1.0)
-        force, per = ("N/kg", " per kg") if bare else ("N", "")
+    def _make_parameters(self, known: Mapping[str, float]) -> tuple[Parameter, ...]:
+        bare = "mass" not in known
+        m = known.get("mass", 1.0)
+        force, mass, per = ("N/kg", "1", " per kg") if bare else ("N", "kg", "")
+        source = "not given: forces are per kilogram" if bare else ""
         found = [
-            Parameter(
-                "mass",
-                "1" if bare else "kg",
-                "of the vehicle",
-                mass,
-                1e-3,
-                1e6,
-                source="not given: forces are per kilogram" if bare else "",
-            ),
-            Parameter(
-                "rotating_mass",
-                "1" if bare else "kg",
-                "of what turns, reduced to the road" + per,
-                0.0,
-                0.0,
-                mass,
-                scale=0.05 * mass,
-            ),
-            Parameter(
-                "rolling_resistance", "1", "rolling resistance over weight", 0.01, 0.0, 0.5, True, 0.005, usual=6.0
-            ),
-            Parameter(
-                "drag",
-                f"{force} s^2/m^2",
-                "drag over speed squared, half the density of air times the drag area",
-                2.5e-4 * mass,
-                0.0,
-                0.05 * mass,
-                True,
-                2e-4 * mass,
-                usual=6.0,
-            ),
-            Parameter(
-                "viscous_resistance",
-                f"{force} s/m",
-                "resistance over speed",
-                0.0,
-                -0.1 * mass,
-                0.5 * mass,
-                scale=2e-3 * mass,
-                usual=6.0,
-            ),
-            Parameter("slope", "1", "slope of the road that is not in 'grade'", 0.0, -0.3, 0.3, scale=0.005, usual=4.0),
-        ]
+            Parameter("mass", mass, "mass of the vehicle", m, 1e-3, 1e6, source=source),
+            Parameter("rotating_mass", mass, "equivalent mass of rotating parts" + per, 0.0, 0.0, m, scale=0.05 * m),
+            Parameter("rolling_resistance", "1", "rolling resistance over weight", 0.01, 0.0, 0.5, True, 0.005,
+                      usual=6.0),
+            Parameter("drag", f"{force} s^2/m^2", "drag over speed squared, half the air density times the drag area",
+                      2.5e-4 * m, 0.0, 0.05 * m, True, 2e-4 * m, usual=6.0),
+            Parameter("viscous_resistance", f"{force} s/m", "resistance over speed", 0.0, -0.1 * m, 0.5 * m,
+                      scale=2e-3 * m, usual=6.0),
+            Parameter("slope", "1", "slope of the road not contained in 'grade'", 0.0, -0.3, 0.3, scale=0.005,
+                      usual=4.0),
+        ]  # fmt: skip
         if self._drive == "throttle":
             found += [
-                Parameter(
-                    "drive_force",
-                    force,
-                    "at full throttle, when slow",
-                    4.0 * mass,
-                    0.01 * mass,
-                    50.0 * mass,
-                    True,
-                    usual=1.0,
-                ),
-                Parameter(
-                    "drive_power",
-                    force.replace("N", "W"),
-                    "at full throttle, when fast",
-                    80.0 * mass,
-                    0.01 * mass,
-                    5e3 * mass,
-                    True,
-                    usual=1.5,
-                ),
-            ]
-        elif self._drive == "torque":
-            found.append(Parameter("wheel_radius", "m", "of the driven wheels", 0.33, 0.01, 2.0, usual=0.3))
+                Parameter("drive_force", force, "drive force at full throttle and low speed", 4.0 * m, 0.01 * m,
+                          50.0 * m, True, usual=1.0),
+                Parameter("drive_power", force.replace("N", "W"), "drive power at full throttle and high speed",
+                          80.0 * m, 0.01 * m, 5e3 * m, True, usual=1.5),
+            ]  # fmt: skip
         if self._brake == "pedal":
             found.append(
-                Parameter("brake_force", force, "at full pedal", 8.0 * mass, 0.05 * mass, 50.0 * mass, True, usual=1.0)
+                Parameter("brake_force", force, "force at full pedal", 8.0 * m, 0.05 * m, 50.0 * m, True, usual=1.0)
             )
-        elif self._brake == "torque" and self._drive != "torque":
-            found.append(Parameter("wheel_radius", "m", "of the wheels", 0.33, 0.01, 2.0, usual=0.3))
+        if "torque" in {self._drive, self._brake}:
+            wheels = "radius of the driven wheels" if self._drive == "torque" else "radius of the wheels"
+            found.append(Parameter("wheel_radius", "m", wheels, 0.33, 0.01, 2.0, usual=0.3))
         for name, kind in (("drive", self._drive), ("brake", self._brake)):
             if kind != "none":
                 pedal = kind in {"throttle", "pedal"}
+                delay, lag = (0.05, 0.1) if pedal else (0.0, 0.0)
                 found += [
-                    Parameter(
-                        f"{name}_delay",
-                        "s",
-                        f"dead time of the {name}",
-                        0.05 if pedal else 0.0,
-                        -0.1,
-                        1.0,
-                        pedal,
-                        0.05,
-                        usual=4.0,
-                    ),
-                    Parameter(
-                        f"{name}_lag",
-                        "s",
-                        f"time constant of the {name}",
-                        0.1 if pedal else 0.0,
-                        0.0,
-                        2.0,
-                        pedal,
-                        0.05,
-                        usual=6.0,
-                    ),
-                ]
+                    Parameter(f"{name}_delay", "s", f"dead time of the {name}", delay, -0.1, 1.0, pedal, 0.05,
+                              usual=4.0),
+                    Parameter(f"{name}_lag", "s", f"time constant of the {name}", lag, 0.0, 2.0, pedal, 0.05,
+                              usual=6.0),
+                ]  # fmt: skip
         return tuple(found)
 
     def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
-        """Position of the throttle or drive force [N], brake force [N], sine of the grade."""
+        """Return throttle position or drive force [N], brake force [N] and sine of the grade."""
         step, found = float(times[1] - times[0]), []
         zero = np.zeros(len(times))
         for name, kind, channels in (("drive", self._drive, _DRIVE), ("brake", self._brake, _BRAKE)):
@@ -230,25 +157,25 @@ class LongitudinalModel(Model):
         push = u[0]
         if self._drive == "throttle":
             force, power = p["drive_force"], p["drive_power"]
-            # A soft minimum of force and power over speed.
+            # A smooth minimum of force and power over speed has no corner at which a search would stop.
             push = push * force / np.sqrt(1.0 + (force * v / power) ** 2)
-        against = u[1] + p["rolling_resistance"] * m * GRAVITY + p["viscous_resistance"] * np.abs(v)
+        resistance = u[1] + p["rolling_resistance"] * m * GRAVITY + p["viscous_resistance"] * np.abs(v)
         slope = m * GRAVITY * (u[2] + p["slope"])
-        total = push - against * np.tanh(v / _STAND) - p["drag"] * v * np.abs(v) - slope
+        total = push - resistance * np.tanh(v / _STANDSTILL) - p["drag"] * v * np.abs(v) - slope
         return np.asarray(total / (m + p["rotating_mass"]))
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Of the speed."""
+        """Return the acceleration."""
         return self._acceleration(x, u, p)[None]
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
-        """Speed and acceleration."""
+        """Return speed and acceleration."""
         return np.stack(
             [self._acceleration(x, u, p) if name == "longitudinal_acceleration" else x[0] for name in self.outputs]
         )
 
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
-        """The speed as measured."""
+        """Return the measured speed."""
         del p
         seen = drive.outputs.get(self._speed)
         if seen is None:
@@ -257,55 +184,59 @@ class LongitudinalModel(Model):
         return np.interp(rows, np.flatnonzero(good), seen[good])[None]
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
-        """What the road sees: decelerations, as the mass and what turns with it are in all forces."""
+        """Return decelerations, which do not depend on the assumed masses."""
         mass = p["mass"] + p["rotating_mass"]
         rolling = (p["rolling_resistance"] + p["slope"]) * p["mass"] * GRAVITY
         coasting = rolling + 400.0 * p["drag"] + 20.0 * p["viscous_resistance"]
         found = {"deceleration without pedals at 20 m/s": (coasting / mass, "m/s^2")}
         if "brake_force" in p:
-            braking = "deceleration of a full pedal, with rolling resistance"
+            braking = "deceleration at full pedal, with rolling resistance"
             found[braking] = ((p["brake_force"] + rolling) / mass, "m/s^2")
-            found["brake delay and lag together"] = (p["brake_delay"] + p["brake_lag"], "s")
+            found["brake delay plus lag"] = (p["brake_delay"] + p["brake_lag"], "s")
         return found
 
     def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
-        """Rolling resistance of tyres on roads, drag of vehicles over their mass."""
+        """Return the usual range of rolling resistance, and of drag over mass."""
         ranges = {"rolling_resistance": (0.001, 0.1), "drag": (2e-5 * p["mass"], 0.002 * p["mass"])}
         return ranges.get(name, (-np.inf, np.inf))
 
     def assumptions(self, p: Mapping[str, float], assumed: frozenset[str]) -> tuple[Assumption, ...]:
-        """What nobody gave, and resistance over speed.
+        """Return default values and the omitted viscous resistance.
 
-        Wheels alone are worth some 4 % of the mass of a car (T. D. Gillespie, Fundamentals of Vehicle Dynamics, 1992,
-        chapter 2). That a road is flat to 0.1 %, and that bearings, seals and tyres lose a fifth of the rolling
+        The wheels of a car are worth some 4 % of its mass (T. D. Gillespie, Fundamentals of Vehicle Dynamics, 1992,
+        chapter 2). That a road is level to 0.1 %, and that bearings, seals and tyres lose a fifth of the rolling
         resistance more at 20 m/s, are assumptions of ours.
         """
-        found = []
-
-        def assumption(name: str, size: float, words: str, remedy: str) -> None:
-            if name in assumed:
-                found.append(Assumption(words, remedy, {name: p[name] + SMALL * size}, SMALL))
-
-        assumption("rotating_mass", _TURNING * p["mass"], "what the turning masses are worth", "give rotating_mass")
-        if not self._grade:
-            assumption("slope", _SLOPE, "the slope of the road", "drive both ways, or give the slope")
+        sizes = [
+            ("rotating_mass", _ROTATING * p["mass"], "the mass of rotating parts", "give rotating_mass"),
+            ("slope", _SLOPE, "the slope of the road", "drive in both directions, or give the slope"),
+        ]
+        found = [
+            Assumption(description, remedy, {name: p[name] + SMALL_FRACTION * size}, SMALL_FRACTION)
+            for name, size, description, remedy in (sizes[:1] if self._grade else sizes)
+            if name in assumed
+        ]
         if "viscous_resistance" in assumed:
             size = _VISCOUS * p["rolling_resistance"] * p["mass"] * GRAVITY
-            found.append(
-                Assumption(
-                    "whether resistance grows with speed",
-                    "free viscous_resistance",
-                    {"viscous_resistance": p["viscous_resistance"] + PART * size},
-                    PART,
-                    is_omitted=True,
-                )
-            )
+            changes = {"viscous_resistance": p["viscous_resistance"] + OMITTED_FRACTION * size}
+            words = "whether resistance grows with speed", "free viscous_resistance"
+            found.append(Assumption(*words, changes, OMITTED_FRACTION, is_omitted=True))
         return tuple(found)
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
-        """Which drive would tell these parameters apart."""
+        """Return which drive would identify these parameters."""
         if names & {"brake_force", "brake_delay", "brake_lag"}:
             return "brake in several steps of the pedal"
         if names & {"drag", "rolling_resistance", "viscous_resistance", "slope"}:
-            return "do a coast-down from a high speed to a low one, both ways"
-        return "do steps of the throttle from different speeds"
+            return "do a coast-down from a high speed to a low one, in both directions"
+        return "do throttle steps from different speeds"
+
+    def candidate_manoeuvres(self, p: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:
+        """Return coast-down, throttle steps and brake steps, if the pedals are the inputs."""
+        del p
+        return longitudinal_manoeuvres(speed) if set(self.inputs) <= {"throttle", "brake"} else {}
+
+    @classmethod
+    def is_default_for(cls, channels: set[str]) -> bool:
+        """Whether there are a speed and a pedal or torque."""
+        return bool(channels & {*SPEED} and channels & {"throttle", "brake", "drive_torque", "brake_torque"})

@@ -1,43 +1,43 @@
-"""The full Drake plant, for parameters that live in its Context.
+"""Full Drake plant, for parameters that live in its Context.
 
-The Diagram is built once. Recorded inputs are fed in as tables; each run starts from the log's first speeds, settled on
-its tyres and springs, and what sensors would show is compared. Derivatives are differences between whole runs.
+The Diagram is built once. Recorded inputs are fed in as tables; each run starts from the first speeds of the log,
+settled on tyres and springs, and the sensor readings are compared. Derivatives are differences between complete runs.
 
 =====================  =======  ==================================================================================
-``mass``               kg       of the whole vehicle
-``rear_length``        m        centre of mass before the rear axle
-``com_height``         m        centre of mass over the road, unloaded springs
-``yaw_inertia``        kg m²    of the whole vehicle about its centre of mass; pitch inertia changes by as much
-``wheel_damping``      N m s    of each wheel's bearing
-``friction``           1        of the road
-``rolling_resistance`` 1        of the tyres; of vehicles with a tyre model
+``mass``               kg       mass of the whole vehicle
+``rear_length``        m        centre of mass ahead of the rear axle
+``com_height``         m        height of the centre of mass above the road, springs unloaded
+``yaw_inertia``        kg m²    yaw inertia of the whole vehicle; the pitch inertia changes by the same amount
+``wheel_damping``      N m s    damping of each wheel bearing
+``friction``           1        friction of the road
+``rolling_resistance`` 1        rolling resistance of the tyres, for vehicles with a tyre model
 =====================  =======  ==================================================================================
 
-A recorded angle of the wheels is imposed by a servo that is much stiffer than the vehicle's, ahead by what the control
-unit holds it (half a period and a step). Other steering channels go to the servo of the vehicle; if its lag is in the
-recorded angle of the hand wheel already, the steering's delay makes up for it and may be negative.
+A recorded road wheel angle is imposed by a servo much stiffer than the vehicle's, ahead of time by the hold of the
+control unit (half a period and a step). Other steering channels go to the servo of the vehicle. If the recorded hand
+wheel angle contains the servo's lag already, the steering delay compensates for it and may be negative.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.execution.parameters import find_knobs
-from mirdrake.identification.models.base import Array, Segment, channel_of, pick_outputs
+from mirdrake.identification.models.base import SPEED, Array, ModelOptions, Segment, find_channel, select_outputs
 from mirdrake.identification.models.plant_context import body_inertia, measure, set_damping
 from mirdrake.identification.models.plant_parameters import plant_parameters
 from mirdrake.identification.models.simulated import SimulatedModel
-from mirdrake.identification.models.single_track import SPEED
 from mirdrake.identification.models.steer import STEERING, steering_angle
 from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
@@ -48,89 +48,76 @@ DRIVES: dict[str, tuple[str, ...]] = {
     "pedals": ("throttle",),
     "speed": (),
 }
-"""How a log's drive is fed in, and which channels that needs; the first that the log has is taken."""
+"""Channels that each way of feeding in the drive needs; the first one that the log allows is used."""
 
 OUTPUTS = ["vx", "vy", "yaw_rate", "longitudinal_acceleration", "lateral_acceleration", "roll", "roll_rate"]
 
-CONTACTS = ("point", "hydroelastic")
 
 _BLOCKS = "mirdrake.identification.models.plant_blocks:"
 _NEVER = 1e6
 _STIFFER, _CORNER = 100.0, 100.0
-"""A recorded angle of the wheels has the give of the steering in it: the servo that follows it is so much stiffer than
-the vehicle's, and follows up to a corner [rad/s]."""
+"""A recorded road wheel angle contains the steering compliance: the servo that imposes it is stiffer than the vehicle's
+by this factor, with this corner frequency [rad/s]."""
 
 _FIRST = 0.2
-"""Time over which the first speeds of a log are read [s]."""
+"""Duration over which the initial speeds are estimated [s]."""
 
 _KEPT = 64
-"""Runs that are remembered."""
+"""Number of cached runs."""
+
+
+class PlantOptions(ModelOptions):
+    """Options of the plant model."""
+
+    vehicle: str | None = Field(default=None, description="name or folder of the vehicle; that of the study [-]")
+    contact: Literal["point", "hydroelastic"] = Field(default="point", description="contact model [-]")
+    time_step: float | None = Field(default=None, ge=0.0, description="step of the plant [s]")
+    drive: Literal["torque", "pedals", "speed"] | None = Field(
+        default=None, description="how the drive is fed in; the first one that all logs allow if left out [-]"
+    )
+    outputs: list[str] | None = Field(default=None, description="channels to compare; all if left out [-]")
+    settle: float = Field(default=1.0, ge=0.0, description="time to settle before the first sample [s]")
+    rate: float | None = Field(
+        default=None, ge=0.0, description="rate of the control unit; the vehicle's, or as a recorded angle needs [Hz]"
+    )
+    world: str = Field(default="empty", description="world: level, with uniform friction [-]")
 
 
 class PlantModel(SimulatedModel):
-    """See the head of the module.
-
-    Args:
-        offered: channels that all logs have.
-        given: what is known of parameters, by name.
-        wheelbase: not used; that of the vehicle counts.
-        vehicle: its name or folder; of a study its ``vehicle``.
-        contact: "point" or "hydroelastic".
-        time_step: of the plant [s].
-        drive: one of :data:`DRIVES`; left out: the first that all logs have the channels of.
-        outputs: channels to compare; None: all that there are.
-        settle: time in which the car settles before the first sample [s].
-        rate: of the control unit [Hz]; left out: the vehicle's, or fast enough to follow a recorded angle.
-        world: that it drives in; level, with the same friction everywhere.
+    """Full plant; parameters in the head of the module.
 
     Raises:
-        ConfigError: a channel or the vehicle is missing, an option unknown, or the plant cannot be built.
+        ConfigError: a channel or the vehicle is missing, or the plant cannot be built.
     """
 
     kind = "plant"
+    Options = PlantOptions
     states = ("vx",)
     state_scales = (0.5,)
 
     def __init__(
-        self,
-        offered: set[str],
-        given: Mapping[str, float],
-        wheelbase: float | None,
-        *,
-        vehicle: str | None = None,
-        contact: str = "point",
-        time_step: float | None = None,
-        drive: str | None = None,
-        outputs: list[str] | None = None,
-        settle: float = 1.0,
-        rate: float | None = None,
-        world: str = "empty",
+        self, channels: set[str], known: Mapping[str, float], wheelbase: float | None, options: PlantOptions
     ) -> None:
-        del given, wheelbase
-        if contact not in CONTACTS:
-            raise ConfigError(f"model.contact: unknown contact '{contact}'; {did_you_mean(contact, CONTACTS)}")
-        for name, value in (("time_step", time_step), ("rate", rate), ("settle", settle)):
-            if value is not None and not (isinstance(value, int | float) and 0.0 <= value < math.inf):
-                raise ConfigError(f"model.{name}: must be a positive number, got {value!r}")
-        if vehicle is None:
-            raise ConfigError("model plant: needs a vehicle; name one at 'vehicle' of the study")
-        loaded = load_vehicle(vehicle, where="vehicle")
-        self.title = f"plant of {loaded.name}, {contact} contact"
-        self._steer = channel_of(offered, STEERING, "the steering", self.kind)
-        self._speed = channel_of(offered, SPEED, "the speed", self.kind)
-        self._way = _find_drive(drive, offered, loaded)
-        extra = tuple(name for name in ("brake",) if self._way == "pedals" and name in offered)
-        extra += tuple(name for name in ("brake_torque",) if self._way == "torque" and name in offered)
+        del known, wheelbase
+        if options.vehicle is None:
+            raise ConfigError("plant: needs a vehicle; name one at 'vehicle' of the study", path=("model",))
+        loaded = load_vehicle(options.vehicle, where="vehicle")
+        self.title = f"plant of {loaded.name}, {options.contact} contact"
+        self._steer = find_channel(channels, STEERING, "the steering", self.kind)
+        self._speed = find_channel(channels, SPEED, "the speed", self.kind)
+        self._way = _find_drive(options.drive, channels, loaded)
+        extra = tuple(name for name in ("brake",) if self._way == "pedals" and name in channels)
+        extra += tuple(name for name in ("brake_torque",) if self._way == "torque" and name in channels)
         self.inputs = tuple(dict.fromkeys((self._steer, *DRIVES[self._way], *extra, self._speed)))
         possible = [name for name in OUTPUTS if name != "vx" or self._way != "speed"]
-        self.outputs = pick_outputs(offered, possible, outputs, self.kind)
-        self._settle = float(settle)
-        self._step = 0.5 / loaded.control.rate if time_step is None else float(time_step)
+        self.outputs = select_outputs(channels, possible, options.outputs, self.kind)
+        self._settle = options.settle
+        self._step = 0.5 / loaded.control.rate if options.time_step is None else options.time_step
         self._vehicle = loaded
         self._stiff = self._steer == "road_wheel_angle"
-        self._rate = float(rate or (0.5 / self._step if self._stiff else loaded.control.rate))
+        self._rate = float(options.rate or (0.5 / self._step if self._stiff else loaded.control.rate))
         self._lead = 0.5 / self._rate + self._step if self._stiff else 0.0
-        self.assembly = self._build(vehicle, contact, world)
+        self.assembly = self._build(options.vehicle, options.contact, options.world)
         self._simulator = Simulator(self.assembly.diagram)
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
@@ -141,7 +128,14 @@ class PlantModel(SimulatedModel):
         self.parameters = plant_parameters(loaded, self._steer, self._whole, self._rest, damping, friction)
         self._runs: dict[tuple[Any, ...], tuple[Segment, tuple[Array, Array] | None]] = {}
 
+    @classmethod
+    def vehicle_values(cls, vehicle: Vehicle, options: PlantOptions, *, measured: bool) -> dict[str, float]:
+        """Return the common values; the lag of the steering is in the plant itself."""
+        del measured
+        return super().vehicle_values(vehicle, options, measured=True)
+
     def _build(self, model: str, contact: str, world: str) -> Assembly:
+        """Assemble the plant with the tables that replace driver, torques and rolling resistance."""
         systems: dict[str, Any] = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
         connect = [["steering_table.y", f"{EGO}.steering_reference"]]
         pedals = self._vehicle.control.wheel_speed.kind == "pedals"
@@ -182,22 +176,25 @@ class PlantModel(SimulatedModel):
         try:
             return assemble(make_spec(data))
         except MirdrakeError as error:
-            raise ConfigError(f"model plant: {error}") from None
+            raise ConfigError(f"plant: {error}", path=("model",)) from None
 
     # --- runs -------------------------------------------------------------------------------------------------------
 
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
-        """Speed as measured, the mean of a few samples."""
+        """Return the measured speed, as the mean of a few samples."""
         del p
         return np.array([[_first(drive.channels(self._speed), drive.step, int(row)) for row in rows]])
 
     def run(self, p: Mapping[str, float], drive: Segment, first: Array) -> tuple[Array, Array] | None:
-        """One run; the last ones are remembered."""
+        """Simulate one run; the last ones are cached."""
         key = (id(drive), tuple(p.values()), first.tobytes())
         if key not in self._runs:
             if len(self._runs) >= _KEPT:
                 self._runs.pop(next(iter(self._runs)))
-            self._runs[key] = drive, self._simulate(p, drive, float(first[0]))  # kept, so that its id is
+            self._runs[key] = (
+                drive,
+                self._simulate(p, drive, float(first[0])),
+            )  # the segment is kept so that its id stays unique
         return self._runs[key][1]
 
     def _simulate(self, p: Mapping[str, float], drive: Segment, speed: float) -> tuple[Array, Array] | None:
@@ -217,10 +214,11 @@ class PlantModel(SimulatedModel):
             simulator.AdvanceTo(end)
         except RuntimeError:
             return None
+        # Samples while the car settles do not count.
         log = assembly.taps["plant_state"].sink.FindLog(context)
         times, x = np.array(log.sample_times()) - begin, np.array(log.data())
         keep = times > -0.4 * self._step if begin == 0.0 else times > 0.4 * self._step
-        seen = self._seen(p, x[:, keep])
+        seen = self._sensor_readings(p, x[:, keep])
         samples = drive.step * np.arange(drive.size)
         y = np.array([np.interp(samples, times[keep], seen[name]) for name in self.outputs])
         if not np.isfinite(y).all():
@@ -228,7 +226,7 @@ class PlantModel(SimulatedModel):
         return y, np.array([seen["vx"][-1]])
 
     def _context(self, p: Mapping[str, float], drive: Segment, speed: float) -> Context:
-        """A new Context with parameters and tables in it, the car at its start.
+        """Return a new Context with parameters and tables, the car at its start.
 
         Raises:
             ValueError: the mass properties are impossible.
@@ -242,20 +240,22 @@ class PlantModel(SimulatedModel):
         part.base.SetSpatialInertiaInBodyFrame(plant_context, inertia)
         set_damping(plant_context, part, p["wheel_damping"])
         if "friction" in p and p["friction"] != assembly.parts.world.ground.mu:
+            # A friction other than that of the world is a parameter of the ground.
             self._knobs["road.friction"].turn(assembly, context, p["friction"])
-        angle = steering_angle({"steering_lag": 0.0, **p}, drive, self._steer, _fine(drive))
+        angle = steering_angle({"steering_lag": 0.0, **p}, drive, self._steer, _sample_times(drive))
         self._fill(context, "steering_table", drive, angle, self._lead)
         if self._way == "speed":
-            self._fill(context, "speed_table", drive, drive.at(self._speed, _fine(drive)))
+            self._fill(context, "speed_table", drive, drive.at(self._speed, _sample_times(drive)))
         if self._way == "pedals":
-            throttle = np.clip(drive.at("throttle", _fine(drive)), 0.0, 1.0)
+            throttle = np.clip(drive.at("throttle", _sample_times(drive)), 0.0, 1.0)
             brake = np.zeros_like(throttle)
             if "brake" in drive.inputs:
-                brake = np.clip(drive.at("brake", _fine(drive)), 0.0, 1.0)
+                brake = np.clip(drive.at("brake", _sample_times(drive)), 0.0, 1.0)
             self._fill(context, "pedals_table", drive, np.stack((throttle, brake, np.ones_like(brake))))
         if "torque_table" in assembly.spec.systems:
             self._fill(context, "torque_table", drive, self._torques(drive))
         if "moments" in assembly.spec.systems:
+            # The difference in rolling resistance acts as a moment on each wheel, by its static load.
             more = p["rolling_resistance"] - self._vehicle.spec.tyres.rolling_resistance
             share = p["rear_length"] / self._vehicle.geometry.wheelbase
             load = 0.5 * p["mass"] * GRAVITY * np.array([share, share, 1.0 - share, 1.0 - share])
@@ -270,12 +270,12 @@ class PlantModel(SimulatedModel):
 
     def _fill(self, context: Context, name: str, drive: Segment, values: Array, lead: float = 0.0) -> None:
         block = self.assembly.diagram.GetSubsystemByName(name)
-        times = self._settle - lead + _fine(drive)
+        times = self._settle - lead + _sample_times(drive)
         block.set_rows(block.GetMyMutableContextFromRoot(context), times, np.atleast_2d(values))
 
     def _torques(self, drive: Segment) -> Array:
-        """Drive and brake torques of the wheels (8, n) [N m]; none if a log has none."""
-        times = _fine(drive)
+        """Return drive and brake torques of the wheels (8, n) [N m]; zero if the log has none."""
+        times = _sample_times(drive)
         found = np.zeros((8, len(times)))
         if self._way != "torque":
             return found
@@ -288,7 +288,7 @@ class PlantModel(SimulatedModel):
         return found
 
     def _set_speeds(self, context: Context, drive: Segment, speed: float) -> None:
-        """The log's first speeds for a car that has settled: forward, to the left and about the vertical."""
+        """Set the initial speeds of the log for a settled car: forward, lateral and yaw."""
         plant, part = self.assembly.parts.plant, self._part
         plant_context = plant.GetMyMutableContextFromRoot(context)
         x = plant.GetPositionsAndVelocities(plant_context)
@@ -312,8 +312,8 @@ class PlantModel(SimulatedModel):
             velocities[joint.velocity_start()] *= ratio
         plant.SetVelocities(plant_context, velocities)
 
-    def _seen(self, p: Mapping[str, float], x: Array) -> dict[str, Array]:
-        """What sensors show, by channel, from states of the plant (states, n)."""
+    def _sensor_readings(self, p: Mapping[str, float], x: Array) -> dict[str, Array]:
+        """Return the sensor readings by channel, from states of the plant (states, n)."""
         part = self._part
         place = self.assembly.parts.plant.num_positions() + part.base.floating_velocities_start_in_v()
         state = vehicle_states(x[part.base.floating_positions_start() :][:7], x[place:][:6])
@@ -332,7 +332,7 @@ class PlantModel(SimulatedModel):
         }
 
     def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
-        """Within what cargo can do."""
+        """Return the range that cargo can cause."""
         del p
         whole = self._whole
         ranges = {
@@ -342,7 +342,7 @@ class PlantModel(SimulatedModel):
         return ranges.get(name, (-np.inf, np.inf))
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
-        """Which drive would tell these parameters apart."""
+        """Return which drive would identify these parameters."""
         if names & {"friction"}:
             return "brake or turn to the limit of the tyres"
         if names & {"mass", "rolling_resistance", "wheel_damping"}:
@@ -350,34 +350,33 @@ class PlantModel(SimulatedModel):
         return "do step steers and a sweep to 2 Hz, and record the lateral velocity"
 
 
-def _find_drive(asked: str | None, offered: set[str], vehicle: Vehicle) -> str:
-    """How the drive is fed in.
+def _find_drive(asked: str | None, channels: set[str], vehicle: Vehicle) -> str:
+    """Return how the drive is fed in.
 
     Raises:
-        ConfigError: unknown, not of this vehicle, or a channel is missing.
+        ConfigError: not possible for this vehicle, or a channel is missing.
     """
     able = {"torque": vehicle.spec.tyres.kind != "coulomb", "pedals": vehicle.control.wheel_speed.kind == "pedals"}
     if asked is None:
-        fits = (name for name, needs in DRIVES.items() if set(needs) <= offered and able.get(name, True))
+        fits = (name for name, needs in DRIVES.items() if set(needs) <= channels and able.get(name, True))
         return next(fits)
-    if asked not in DRIVES:
-        raise ConfigError(f"model.drive: unknown drive '{asked}'; {did_you_mean(asked, DRIVES)}")
+    path = ("model", "drive")
     if not able.get(asked, True):
         need = "a tyre model" if asked == "torque" else "pedals"
-        raise ConfigError(f"model.drive: {asked} needs a vehicle with {need}, {vehicle.name} has none; take speed")
+        raise ConfigError(f"{asked} needs a vehicle with {need}, {vehicle.name} has none; use speed", path=path)
     for name in DRIVES[asked]:
-        if name not in offered:
-            raise ConfigError(f"model.drive: {asked} needs channel '{name}' in every log; map its column in 'channels'")
+        if name not in channels:
+            raise ConfigError(f"{asked} needs channel '{name}' in every log; map its column in 'channels'", path=path)
     return asked
 
 
-def _fine(drive: Segment) -> Array:
-    """Times of the samples from the first one on (n) [s]."""
+def _sample_times(drive: Segment) -> Array:
+    """Return the times of the samples relative to the first one (n) [s]."""
     return np.asarray(drive.step * np.arange(drive.size), dtype=np.float64)
 
 
 def _first(values: Array, step: float, row: int) -> float:
-    """A channel at a row: of a straight line through the samples behind it."""
+    """Return a channel at a row, from a straight line through the following samples."""
     count = max(round(_FIRST / step), 3)
     part = values[row : row + count]
     good = np.isfinite(part)

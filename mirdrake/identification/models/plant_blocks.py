@@ -1,4 +1,4 @@
-"""Blocks that feed recorded inputs into a plant: tables, and torques of the wheels. All they do is set in a Context."""
+"""Blocks that feed recorded inputs into a plant: tables and wheel torques; their values live in a Context."""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -8,11 +8,11 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.identification.models.base import Array
 
 SMOOTH_SPIN = 0.3
-"""Spin of a wheel below which its rolling resistance fades [rad/s], as that of the tyres."""
+"""Wheel speed below which its rolling resistance fades [rad/s], as that of the tyres."""
 
 
 class Table(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Values over time, straight lines between them, held before the first and behind the last.
+    """Values over time, linear in between, held before the first and after the last.
 
     Output port:
         y (size).
@@ -47,11 +47,11 @@ class Table(LeafSystem):  # type: ignore[misc, unused-ignore]
 
 
 class WheelMoments(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Adds a rolling moment to the drive torques of the wheels.
+    """Adds a rolling-resistance moment to the drive torques of the wheels.
 
     Input ports:
-        torque (8) [N m]: drive torques of the wheels, then what their brakes can give.
-        spins (4) [rad/s]: of the wheels.
+        torque (8) [N m]: drive torques of the wheels, then the torques that their brakes can give.
+        spins (4) [rad/s]: wheel speeds.
     Output port:
         y (8) [N m].
 

@@ -1,4 +1,4 @@
-"""Parameters of a vehicle in the Context of its plant: mass, centre of mass, yaw inertia, damping of the wheels."""
+"""Vehicle parameters in the Context of its plant: mass, centre of mass, yaw inertia, wheel damping."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from mirdrake.plant.plant import VehicleInPlant
 
 
 @dataclass(frozen=True)
-class Whole:
-    """Mass properties of bodies, in the axes of the vehicle frame.
+class MassProperties:
+    """Mass properties of several bodies, in the axes of the vehicle frame.
 
     Attributes:
         mass: [kg].
-        com: centre of mass from the rear axle's middle on the ground (3) [m].
+        com: centre of mass relative to the middle of the rear axle on the ground (3) [m].
         inertia: about the centre of mass (3, 3) [kg m²].
     """
 
@@ -28,8 +28,8 @@ class Whole:
     inertia: Array
 
 
-def measure(plant: MultibodyPlant, part: VehicleInPlant, *, base: bool = True) -> Whole:
-    """Mass properties of a vehicle as its files have it.
+def measure(plant: MultibodyPlant, part: VehicleInPlant, *, base: bool = True) -> MassProperties:
+    """Return the mass properties of a vehicle as in its files.
 
     Args:
         plant: the finalised plant.
@@ -42,34 +42,35 @@ def measure(plant: MultibodyPlant, part: VehicleInPlant, *, base: bool = True) -
     return _whole(plant, context, bodies)
 
 
-def _whole(plant: MultibodyPlant, context: Context, bodies: list[BodyIndex]) -> Whole:
+def _whole(plant: MultibodyPlant, context: Context, bodies: list[BodyIndex]) -> MassProperties:
     spatial = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
     com = np.array(spatial.get_com())
     inertia = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
-    return Whole(float(spatial.get_mass()), com, np.array(inertia))
+    return MassProperties(float(spatial.get_mass()), com, np.array(inertia))
 
 
-def _about(part: Whole, place: Array) -> Array:
-    """Inertia about another place (3, 3)."""
+def _about(part: MassProperties, place: Array) -> Array:
+    """Return the inertia about another point (3, 3)."""
     arm = part.com - place
     return np.asarray(part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
 
 
-def body_inertia(whole: Whole, rest: Whole, p: Mapping[str, float]) -> SpatialInertia:
-    """What the base body must have so that the whole vehicle has the mass properties that are asked for.
+def body_inertia(whole: MassProperties, rest: MassProperties, p: Mapping[str, float]) -> SpatialInertia:
+    """Return the inertia of the base body with which the whole vehicle has the requested mass properties.
 
-    Roll inertia of the vehicle stays; pitch inertia changes by as much as yaw inertia does, as if masses were moved
-    along the car.
+    The roll inertia of the vehicle stays; the pitch inertia changes by as much as the yaw inertia, as if masses were
+    moved along the car.
 
     Args:
-        whole: the vehicle as its files have it.
+        whole: the vehicle as in its files.
         rest: the same without its base body.
-        p: mass [kg], rear_length: centre of mass before the rear axle [m], com_height [m], yaw_inertia about the
+        p: mass [kg], rear_length: centre of mass ahead of the rear axle [m], com_height [m], yaw_inertia about the
             centre of mass [kg m²].
 
     Raises:
-        ValueError: no body can have that.
+        ValueError: no body can have such an inertia.
     """
+    # The rest of the vehicle is fixed, so the base body takes the difference.
     mass = p["mass"] - rest.mass
     if mass <= 0.0:
         raise ValueError(f"the wheels alone have {rest.mass:.4g} kg")
@@ -80,7 +81,7 @@ def body_inertia(whole: Whole, rest: Whole, p: Mapping[str, float]) -> SpatialIn
     inertia[1, 1] += change
     inertia[2, 2] += change
     about = inertia - _about(rest, com)  # of the base body about the common centre of mass
-    about -= _about(Whole(mass, own, np.zeros((3, 3))), com)
+    about -= _about(MassProperties(mass, own, np.zeros((3, 3))), com)
     about /= mass
     unit = UnitInertia(*np.diag(about), about[0, 1], about[0, 2], about[1, 2])
     try:

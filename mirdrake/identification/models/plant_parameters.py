@@ -1,30 +1,30 @@
-"""The parameters of the full plant as a model: guesses from the vehicle's files."""
+"""Parameters of the full plant: guesses from the files of the vehicle."""
 
-from mirdrake.identification.models.plant_context import Whole
+from mirdrake.identification.models.plant_context import MassProperties
 from mirdrake.identification.models.steer import steering_parameters
 from mirdrake.identification.parameters import Parameter
 from mirdrake.vehicles import Vehicle
 
 
 def plant_parameters(
-    vehicle: Vehicle, steer: str, whole: Whole, rest: Whole, damping: float, friction: float | None
+    vehicle: Vehicle, steer: str, whole: MassProperties, rest: MassProperties, damping: float, friction: float | None
 ) -> tuple[Parameter, ...]:
-    """Parameters of a plant.
+    """Return the parameters of a plant.
 
     Args:
-        vehicle: that is in it.
+        vehicle: the vehicle in it.
         steer: channel of the steering.
         whole: mass properties of the vehicle.
         rest: the same without its base body.
-        damping: of each wheel's bearing [N m s/rad].
-        friction: of the road [1]; None: it is not the same everywhere.
+        damping: damping of each wheel bearing [N m s/rad].
+        friction: friction of the road [1]; None if it is not uniform.
     """
     name = vehicle.name
     mass, ahead, height = whole.mass, float(whole.com[0]), float(whole.com[2])
     base, turn = vehicle.geometry.wheelbase, float(whole.inertia[2, 2])
     steering = []
     for one in steering_parameters(steer):
-        if one.name == "steering_lag":  # that of the servo is in the plant
+        if one.name == "steering_lag":  # the lag of the servo is in the plant
             continue
         if one.name == "steering_delay":
             servo, late = vehicle.control.steering, 0.5 / vehicle.control.rate
@@ -34,30 +34,20 @@ def plant_parameters(
             one = Parameter(one.name, one.unit, one.meaning, guess, -0.2, 0.5, True, 0.05, usual=2.0)
         steering.append(one)
     found = [
-        Parameter("mass", "kg", "of the whole vehicle", mass, 1.05 * rest.mass, 10.0 * mass, True, source=name),
-        Parameter(
-            "rear_length", "m", "centre of mass before the rear axle", ahead, 0.1 * base, 0.9 * base, source=name
-        ),
-        Parameter("com_height", "m", "centre of mass over the road", height, 0.2 * height, 3.0 * height, source=name),
+        Parameter("mass", "kg", "mass of the vehicle", mass, 1.05 * rest.mass, 10.0 * mass, True, source=name),
+        Parameter("rear_length", "m", "centre of mass ahead of the rear axle", ahead, 0.1 * base, 0.9 * base,
+                  source=name),
+        Parameter("com_height", "m", "height of the centre of mass", height, 0.2 * height, 3.0 * height, source=name),
         Parameter("yaw_inertia", "kg m^2", "about the centre of mass", turn, 0.4 * turn, 4.0 * turn, True, source=name),
-        Parameter(
-            "wheel_damping",
-            "N m s/rad",
-            "of each wheel's bearing",
-            damping,
-            0.0,
-            100.0,
-            scale=1.0,
-            usual=5.0,
-            source=name,
-        ),
-        Parameter("accelerometer_ahead", "m", "before the file's centre of mass", 0.0, -10.0, 10.0, scale=0.5),
-        Parameter("velocity_ahead", "m", "measured vy before the file's centre of mass", 0.0, -10.0, 10.0, scale=0.5),
-        Parameter("accelerometer_tilt", "1", "1: it leans with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3),
+        Parameter("wheel_damping", "N m s/rad", "damping of each wheel bearing", damping, 0.0, 100.0, scale=1.0,
+                  usual=5.0, source=name),
+        Parameter("accelerometer_ahead", "m", "ahead of the file's centre of mass", 0.0, -10.0, 10.0, scale=0.5),
+        Parameter("velocity_ahead", "m", "measured vy ahead of the file's centre of mass", 0.0, -10.0, 10.0, scale=0.5),
+        Parameter("accelerometer_tilt", "1", "1: it rolls with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3),
         *steering,
-    ]
+    ]  # fmt: skip
     if friction is not None:
-        found.append(Parameter("friction", "1", "of the road", friction, 0.05, 1.8 * friction, source="world"))
+        found.append(Parameter("friction", "1", "friction of the road", friction, 0.05, 1.8 * friction, source="world"))
     if vehicle.spec.tyres.kind != "coulomb":
         rolling = vehicle.spec.tyres.rolling_resistance
         found.append(

@@ -1,68 +1,85 @@
-"""The models by name."""
+"""Registry of the models: a new model is one class in a file of its own and one line here."""
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import Key, Source, validate
 from mirdrake.identification.data import DataSet
-from mirdrake.identification.models.base import Model, ModelSpec
+from mirdrake.identification.models.base import Model, ModelOptions, ModelSpec
 from mirdrake.identification.models.direct import JointLoopModel, KinematicModel, SteeringModel
 from mirdrake.identification.models.first_guess import SteeringGuess, guess_steering, with_guess
 from mirdrake.identification.models.longitudinal import LongitudinalModel
-from mirdrake.identification.models.single_track import SingleTrackModel
+from mirdrake.identification.models.single_track import SingleTrackModel, SingleTrackRollModel
 from mirdrake.identification.models.steer import STEERING
 
-
-def _plant(*arguments: Any, **options: Any) -> Model:
-    """The full plant; Drake's plant and its world are only loaded for it."""
-    from mirdrake.identification.models.plant import PlantModel
-
-    return PlantModel(*arguments, **options)
-
-
-MODELS: dict[str, Callable[..., Model]] = {
+MODELS: dict[str, type[Model] | str] = {
     "kinematic": KinematicModel,
     "single_track": SingleTrackModel,
-    "single_track_roll": partial(SingleTrackModel, roll=True),
-    "longitudinal": LongitudinalModel,
+    "single_track_roll": SingleTrackRollModel,
     "steering": SteeringModel,
+    "longitudinal": LongitudinalModel,
     "joint_loop": JointLoopModel,
-    "plant": _plant,
+    "plant": "mirdrake.identification.models.plant:PlantModel",
 }
-"""Each is called with the shared channels, known values, the wheelbase, and its options."""
-
-TURNING = frozenset({"kinematic", "single_track", "single_track_roll"})
-"""Models whose steering gets its first guess from slow bends."""
+"""Class of each kind, or ``module:class`` of one that is imported when it is used; in the order of their preference
+where no study is given."""
 
 
-def make_model(spec: ModelSpec, data: DataSet, given: Mapping[str, float]) -> Model:
-    """A model for a data set.
+def model_class(kind: str) -> type[Model]:
+    """Return the class of a kind.
+
+    Raises:
+        ConfigError: there is no such kind.
+    """
+    entry = MODELS.get(kind)
+    if entry is None:
+        raise ConfigError(f"unknown model '{kind}'; {did_you_mean(kind, MODELS)}", path=("model",))
+    if isinstance(entry, str):
+        module, _, name = entry.partition(":")
+        found: type[Model] = getattr(import_module(module), name)
+        return found
+    return entry
+
+
+def default_models(channels: set[str]) -> Iterator[str]:
+    """Yield the kinds that suit these channels where no study names one, the preferred one first."""
+    for kind, entry in MODELS.items():
+        if not isinstance(entry, str) and entry.is_default_for(channels):
+            yield kind
+
+
+def check_options(spec: ModelSpec) -> ModelOptions:
+    """Return the options of a model as its class declares them.
+
+    Raises:
+        ConfigError: unknown kind or option, or a value that is not allowed.
+    """
+    options = dict(spec.options)
+    lines: dict[Key, int] = {("model", name): 1 for name in options}
+    source = spec.source or Source("<options>", lines, ("model",))
+    return validate(options, model_class(spec.kind).Options, source)
+
+
+def make_model(spec: ModelSpec, data: DataSet, known: Mapping[str, float]) -> Model:
+    """Return a model for a data set.
 
     Args:
-        spec: which.
-        data: what it will be fitted to.
-        given: what is known of its parameters.
+        spec: kind and options.
+        data: logs that the model will be fitted to.
+        known: known parameter values.
 
     Raises:
         ConfigError: unknown kind or option, or a channel is missing.
     """
-    if spec.kind not in MODELS:
-        raise ConfigError(f"model: unknown model '{spec.kind}'; {did_you_mean(spec.kind, MODELS)}")
-    offered = set.intersection(*(set(log.channels) for log in data.logs)) if data.logs else set()
-    options: dict[str, Any] = dict(spec.options)
-    guess, steer = None, next((name for name in STEERING if name in offered), "")
-    if spec.kind in TURNING and steer:
+    kind, options = model_class(spec.kind), check_options(spec)
+    channels = set.intersection(*(set(log.channels) for log in data.logs)) if data.logs else set()
+    guess, steer = None, next((name for name in STEERING if name in channels), "")
+    if kind.uses_steering_guess and steer:
         guess = guess_steering(data.train or data.logs, steer)
         if guess is not None and data.wheelbase is None:
-            given = {"assumed_wheelbase": _wheelbase(guess, steer), **given}
-    try:
-        model = MODELS[spec.kind](offered, given, data.wheelbase, **options)
-    except TypeError as error:
-        if "unexpected keyword" in str(error):
-            name = str(error).split("'")[1]
-            raise ConfigError(f"model.{name}: {spec.kind} has no such option; leave it out") from None
-        raise
+            known = {"assumed_wheelbase": _assumed_wheelbase(guess, steer), **known}
+    model = kind(channels, known, data.wheelbase, options)
     if guess is not None:
         p = {info.name: info.guess for info in model.parameters}
         wheelbase = p["wheelbase"] if "wheelbase" in p else p["front_length"] + p["rear_length"]
@@ -70,6 +87,6 @@ def make_model(spec: ModelSpec, data: DataSet, given: Mapping[str, float]) -> Mo
     return model
 
 
-def _wheelbase(guess: SteeringGuess, steer: str) -> float:
-    """The wheelbase that fits a measured angle of the wheels, or one that is usual for such bends [m]."""
+def _assumed_wheelbase(guess: SteeringGuess, steer: str) -> float:
+    """Return the wheelbase that fits a measured road wheel angle, or the usual one for such turns [m]."""
     return 1.0 / guess.gain if steer == "road_wheel_angle" else guess.wheelbase

@@ -1,4 +1,4 @@
-"""Models that are simulated as a whole: no rates to batch, derivatives by whole runs beside the first one."""
+"""Base of models that are simulated as a whole: derivatives are differences between complete runs."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -7,16 +7,16 @@ from mirdrake.identification.models.base import Array, Model, Segment, Values
 
 
 class SimulatedModel(Model):
-    """A model whose runs are made elsewhere."""
+    """Model whose runs are made by another simulator."""
 
     difference_step = 0.01
-    """Change of a scaled parameter or a state for a derivative: contact is not smooth in smaller ones."""
+    """Change of a scaled parameter or state for a derivative: contact forces are not smooth on a smaller scale."""
 
     tolerance = 3e-4
 
     @abstractmethod
     def run(self, p: Mapping[str, float], drive: Segment, first: Array) -> tuple[Array, Array] | None:
-        """What the sensors show (outputs, n), and the state behind the last sample (states).
+        """Return the sensor readings (outputs, n) and the state after the last sample (states).
 
         Args:
             p: parameters.
@@ -28,13 +28,13 @@ class SimulatedModel(Model):
         """
 
     def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
-        """Not used: a run reads the drive itself."""
+        """Not used: a run reads the segment itself."""
         raise NotImplementedError
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Not used: there is no equation."""
+        """Not used: there are no equations."""
         raise NotImplementedError
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
-        """Not used: a run gives the outputs."""
+        """Not used: a run returns the outputs."""
         raise NotImplementedError

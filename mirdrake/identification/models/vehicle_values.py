@@ -1,15 +1,15 @@
-"""What a vehicle's files say of the parameters of a model: starts of a fit, and what its results are compared with.
+"""Parameter values from the files of a vehicle: starting values of a fit, and references for its results.
 
-A single track with relaxation and pneumatic trail has the tyres as their law has them at the static load; with roll the
-camber thrust of leaning wheels stands apart. In a slow turn of lateral acceleration ay the body leans by φ, the tyres
-of an axle bring F at the slip α, with the aligning moment M, all of it in the limit of a small ay::
+A single track with relaxation and pneumatic trail has the tyres of the vehicle at their static load; with roll, camber
+thrust is a separate effect. In a slow turn of lateral acceleration ay the body rolls by φ, and the tyres of an axle
+have the force F at the slip α with the aligning moment M, all in the limit of a small ay::
 
     F = m ay b / L (front), m ay a / L (rear)        C = -F / α0        e = (α0 - α) / φ
 
-with α0 the slip and M0 the moment of upright wheels of the same force; then t = |M0| / F, and leaning wheels have the
-moment (M - M0) / φ more. Without roll C = -F / α and t = |M| / F, and leaning is in them. Where what is recorded is
-what the steering is asked for, and not the angle of the wheels, its servos of stiffness k and damping d give way to the
-moments of both wheels by 1 / 2 k, late by d / k. A single track without relaxation has effective axles instead, see
+α0 and M0 are slip and moment of upright wheels with the same force; then t = |M0| / F, and camber adds the moment
+(M - M0) / φ. Without roll, C = -F / α and t = |M| / F contain the camber. Where the set-point of the steering is
+recorded rather than the road wheel angle, its servos of stiffness k and damping d deflect under the moments of both
+wheels by 1 / 2 k with the time constant d / k. A single track without relaxation has effective axles instead, see
 :mod:`mirdrake.single_track.axles`.
 """
 
@@ -28,25 +28,21 @@ from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.powertrain_spec import rotor_inertia
 
-_LATERAL = 0.02 * GRAVITY  # of the turn [m/s²]: the limit of small ones
-_SPEED = 20.0  # at which the laws are asked [m/s]
-_LARGEST = 0.3  # slip angle [rad]
-_ROLLING = (0.1, 1.4, 14)  # frequencies at which roll is asked, over the natural one: first, last, number
-_LATE = 0.01  # about what dampers are late by [s]
-_CHANGE = 0.02  # of a load, to see what the stiffness does
+_LATERAL = 0.02 * GRAVITY  # lateral acceleration of the turn [m/s²]: the limit of small ones
+_SPEED = 20.0  # speed at which the tyre laws are evaluated [m/s]
+_MAX_SLIP = 0.3  # largest slip angle [rad]
+_ROLL_FREQUENCIES = (0.1, 1.4, 14)  # frequencies of the roll response over the natural one: first, last, number
+_DAMPER_LAG = 0.01  # usual lag of the dampers [s]
+_LOAD_CHANGE = 0.02  # relative change of a load for the derivative of the stiffness
 _AXLES = ("front", "rear")
 
 
-def vehicle_values(
-    vehicle: Vehicle, kind: str = "single_track", *, relaxation: bool = True, measured: bool = True
-) -> dict[str, float]:
-    """Values by name of the parameter.
+def common_values(vehicle: Vehicle, *, measured: bool) -> dict[str, float]:
+    """Return the values that all models share, by name of the parameter.
 
     Args:
         vehicle: a loaded vehicle.
-        kind: of the model.
-        relaxation: False: of a single track with effective axles.
-        measured: whether the angle of the wheels is recorded, and not what the steering is asked for.
+        measured: whether the road wheel angle is recorded, rather than its set-point.
 
     Raises:
         ConfigError: a .tir file is missing or wrong.
@@ -68,34 +64,51 @@ def vehicle_values(
         "hand_wheel_ratio": vehicle.spec.steering.ratio,
     }
     lag = vehicle.spec.actuators.steering.time_constant
-    if not measured and lag > 0.0 and kind != "plant":
+    if not measured and lag > 0.0:
         found["steering_lag"] = lag
-    wheels = _of_wheels(vehicle)
-    rolls = {} if vehicle.spec.suspension is None else _of_roll(vehicle, wheels["wheel_momentum"])
-    leaning = kind == "single_track_roll" and bool(rolls)
-    if kind.startswith("single_track"):
-        found |= (rolls | wheels) if leaning else {one: wheels[one] for one in ("spin_inertia", "steering_inertia")}
+    return found
+
+
+def single_track_values(
+    vehicle: Vehicle, *, roll: bool = False, relaxation: bool = True, measured: bool = True
+) -> dict[str, float]:
+    """Return the values of a single track, by name of the parameter.
+
+    Args:
+        vehicle: a loaded vehicle.
+        roll: whether the model has roll.
+        relaxation: False for a single track with effective axles.
+        measured: whether the road wheel angle is recorded, rather than its set-point.
+
+    Raises:
+        ConfigError: a .tir file is missing or wrong.
+    """
+    found = common_values(vehicle, measured=measured)
+    wheels = _wheel_values(vehicle)
+    roll_values = {} if vehicle.spec.suspension is None else _roll_values(vehicle, wheels["wheel_momentum"])
+    has_roll = roll and bool(roll_values)
+    found |= (roll_values | wheels) if has_roll else {one: wheels[one] for one in ("spin_inertia", "steering_inertia")}
     laws = make_tyre_laws(vehicle)
-    if laws is not None and relaxation and kind.startswith("single_track"):
-        gain = rolls.get("roll_gain", 0.0)
+    if laws is not None and relaxation:
+        p, gain = estimate_parameters(vehicle), roll_values.get("roll_gain", 0.0)
         if not measured:
-            found |= _steering_give(vehicle)
-        found |= _of_tyres(laws, p, gain, upright=kind == "single_track_roll")
-        if leaning:
+            found |= _steering_compliance(vehicle)
+        found |= _tyre_values(laws, p, gain, upright=roll)
+        if has_roll:
             front, rear = _camber_moments(laws, p, gain)
             found |= {"camber_moment": front, "roll_moment": found["roll_moment"] + front + rear}
     return found
 
 
-def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
-    """Roll of the body, with the force of the tyres as its input, and what it does to the car.
+def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
+    """Return the roll dynamics with the tyre forces as input, and the effects of roll on the car.
 
-    Frequency, damping and lateness of the dampers are those with which the equations of the model come closest to how
-    the body rolls on springs, tyres and wheels that swing between them.
+    Frequency, damping and damper lag are fitted so that the equations of the model come closest to the roll response of
+    the body on springs, tyres and the unsprung masses between them.
 
     Args:
         vehicle: with a suspension.
-        momentum: of the wheels over the speed [kg m]; yawed with ay / vx, they roll the body.
+        momentum: angular momentum of the wheels over the speed [kg m]; yawing at ay / vx, they roll the body.
     """
     p = estimate_parameters(vehicle, roll=True)
     arm = p.roll_mass * p.roll_height
@@ -103,21 +116,21 @@ def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
     inertia = p.roll_inertia + p.roll_mass * p.roll_height**2 - arm * arm / p.mass
     frequency = math.sqrt(righting / inertia)
     damping = 0.5 * p.roll_damping / (frequency * inertia)
-    rates = frequency * np.linspace(*_ROLLING)
+    rates = frequency * np.linspace(*_ROLL_FREQUENCIES)
     swings = [estimate_parameters(vehicle, roll=True, roll_frequency=float(rate)) for rate in rates]
     resisting = np.array([
         complex(one.roll_stiffness - arm * GRAVITY - inertia * rate**2, rate * one.roll_damping)
         for one, rate in zip(swings, rates, strict=True)
     ])  # fmt: skip
-    wanted = rates * righting / resisting  # roll rate over what a force would lean the body by if it stayed
+    wanted = rates * righting / resisting  # roll rate over the static roll angle under the same force
 
-    def misses(z: Array) -> Array:
-        gain, natural, ratio, late = z * (1.0, frequency, damping, _LATE)
+    def errors(z: Array) -> Array:
+        gain, natural, ratio, late = z * (1.0, frequency, damping, _DAMPER_LAG)
         damped = 2.0 * ratio * natural * 1j * rates / (1.0 + 1j * rates * late)
         missed = rates * gain * natural**2 / (natural**2 - rates**2 + damped) - wanted
         return np.concatenate((missed.real, missed.imag)) / frequency
 
-    found = least_squares(misses, np.ones(4)).x * (1.0, frequency, damping, _LATE)
+    found = least_squares(errors, np.ones(4)).x * (1.0, frequency, damping, _DAMPER_LAG)
     gain, natural, ratio, late = found.tolist()
     return {
         "roll_gain": gain * (arm + momentum) / righting,
@@ -127,14 +140,14 @@ def _of_roll(vehicle: Vehicle, momentum: float) -> dict[str, float]:
         "roll_arm": arm / p.mass,
         "roll_steer": -p.front_roll_slip,
         "roll_steer_rear": -p.rear_roll_slip,
-        "roll_moment": -p.rolling_resistance * p.roll_stiffness,  # which moves load by its moment over the track
+        "roll_moment": -p.rolling_resistance * p.roll_stiffness,  # by load transfer across the axle
     }
 
 
-def _of_wheels(vehicle: Vehicle) -> dict[str, float]:
-    """What wheels do: their angular momentum over the speed of the car, how they resist yawing and being steered.
+def _wheel_values(vehicle: Vehicle) -> dict[str, float]:
+    """Return angular momentum over speed, additional yaw inertia and steering inertia of the wheels.
 
-    A motor adds to the inertia of each wheel that it drives, as it does in the plant.
+    A motor adds to the inertia of each wheel that it drives, as in the plant.
     """
     plant, _, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     geometry = vehicle.geometry
@@ -146,14 +159,14 @@ def _of_wheels(vehicle: Vehicle) -> dict[str, float]:
         inertia, radius = spin_inertia(plant, name), rolling * unloaded
         momentum += inertia / radius
         rotor = rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
-        resisting += (inertia + rotor) * (0.5 * track / radius) ** 2  # those outside of a bend turn faster
+        resisting += (inertia + rotor) * (0.5 * track / radius) ** 2  # outer wheels turn faster
     inertias = plant.CalcMassMatrix(plant.CreateDefaultContext()).diagonal()
     steered = sum(float(inertias[plant.GetJointByName(name).velocity_start()]) for name in spec.joints.steering.names())
     return {"wheel_momentum": momentum, "spin_inertia": resisting, "steering_inertia": steered}
 
 
 def spin_inertia(plant: MultibodyPlant, joint: str) -> float:
-    """Of what turns on a joint, about its axis, without a motor [kg m²]."""
+    """Return the inertia of the rotating parts of a joint about its axis, without a motor [kg m²]."""
     revolute = plant.GetJointByName(joint)
     body = revolute.child_body()
     axis = revolute.frame_on_child().GetFixedPoseInBodyFrame().rotation().multiply(revolute.revolute_axis())
@@ -162,8 +175,8 @@ def spin_inertia(plant: MultibodyPlant, joint: str) -> float:
     return float(axis @ tensor @ axis)
 
 
-def _steering_give(vehicle: Vehicle) -> dict[str, float]:
-    """How the steering gives way to the moments of its wheels."""
+def _steering_compliance(vehicle: Vehicle) -> dict[str, float]:
+    """Return compliance and time constant of the steering servos under the moments of both wheels."""
     servo = vehicle.control.steering
     if servo.kind != "servo" or servo.stiffness <= 0.0:
         return {}
@@ -173,11 +186,11 @@ def _steering_give(vehicle: Vehicle) -> dict[str, float]:
     }
 
 
-def _of_tyres(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *, upright: bool) -> dict[str, float]:
-    """Stiffness, trail and relaxation of the axles; see the head of the module.
+def _tyre_values(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *, upright: bool) -> dict[str, float]:
+    """Return stiffness, trail and relaxation of the axles; see the head of the module.
 
     Args:
-        laws: of front and rear tyres.
+        laws: laws of front and rear tyres.
         p: mass and lengths.
         gain: roll angle over lateral acceleration [rad s²/m].
         upright: whether the stiffness is that of upright wheels.
@@ -185,8 +198,8 @@ def _of_tyres(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *,
     found: dict[str, float] = {}
     growths = []
     for axle, law, (force, load) in zip(_AXLES, laws, _turn(p), strict=True):
-        less, more = (_slip(law(factor * load, 0.0, 1.0), force) for factor in (1.0 - _CHANGE, 1.0 + _CHANGE))
-        growths.append(math.log(less / more) / math.log((1.0 + _CHANGE) / (1.0 - _CHANGE)))
+        less, more = (_slip(law(factor * load, 0.0, 1.0), force) for factor in (1.0 - _LOAD_CHANGE, 1.0 + _LOAD_CHANGE))
+        growths.append(math.log(less / more) / math.log((1.0 + _LOAD_CHANGE) / (1.0 - _LOAD_CHANGE)))
         tyre = law(load, 0.0 if upright else gain * _LATERAL, 1.0)
         slip = _slip(tyre, force)
         found |= {
@@ -199,7 +212,7 @@ def _of_tyres(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float, *,
 
 
 def _camber_moments(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float) -> tuple[float, float]:
-    """Moment of both leaning wheels of an axle beside that of their force, over roll, front and rear [N m/rad]."""
+    """Return the moment of both wheels of an axle over roll beside that of their force, front and rear [N m/rad]."""
     found = []
     for law, (force, load) in zip(laws, _turn(p), strict=True):
         upright, leaning = (
@@ -210,7 +223,7 @@ def _camber_moments(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: flo
 
 
 def _turn(p: SingleTrackParameters) -> list[tuple[float, float]]:
-    """Lateral force and load of a wheel in the turn, front and rear [N]."""
+    """Return lateral force and load of a wheel in the turn, front and rear [N]."""
     length = p.front_length + p.rear_length
     return [
         (0.5 * p.mass * _LATERAL * arm / length, 0.5 * p.mass * GRAVITY * arm / length)
@@ -219,10 +232,10 @@ def _turn(p: SingleTrackParameters) -> list[tuple[float, float]]:
 
 
 def _moment(tyre: TyreAtLoad, slip: float) -> float:
-    """Aligning moment [N m]."""
+    """Return the aligning moment [N m]."""
     return float(tyre.forces(0.0, math.tan(slip), _SPEED)[2])
 
 
 def _slip(tyre: TyreAtLoad, wanted: float) -> float:
-    """Slip angle [rad] at which a tyre has a lateral force [N]."""
-    return float(brentq(lambda slip: tyre.forces(0.0, math.tan(slip), _SPEED)[1] - wanted, -_LARGEST, _LARGEST))
+    """Return the slip angle at which a tyre has a lateral force [rad]."""
+    return float(brentq(lambda slip: tyre.forces(0.0, math.tan(slip), _SPEED)[1] - wanted, -_MAX_SLIP, _MAX_SLIP))

@@ -1,0 +1,106 @@
+"""Sentences about fits, made from their figures."""
+
+import math
+
+from mirdrake.identification.estimators.experiment_design import Candidate
+from mirdrake.identification.judgement import Combination, Direction, Judgement
+from mirdrake.identification.parameters import FitParameter
+
+FACTOR = 0.5
+"""Half of a 95 % interval of a logarithm above which it is written as a factor."""
+
+
+def explanation(judgement: Judgement) -> str:
+    """Return the reasons for a verdict."""
+    parameter, info = judgement.parameter, judgement.parameter.info
+    width = _width(parameter, judgement.sigma)
+    usual = "" if judgement.plausible is None else "usual: {:.4g} to {:.4g}".format(*judgement.plausible)
+    if judgement.bound is not None:
+        side, edge = ("lower", info.low) if judgement.bound == "low" else ("upper", info.high)
+        text = f"is at its {side} bound of {_quantity(edge, info.unit)}"
+    elif not judgement.is_certain:
+        text = f"known to {width} only"
+    elif judgement.is_meaningless:
+        text = f"{_quantity(judgement.value, info.unit)} has no physical meaning ({usual}); "
+        text += "the model is forced to fit the log"
+    else:
+        text = f"known to {width}"
+        text += f"; unusual ({usual})" if usual and judgement.verdict != "weakly identified" else ""
+    if judgement.depends_on is not None:
+        text += f"; depends on {judgement.depends_on.description}: {judgement.depends_on.remedy}"
+    if judgement.inseparable:
+        text += f"; {info.name} and {' and '.join(judgement.inseparable)} are not separable in this log"
+    if judgement.remedy:
+        text += f": {judgement.remedy}"
+    if judgement.verdict == "contradicts the given value" and parameter.given is not None:
+        text += f"; the given {_quantity(parameter.given, info.unit)} lies outside of the interval"
+        text += "; this proves neither wrong"
+    if judgement.prior_share > 0.5:
+        text += f"; its prior holds it, the log adds {'little' if judgement.prior_share > 0.9 else 'to it'}"
+    return text
+
+
+def _width(parameter: FitParameter, sigma: float) -> str:
+    """Return half of a 95 % interval in words."""
+    if parameter.logarithmic:
+        if 1.96 * sigma > FACTOR:
+            return f"a factor of {math.exp(1.96 * sigma):.2g}" if sigma < 3.0 else "no better than a factor of 300"
+        return f"± {196.0 * sigma:.2g} %"
+    return f"± {_quantity(1.96 * sigma * parameter.info.scale, parameter.info.unit, 2)}"
+
+
+def _quantity(number: float, unit: str, digits: int = 4) -> str:
+    """Return a number with its unit; a pure number has none."""
+    return f"{number:.{digits}g}" + (f" {unit}" if unit != "1" else "")
+
+
+def combination(found: Combination | Direction) -> str:
+    """Return a combination of parameters and how well it is known."""
+    if isinstance(found, Combination):
+        return f"{found.name}: {found.value:.4g} ± {1.96 * found.sigma:.2g} {found.unit}"
+    return direction(found)
+
+
+def direction(found: Direction) -> str:
+    """Return a direction of the scaled parameters: a product of powers, or a sum if one of them may be zero."""
+    plain = [(one, weight) for one, weight in found.parts if not one.logarithmic]
+    first, lead = max(plain or found.parts, key=lambda part: abs(part[1]))
+    rest = [(one, weight / lead) for one, weight in found.parts if one is not first]
+    sigma = found.sigma / abs(lead)
+    if not plain:
+        powers = "".join(f" × {one.info.name}^{weight:.2g}" for one, weight in rest)
+        return f"{first.info.name}{powers}: known to ± {196.0 * sigma:.2g} %"
+    text, scale, unit = first.info.name, first.info.scale, first.info.unit
+    for one, weight in rest:
+        size = abs(weight) * scale / (1.0 if one.logarithmic else one.info.scale)
+        per = unit if one.logarithmic else _ratio_unit(unit, one.info.unit)
+        name = f"ln({one.info.name})" if one.logarithmic else one.info.name
+        text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {per}{' ' if per else ''}{name}"
+    return f"{text}: known to ± {_quantity(1.96 * sigma * scale, unit, 2)}"
+
+
+def _ratio_unit(unit: str, other: str) -> str:
+    """Return a unit divided by another one; empty if they are the same."""
+    if unit == other:
+        return ""
+    return unit if other == "1" else f"{unit}/({other})" if " " in other or "/" in other else f"{unit}/{other}"
+
+
+def not_white(inflation: float) -> str:
+    """Return the note of a fit whose residuals are not white.
+
+    Args:
+        inflation: largest factor on the variances by the autocorrelation [1].
+    """
+    return (
+        "the residuals are not white: intervals are those of correlated residuals, "
+        f"up to {max(inflation, 1.0) ** 0.5:.2g} times those of white ones"
+    )
+
+
+def recommendation(best: Candidate, speed: float) -> str:
+    """Return the advice to drive a manoeuvre at up to a speed [m/s]."""
+    return (
+        f"of the standard manoeuvres at up to {speed:.3g} m/s, '{best.name}' would help most: standard deviations "
+        f"would be {best.d_gain:.2g} times the present ones on average"
+    )

@@ -1,0 +1,125 @@
+"""Effects that the structure search may add to a model where the study leaves them open."""
+
+from collections import ChainMap
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from mirdrake.core.constants import GRAVITY
+from mirdrake.identification.data import DataSet
+from mirdrake.identification.models.base import Addition
+from mirdrake.identification.models.steer import SETPOINT_DELAY
+from mirdrake.identification.parameters import Setting
+
+SATURATION_ACCELERATION, DRY_FRICTION = 3.0, 0.9
+"""Lateral acceleration above which tyre saturation may be visible [m/s²]; friction of a dry road [1]."""
+
+MIN_ACCELERATION_RANGE = 2.0
+"""Range from braking to acceleration in turns above which load transfer is tried [m/s²]."""
+
+SMOOTHING = 0.2
+"""Smoothing of the speed before it is differentiated [s]."""
+
+_FREE = Setting(free=True)
+
+
+def is_angle_measured(data: DataSet) -> bool:
+    """Whether all logs have the road wheel angle."""
+    return all("road_wheel_angle" in log.channels for log in data.logs)
+
+
+def steering_lag(data: DataSet) -> Addition:
+    """Return the addition of a steering lag; a measured angle contains it unless the angle leads like a set-point."""
+    delay = SETPOINT_DELAY if is_angle_measured(data) else -np.inf
+    return Addition("a lag of the steering", {"steering_lag": _FREE}, delay=delay)
+
+
+def single_track_additions(
+    data: DataSet,
+    settings: Mapping[str, Setting],
+    *,
+    open_options: set[str],
+    outputs: Sequence[str] | None,
+    rolls: bool,
+) -> Iterator[Addition]:
+    """Yield what a single track may need, in the order in which it is tried.
+
+    Load transfer comes first: its effect on turns entered under braking looks like a delay. The steering comes before
+    the tyres, as relaxation delays the rear axle, too; it is tried again after roll, which may hide it. The front
+    axle's share of drive and braking is never tried: once free, the shares imitate tyre saturation.
+
+    Args:
+        data: training and validation logs.
+        settings: settings of the study.
+        open_options: names of the options that the study leaves open.
+        outputs: channels to compare, if the study names them.
+        rolls: whether the model has roll anyway.
+    """
+    if "load_transfer" not in settings and _acceleration_range(data) > MIN_ACCELERATION_RANGE:
+        yield Addition("load transfer in braking", {"load_transfer": _FREE}, min_saving=0.03)
+    if "steering_lag" not in settings and not is_angle_measured(data):
+        yield steering_lag(data)
+    if "relaxation" in open_options and not any(name.startswith("relaxation") for name in settings):
+        yield Addition("tyre relaxation", options={"relaxation": "shared"}, fading_parameter="relaxation")
+
+    # The files of a vehicle give the values of roll, for a study that asks for it.
+    has_vehicle = "yaw_inertia" in settings and settings["yaw_inertia"].given is not None
+    compared = [
+        name
+        for name in outputs or ("lateral_acceleration", "vy")
+        if name in {"lateral_acceleration", "vy"} and all(name in log.channels for log in data.logs)
+    ]
+    if not rolls and "roll" in open_options and compared and not has_vehicle:
+        # A sensor rolls with the body that it is mounted on.
+        by_sensor = {
+            "lateral_acceleration": {
+                "accelerometer_tilt": Setting(free=True, guess=1.0), "accelerometer_height": _FREE,
+            },
+            "vy": {"velocity_height": _FREE},
+        }  # fmt: skip
+        positions = dict(ChainMap(*(by_sensor[name] for name in compared)))
+        yield Addition("roll of the body", positions, {"roll": True}, min_saving=0.1)
+    if "steering_lag" not in settings:
+        yield steering_lag(data)
+    if len(compared) > 1 and "velocity_delay" not in settings:
+        yield Addition("a delay of vy", {"velocity_delay": _FREE})
+
+    largest = _largest_lateral_acceleration(data)
+    if "tyres" in open_options and largest > SATURATION_ACCELERATION:
+        # With a friction below what the vehicle reached, the model would spin.
+        grip = Setting(free=True, guess=max(DRY_FRICTION, 1.5 * largest / GRAVITY))
+        frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in settings}
+        for law in ("magic_formula", "fiala"):  # the former stays linear for longer, as measured tyres do
+            yield Addition(f"tyres: {law}", frictions, {"tyres": law})
+
+
+def _largest_lateral_acceleration(data: DataSet) -> float:
+    """Return the lateral acceleration that the training logs reach [m/s²]."""
+    largest = 0.0
+    for log in data.train:
+        forward = log.channels.get("vx", log.channels.get("speed"))
+        rate, lateral = log.channels.get("yaw_rate"), log.channels.get("lateral_acceleration")
+        if forward is not None and rate is not None:
+            lateral = forward * rate
+        if lateral is not None:
+            largest = max(largest, float(np.nanpercentile(np.abs(lateral), 99.0)))
+    return largest
+
+
+def _acceleration_range(data: DataSet) -> float:
+    """Return the range from the hardest braking to the hardest acceleration in turns of the training logs [m/s²]."""
+    largest = 0.0
+    for log in data.train:
+        forward, turn = log.channels.get("vx", log.channels.get("speed")), log.channels.get("yaw_rate")
+        if forward is None:
+            continue
+        lateral = log.channels.get("lateral_acceleration") if turn is None else forward * turn
+        good, step = np.isfinite(forward), float(np.median(np.diff(log.time)))
+        speed = np.interp(log.time, log.time[good], forward[good])
+        rate = np.gradient(gaussian_filter1d(speed, max(SMOOTHING / step, 1e-3)), step)
+        if lateral is not None:
+            size = np.abs(np.nan_to_num(lateral))
+            rate = rate[size >= 0.3 * float(np.percentile(size, 99.0))]
+        largest = max(largest, float(np.ptp(np.percentile(rate, (5.0, 95.0)))))
+    return largest

@@ -1,0 +1,67 @@
+"""Standard manoeuvres as channels over time, for the experiment design."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from mirdrake.identification.models.steer import STEERING
+
+Array = NDArray[np.float64]
+
+STEP, DURATION = 0.01, 20.0
+
+
+def steering_manoeuvres(speed: float, wheelbase: float, *, lateral: float = 3.0) -> dict[str, tuple[Array, Array]]:
+    """Return road wheel angle [rad] and speed [m/s] of lateral manoeuvres, 20 s in steps of 0.01 s.
+
+    Args:
+        speed: highest [m/s].
+        wheelbase: [m].
+        lateral: lateral acceleration [m/s²] of a neutral-steering car.
+    """
+    t = np.arange(0.0, DURATION, STEP)
+    angle = lateral * wheelbase / speed**2
+    slow = 0.5 * speed
+    square = np.sign(np.sin(2.0 * np.pi * 0.2 * t))
+    sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (2.3 / DURATION) * t**2))
+    phase = np.clip(t, 0.0, DURATION)
+    lane = np.where(phase % 10.0 < 4.0, np.sin(2.0 * np.pi * 0.5 * (phase % 10.0)), 0.0)
+    full = np.full(len(t), speed)
+    both = np.where(t < 0.5 * DURATION, slow, speed)
+    growing = np.where(t < 0.5 * DURATION, 4.0 * angle, angle)
+    return {
+        "step steer": (angle * square, full),
+        "step steer at two speeds": (growing * square, both),
+        "swept sine to 2.5 Hz": (angle * sweep, full),
+        "swept sine at two speeds": (growing * sweep, both),
+        "double lane change": (angle * lane, full),
+        "slowly increasing steer": (2.0 * angle * t / DURATION, full),
+        "steady circle with rising speed": (np.full(len(t), angle), np.linspace(0.3 * speed, speed, len(t))),
+    }
+
+
+def lateral_manoeuvres(p: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:
+    """Return the channels of the lateral manoeuvres, whichever steering and speed channel a model uses."""
+    wheelbase = p.get("wheelbase") or p["front_length"] + p["rear_length"]
+    found = {}
+    for name, (angle, v) in steering_manoeuvres(speed, wheelbase).items():
+        channels = {"vx": v, "speed": v, "y": cumulative_trapezoid(v, dx=STEP, initial=0.0)}
+        found[name] = channels | dict.fromkeys(STEERING, angle * p["steering_ratio"])
+    return found
+
+
+def longitudinal_manoeuvres(speed: float) -> dict[str, dict[str, Array]]:
+    """Return pedals of longitudinal manoeuvres, 60 s in steps of 0.01 s, and their initial speed [m/s]."""
+    t = np.arange(0.0, 60.0, STEP)
+    zero, wave = np.zeros(len(t)), np.sign(np.sin(2.0 * np.pi * t / 12.0))
+    levels = 0.3 + 0.3 * (t // 12.0 % 2.0)
+    return {
+        "coast-down": {"throttle": zero, "brake": zero, "vx": np.full(len(t), speed)},
+        "throttle steps": {"throttle": levels * np.maximum(wave, 0.0), "brake": zero, "vx": 0.3 * speed + zero},
+        "brake steps": {
+            "throttle": 0.6 * np.maximum(wave, 0.0), "brake": 0.5 * levels * np.maximum(-wave, 0.0) * (t % 6.0 < 1.0),
+            "vx": np.full(len(t), 0.7 * speed),
+        },
+    }  # fmt: skip
