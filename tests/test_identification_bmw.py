@@ -145,10 +145,10 @@ def test_a_whole_log_is_checked_with_a_mapping_and_nothing_else(capsys):
     main(["identify", "check", log, "--time", "t_s:s", "--wheelbase", "2.827", *arguments])
     text = capsys.readouterr().out
     assert "engine_speed" in text
-    for check in ("stamps", "gaps", "held"):
+    for check in ("timestamps", "gaps", "held_values"):
         assert any(check in line.split()[:2] for line in text.splitlines()), check
     # Velocities, rates and accelerations agree: no units, no wrong step.
-    assert not any({"units", "step"} & set(line.split()[1:2]) for line in text.splitlines())
+    assert not any({"units", "sample_time"} & set(line.split()[1:2]) for line in text.splitlines())
 
 
 @pytest.mark.parametrize("path", sorted(STUDIES.glob("*.yaml")), ids=lambda path: path.stem)

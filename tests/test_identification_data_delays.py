@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from mirdrake.identification import DataSet, Log, check_data
 from mirdrake.identification.lateral_delays import estimate_lateral_delays
 from mirdrake.identification.relations import make_grid
-from mirdrake.identification.splines import Curve
+from mirdrake.identification.splines import Spline
 from mirdrake.identification.timing import hold_factor
 from tests.test_identification_data import STEP, changed, checked, held, recorded
 from tests.test_identification_data_lateral import drive
@@ -107,7 +107,7 @@ def test_a_coarse_channel_of_a_slower_source_is_held_however_often_its_values_re
     coarse = held(np.round(log.channels["lateral_acceleration"] / 0.1) * 0.1, count)
     assert hold_factor(coarse) == (count, 1.0 - 1.0 / count)
     report = checked(changed(log, lateral_acceleration=coarse))
-    (found,) = report.of("held")
+    (found,) = report.of("held_values")
     assert (found.channel, found.value) == ("lateral_acceleration", count)
     # Joined from each row of the source, none is late; joined from change to change, rests would be.
     mended = report.data.logs[0].channels["lateral_acceleration"][::count]
@@ -129,7 +129,7 @@ def test_a_glitch_of_a_held_channel_is_found_before_it_is_joined_to_its_neighbou
 @pytest.mark.parametrize("moved", [0.0, 0.3, -2.7, 40.6, -55.2])
 def test_a_curve_is_that_of_a_cubic_spline(moved):
     values = np.random.default_rng(0).normal(size=80)
-    spline, curve = CubicSpline(np.arange(80.0), values), Curve(values)
+    spline, curve = CubicSpline(np.arange(80.0), values), Spline(values)
     for derivative in range(3):
         expected = spline(np.arange(20, 60) + moved, derivative)
         assert curve.at(slice(20, 60), moved, derivative) == pytest.approx(expected, rel=1e-9, abs=1e-9)
@@ -153,8 +153,8 @@ def test_an_accelerometer_ahead_in_a_car_that_gets_faster_is_no_second_clock():
     noise = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.002, "lateral_acceleration": 0.05}
     values = {name: one + random.normal(0.0, noise[name], len(t)) for name, one in exact.items()}
     report = checked(Log("faster", "train", t, values))
-    assert not report.of("drift")
-    assert report.of("place", "lateral_acceleration")[0].value == pytest.approx(1.5, abs=0.1)
+    assert not report.of("clock_drift")
+    assert report.of("sensor_position", "lateral_acceleration")[0].value == pytest.approx(1.5, abs=0.1)
 
 
 def small_car(seed, *, late):

@@ -57,7 +57,7 @@ def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ah
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_told(factor, ahead):
     log = drive(6, ahead=ahead, noise=0.3)
-    found = checked(replace(log, time=factor * log.time)).of("relation", "vy, lateral_acceleration")
+    found = checked(replace(log, time=factor * log.time)).of("kinematics", "vy, lateral_acceleration")
     if factor == 1.0:
         assert not found
     else:
@@ -76,7 +76,7 @@ def test_velocities_of_one_source_are_late_together(ahead):
     assert "vx by -" in found.repair
     assert "yaw_rate" not in found.repair
     if ahead:
-        (place,) = report.of("place", "lateral_acceleration")
+        (place,) = report.of("sensor_position", "lateral_acceleration")
         assert place.value == pytest.approx(ahead, abs=0.1)
     assert not [one for one in checked(report.data.logs[0]).of("delay") if one.repair]
 
@@ -104,7 +104,7 @@ def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
     for name in ("yaw_rate", "lateral_acceleration"):
         channels[name] = np.interp(slow, log.time, log.channels[name])
     report = checked(replace(log, channels=channels))
-    (found,) = report.of("drift")
+    (found,) = report.of("clock_drift")
     assert found.value == pytest.approx(-2e-3, rel=0.1)
     assert re.search(r"yaw_rate stretched by \+0\.[12]\d* %", found.repair)
     assert "lateral_acceleration stretched" in found.repair
@@ -112,9 +112,9 @@ def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
     mended = report.data.logs[0].channels["yaw_rate"]
     inner = slice(200, 3700)
     assert np.std((mended - log.channels["yaw_rate"])[inner]) < 1.5 * 0.002 * np.sqrt(2.0)
-    assert not checked(report.data.logs[0]).of("drift")
+    assert not checked(report.data.logs[0]).of("clock_drift")
     kept = check_data(DataSet((replace(log, channels=channels),)), repairs=())
-    assert [one.repair for one in kept.of("drift")] == [""]
+    assert [one.repair for one in kept.of("clock_drift")] == [""]
     assert kept.unrepaired_faults
 
 
@@ -195,8 +195,8 @@ def test_steering_in_the_wrong_unit_is_a_fault_and_no_fit(tmp_path, capsys, stee
 @pytest.mark.parametrize(
     ("change", "found", "told"),
     [
-        ({"speed": 0.0}, "the vehicle stands", "vx: the vehicle stands in all training drives"),
-        ({"steer": 0.0}, "is 0 rad all the time", "road_wheel_angle: does not move in any training drive"),
+        ({"speed": 0.0}, "the vehicle is at rest", "vx: the vehicle is at rest in all training logs"),
+        ({"steer": 0.0}, "is 0 rad all the time", "road_wheel_angle: does not move in any training log"),
     ],
 )
 def test_a_vehicle_that_stands_and_a_steering_that_rests_give_no_fit(tmp_path, capsys, change, found, told):
@@ -232,7 +232,7 @@ def test_noise_has_no_parameters(tmp_path):
     except ConfigError:
         return  # refused is as good
     assert all(one.verdict != "identified" for one in found.parameters if one.kind != "fixed")
-    assert "the model follows no channel" in found.notes[0]
+    assert "the model fits no channel" in found.notes[0]
     assert reject_poor_fit(found).parameters == found.parameters
 
 

@@ -56,9 +56,9 @@ def test_the_robot_itself_is_clean():
 def test_a_robot_log_copied_to_a_higher_rate_with_a_wrong_step(stated):
     log = robot(1)
     report = checked(copied(log, np.full(len(log.time), 10), step=stated * 0.002))
-    (hold,) = report.of("held")
+    (hold,) = report.of("held_values")
     assert (hold.value, hold.channel) == (10.0, "")
-    (step,) = report.of("step")
+    (step,) = report.of("sample_time")
     assert step.value == pytest.approx(0.02, rel=0.02)
     mended = report.data.logs[0]
     assert np.ptp(mended.time) == pytest.approx(90.0, rel=0.02)
@@ -69,7 +69,7 @@ def test_a_copy_with_holds_of_changing_length_is_found_and_thinned():
     log = recorded(20)
     counts = np.random.default_rng(3).integers(3, 7, len(log.time))
     report = checked(copied(log, counts, step=STEP / counts.mean()))
-    (hold,) = report.of("held")
+    (hold,) = report.of("held_values")
     assert hold.channel == ""
     assert hold.value == pytest.approx(counts.mean(), rel=0.01)
     assert "3 to 6 rows" in hold.text
@@ -96,7 +96,7 @@ def test_without_a_lateral_velocity_its_part_is_taken_for_no_delay():
     (found,) = report.of("delay", "lateral_acceleration, yaw_rate")
     assert abs(found.value) > 0.005
     assert (found.severity, found.repair) == ("info", "")
-    assert "vy is not logged" in found.text
+    assert "without a measured vy" in found.text
     assert report.repairs == []
 
 
@@ -122,12 +122,12 @@ def test_delays_are_as_sure_as_the_noise_allows():
 def test_steering_in_normalised_units_is_told_with_its_scale():
     log = recorded(22)
     report = checked(changed(log, road_wheel_angle=log.channels["road_wheel_angle"] / 0.05))
-    (found,) = report.of("relation", "yaw_rate, road_wheel_angle")
-    own = checked(log).of("relation", "yaw_rate, road_wheel_angle")[0].value  # below 1: the tyres slip
+    (found,) = report.of("kinematics", "yaw_rate, road_wheel_angle")
+    own = checked(log).of("kinematics", "yaw_rate, road_wheel_angle")[0].value  # below 1: the tyres slip
     assert found.value == pytest.approx(0.05 * own, rel=1e-3)
     assert found.severity == "warning"
     report = check_data(DataSet((robot(2),)))
-    (found,) = report.of("relation", "yaw_rate, steering_command")
+    (found,) = report.of("kinematics", "yaw_rate, steering_command")
     assert found.value == pytest.approx(0.33 / 0.34, rel=0.1)  # wheelbase over the angle at full command
     assert "m: wheelbase times ratio" in found.text
 
@@ -151,7 +151,7 @@ def test_glitches_orders_of_magnitude_out_are_found_whatever_their_length(size, 
     report = checked(changed(log, yaw_rate=values))
     (found,) = report.of("glitches")
     assert (found.channel, found.value) == ("yaw_rate", len(rows))
-    assert not report.of("step")
+    assert not report.of("sample_time")
     assert np.max(np.abs(report.data.logs[0].channels["yaw_rate"])) < 1.0
 
 
@@ -161,7 +161,7 @@ def test_duplicated_stamps_are_is_omitted():
     again = np.arange(50, 4000, 200)
     time[again] = time[again - 1]
     report = checked(replace(log, time=time))
-    assert report.of("stamps")[0].value == len(again)
+    assert report.of("timestamps")[0].value == len(again)
     assert len(report.data.logs[0].time) == len(log.time) - len(again)
 
 
@@ -174,7 +174,7 @@ def test_dummy_first_rows_are_is_omitted(count):
     log = changed(log, x=x + 700_000.0, y=y + GPS_NORTH)
     values = {name: np.concatenate((np.zeros(count), kept)) for name, kept in log.channels.items()}
     report = checked(Log("dummy", "train", np.arange(float(len(log.time) + count)) * STEP, values))
-    (found,) = report.of("first rows")
+    (found,) = report.of("first_rows")
     assert found.value == count
     assert report.data.logs[0].channels["x"][0] == pytest.approx(700_000.0, abs=1.0)
     assert report.unrepaired_faults == []
@@ -210,8 +210,8 @@ def test_positions_in_single_precision_are_told_and_still_used():
     (found,) = report.of("quantisation", "y")
     assert found.value == 0.5
     assert "single precision" in found.text
-    assert report.of("relation", "vx, x, y")[0].value == pytest.approx(1.0, abs=0.05)
-    assert not report.of("held")
+    assert report.of("kinematics", "vx, x, y")[0].value == pytest.approx(1.0, abs=0.05)
+    assert not report.of("held_values")
     assert not report.of("glitches")
 
 
@@ -221,16 +221,16 @@ def test_positions_that_are_held_and_coarse_are_found_held():
     x = held(np.float32(np.cumsum(channels["vx"]) * STEP + GPS_NORTH).astype(float), 20)
     y = held(np.float32(0.3 * np.cumsum(channels["vx"]) * STEP + 700_000.0).astype(float), 20)
     report = checked(changed(log, x=x, y=y))
-    assert {found.channel: found.value for found in report.of("held")} == {"x": 20.0, "y": 20.0}
+    assert {found.channel: found.value for found in report.of("held_values")} == {"x": 20.0, "y": 20.0}
 
 
 def test_one_relation_a_tenth_off_is_not_taken_for_a_wrong_step():
     """Gravity in a pitching car: a tenth more acceleration than the speed says, in one channel only."""
     log = recorded(30, without=("yaw",))
     report = checked(changed(log, longitudinal_acceleration=1.12 * log.channels["longitudinal_acceleration"]))
-    assert not report.of("step")
+    assert not report.of("sample_time")
     assert report.repairs == []
-    assert report.of("relation", "longitudinal_acceleration, vx")[0].severity == "warning"
+    assert report.of("kinematics", "longitudinal_acceleration, vx")[0].severity == "warning"
 
 
 def test_biases_at_rest_and_codes_of_gears_are_told():
@@ -252,7 +252,7 @@ def test_the_place_of_the_lateral_velocity_is_told():
     side = turn * (CAR.rear_length - slip * speed**2)
     noise = np.random.default_rng(0).normal(0, 0.003, len(time))
     report = checked(Log("bends", "train", time, {"vx": speed, "yaw_rate": turn, "vy": side + noise}))
-    assert report.of("place", "vy")[0].value == pytest.approx(CAR.rear_length, abs=0.05)
+    assert report.of("sensor_position", "vy")[0].value == pytest.approx(CAR.rear_length, abs=0.05)
 
 
 @pytest.mark.slow

@@ -34,13 +34,13 @@ def test_a_camera_that_is_late_is_found_by_its_heading_and_shifted_as_one():
     report = checked(watched(late=0.05))
     (found,) = report.of("delay", "yaw_rate, yaw")
     assert found.value == pytest.approx(-0.0525, abs=0.001)
-    assert "counted on" in report.of("range", "yaw")[0].text
+    assert "unwrapped" in report.of("range", "yaw")[0].text
     true, mended = robot(0, rate=100.0).channels, report.data.logs[0].channels
     for name in CAMERA:
         assert any(name in one.partition("shifted ")[2] or f": {name}: shifted" in one for one in report.repairs)
         away = np.unwrap(mended[name][100:-100]) if name == "yaw" else mended[name][100:-100]
         assert np.std(away - true[name][100:-100]) < (0.03 if name == "vx" else 0.01)
-    assert [one.value for one in report.of("held")] == pytest.approx([2.5] * 4, rel=0.01)
+    assert [one.value for one in report.of("held_values")] == pytest.approx([2.5] * 4, rel=0.01)
     again = checked(report.data.logs[0])
     assert abs(again.of("delay", "yaw_rate, yaw")[0].value) < 0.001
 
@@ -53,10 +53,10 @@ def test_a_camera_that_is_not_late_is_left_where_it_is():
 def test_a_copied_log_still_has_its_slow_channels():
     log = watched(2)
     report = checked(copied(log, np.full(len(log.time), 5), step=0.001))
-    assert [(one.channel, round(one.value, 1)) for one in report.of("held")] == [
+    assert [(one.channel, round(one.value, 1)) for one in report.of("held_values")] == [
         ("", 5.0), ("vx", 2.5), ("yaw", 2.5), ("x", 2.5), ("y", 2.5),
     ]  # fmt: skip
-    assert report.of("step")[0].value == pytest.approx(0.01, rel=0.005)
+    assert report.of("sample_time")[0].value == pytest.approx(0.01, rel=0.005)
 
 
 @pytest.mark.parametrize("late", [-0.03, 0.06])
@@ -72,7 +72,7 @@ def test_a_lateral_velocity_of_another_clock_is_found(late):
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_a_clock_in_another_unit_is_found(factor):
     log = recorded(51)
-    (found,) = checked(replace(log, time=log.time / factor)).of("step")
+    (found,) = checked(replace(log, time=log.time / factor)).of("sample_time")
     assert found.value == pytest.approx(STEP, rel=0.01)
     assert ("in ms" in found.text) is (factor < 1.0)
 
@@ -80,14 +80,14 @@ def test_a_clock_in_another_unit_is_found(factor):
 def test_a_step_that_no_recorder_has_is_a_fault_even_when_nothing_tells_the_true_one():
     log = recorded(52, without=("longitudinal_acceleration", "yaw"))
     report = checked(replace(log, time=log.time * 1e3))
-    assert [one.check for one in report.unrepaired_faults] == ["step"]
+    assert [one.check for one in report.unrepaired_faults] == ["sample_time"]
     assert "give the clock's unit" in report.unrepaired_faults[0].text
 
 
 def test_stamps_of_whole_seconds_are_spread_over_their_rows():
     log = recorded(53)
     report = checked(replace(log, time=np.floor(log.time + 0.37)))
-    (found,) = [one for one in report.of("stamps") if one.repair]
+    (found,) = [one for one in report.of("timestamps") if one.repair]
     assert found.value == pytest.approx(STEP, rel=1e-3)
     assert len(report.data.logs[0].time) == len(log.time)
     assert np.diff(report.data.logs[0].time) == pytest.approx(STEP, rel=0.02)
@@ -100,7 +100,7 @@ def test_rows_of_a_slow_channel_that_are_empty_are_no_fault():
     report = checked(changed(log, vy=vy))
     (found,) = report.of("missing", "vy")
     assert (found.severity, "every 4th row" in found.text) == ("info", True)
-    assert not report.of("held")
+    assert not report.of("held_values")
     random = np.where(np.random.default_rng(0).uniform(size=len(vy)) < 0.5, np.nan, log.channels["vy"])
     assert checked(changed(log, vy=random)).of("missing", "vy")[0].severity == "fault"
 
@@ -110,7 +110,7 @@ def test_stamps_that_swing_leave_no_gaps():
     swing = np.random.default_rng(0).uniform(-0.4, 0.4, len(log.time)) * STEP
     report = checked(replace(log, time=log.time + swing))
     assert report.of("gaps") == []
-    assert report.of("stamps")[0].severity == "warning"
+    assert report.of("timestamps")[0].severity == "warning"
 
 
 def test_coarse_values_that_repeat_by_chance_are_not_held():
@@ -175,7 +175,7 @@ def test_a_column_whose_unit_does_not_fit_its_channel_is_not_mapped_by_its_name(
 
 def test_the_car_of_these_tests_steers_as_its_wheels_do():
     """The rig itself: a wheel angle has the scale of the wheelbase, below one for the slip."""
-    (found,) = checked(recorded(58)).of("relation", "yaw_rate, road_wheel_angle")
+    (found,) = checked(recorded(58)).of("kinematics", "yaw_rate, road_wheel_angle")
     assert 0.3 < found.value < 1.0
     assert CAR.front_length + CAR.rear_length == pytest.approx(2.7)
     assert len(clean()[0]) == 4001

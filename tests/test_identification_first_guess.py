@@ -15,7 +15,7 @@ from mirdrake.identification.default_study import default_study
 from mirdrake.identification.estimators import fit
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.structure import choose_structure
-from mirdrake.identification.findings import DataReport, Finding
+from mirdrake.identification.findings import DataReport, Finding, statement
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.first_guess import guess_steering
 from mirdrake.identification.parameters import Setting
@@ -116,8 +116,8 @@ def test_without_a_wheelbase_the_bends_tell_the_size():
     assert sum(info.guess for info in car.parameters if info.name in lengths) == pytest.approx(2.7)
 
 
-def fault(channel, text, check="units"):
-    return Finding("lap", check, channel, "fault", 1.0, "1", text)
+def fault(channel, what, check="units"):
+    return Finding("lap", check, channel, "fault", 1.0, "1", what)
 
 
 def report(*findings):
@@ -125,10 +125,12 @@ def report(*findings):
 
 
 USED = {"vx", "yaw_rate", "steering_command"}
+SIGN = statement("steering_sign", channel="steering_command", correlation=-0.9)
+STEP = statement("unknown_step", step=2.0)
 
 
 def test_a_wrong_sign_is_refused_in_one_line_that_says_what_to_write():
-    found = fault("steering_command", "steering_command to the left turns the vehicle to the right: wrong sign")
+    found = fault("steering_command", SIGN)
     with pytest.raises(ConfigError) as caught:
         reject_faults(report(found, replace(found, log="other")), USED)
     text = str(caught.value)
@@ -138,8 +140,8 @@ def test_a_wrong_sign_is_refused_in_one_line_that_says_what_to_write():
 
 
 def test_the_steering_is_not_blamed_for_the_yaw_rate():
-    steering = fault("steering_command", "steering_command to the left turns the vehicle to the right: wrong sign")
-    rate = fault("yaw_rate", "would be explained by: wrong sign of yaw_rate")
+    steering = fault("steering_command", SIGN)
+    rate = fault("yaw_rate", statement("mistakes", mistakes="wrong sign of yaw_rate", signs_only=True))
     with pytest.raises(ConfigError) as caught:
         reject_faults(report(steering, rate), USED)
     assert "yaw_rate" in str(caught.value)
@@ -147,9 +149,10 @@ def test_the_steering_is_not_blamed_for_the_yaw_rate():
 
 
 def test_what_the_model_does_without_is_not_refused():
-    reject_faults(report(fault("yaw", "wrong sign"), fault("yaw_rate, yaw", "wrong sign of yaw_rate or of yaw")), USED)
-    repaired = replace(fault("", "the true step is", "step"), repair="time scaled")
-    reject_faults(report(repaired, fault("vx", "constant", "range")), USED)
+    signs = statement("mistakes", mistakes="wrong sign of yaw_rate or of yaw", signs_only=True)
+    reject_faults(report(fault("yaw", signs), fault("yaw_rate, yaw", signs)), USED)
+    repaired = replace(fault("", STEP, "sample_time"), done=statement("scaled_time", factor=2.0))
+    reject_faults(report(repaired, fault("vx", statement("all_constant"), "range")), USED)
 
 
 def write_log(folder, change=""):
@@ -189,7 +192,7 @@ def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys)
     text = capsys.readouterr().out
     assert text.startswith("data: no study is given: model single_track, chosen by the channels")
     assert "Data check, remarks:" in text
-    assert "log.csv, held out" in text
+    assert "log.csv, end" in text
     path = write_log(tmp_path, ", sign: -1")
     assert main(["identify", str(path), "--out", str(tmp_path / "wrong")]) == 2
     error = capsys.readouterr().err
@@ -201,7 +204,7 @@ def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys)
 def test_the_end_of_one_drive_is_held_out():
     one = steady()
     apart = split_validation(DataSet((one,)), 0.3)
-    assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, held out", "validation")]
+    assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, end", "validation")]
     assert sum(len(log.time) for log in apart.logs) == len(TIME)
     assert apart.train[0].time[-1] == pytest.approx(0.7 * TIME[-1], abs=0.05)
     assert np.all(apart.validation[0].time > apart.train[0].time[-1])
@@ -227,7 +230,7 @@ def test_the_drive_that_turns_in_most_quickly_stays_for_training():
     apart = split_validation(drives, 0.3)
     assert [log.name for log in apart.train] == ["slow", "sweep", "slalom", "bend"]
     # 90 of 300 s: the second, then the end of the fifth in the order of quickness.
-    assert [log.name for log in apart.validation] == ["step", "bend, held out"]
+    assert [log.name for log in apart.validation] == ["step", "bend, end"]
     assert apart.validation[1].time[0] == pytest.approx(30.0, abs=0.05)
     assert [log.name for log in split_validation(drives, 0.4).train] == ["slow", "sweep", "slalom"]
 
@@ -236,7 +239,7 @@ def test_drives_that_do_not_turn_are_held_out_from_the_last():
     drives = DataSet(tuple(Log(name, "train", TIME, {"vx": np.sin(TIME)}) for name in ("a", "b", "c", "d")))
     apart = split_validation(drives, 0.375)
     assert [(log.name, log.use) for log in apart.logs] == [
-        ("a", "train"), ("b", "train"), ("c", "train"), ("d", "validation"), ("c, held out", "validation"),
+        ("a", "train"), ("b", "train"), ("c", "train"), ("d", "validation"), ("c, end", "validation"),
     ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""How late channels are against each other, to a fraction of a sample, from pairs that kinematics ties together."""
+"""Delays between channels to a fraction of a sample, from pairs that kinematics relates."""
 
 from typing import NamedTuple
 
@@ -6,34 +6,34 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Finding
+from mirdrake.identification.findings import Finding, statement
 from mirdrake.identification.relations import Grid, Relation, kinematic_relations, make_grid
-from mirdrake.identification.splines import Curve
+from mirdrake.identification.splines import Spline
 
-LONGEST = 0.6
-"""Delays are sought up to this [s]."""
+MAX_DELAY = 0.6
+"""Largest delay [s]."""
 
 SMOOTHING = 0.05
-"""Standard deviation of the Gaussian that both sides pass before they are compared [s]; it shifts nothing."""
+"""Standard deviation of the Gaussian that smooths both sides [s]; it causes no delay."""
 
 LEVELS = 4
-"""The comparison is made with that smoothing, twice, four times, …; the one that is surest counts."""
+"""Number of smoothings, each twice the one before; the most certain result counts."""
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 
 BLOCKS = 10
-"""Parts of a log, whose delays give the uncertainty and the drift."""
+"""Parts of a log whose separate delays give uncertainty and drift."""
 
 
 class Delay(NamedTuple):
-    """How late one signal is behind another.
+    """Delay of one signal against another.
 
     Attributes:
-        value: positive when the first one is late [s].
+        value: positive if the first signal is late [s].
         sigma: its standard deviation, from its scatter over the log [s].
         drift: change of the delay with time [s/s].
         drift_sigma: its standard deviation [s/s].
-        correlation: of both, once they are aligned.
+        correlation: correlation of both after alignment.
     """
 
     value: float
@@ -44,14 +44,14 @@ class Delay(NamedTuple):
 
 
 def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
-    """How late the first signal is behind the second, whatever its scale and offset; None: too little moves.
+    """Return the delay of the first signal against the second, whatever scale and offset; None if too little moves.
 
-    It is where the cross-correlation has its peak; noise leaves it alone, if that of one side is not of the other.
+    It is the maximum of the cross-correlation, which is unbiased if the noise of both sides is independent.
 
     Args:
-        left: samples on even steps (n).
+        left: samples at a constant step (n).
         right: samples at the same times (n).
-        step: [s].
+        step: sample time [s].
     """
     if np.ptp(left) == 0.0 or np.ptp(right) == 0.0:
         return None
@@ -65,7 +65,7 @@ def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
                 gaussian_filter1d(sides[1], rows, mode="nearest"),
             )
             passed = np.hypot(passed, rows * step)
-            thin = max(1, int(passed / (2.0 * step)))  # what is smooth needs few samples
+            thin = max(1, int(passed / (2.0 * step)))  # smooth signals need few samples
             sides, step = (sides[0][::thin], sides[1][::thin]), step * thin
             found = _delay_at(*sides, step, passed)
             if found is not None and (best is None or found.sigma < 0.7 * best.sigma):
@@ -75,13 +75,13 @@ def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
 
 
 def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
-    """The delay between two smooth signals; `width` is that of their smoothing [s]."""
+    """Return the delay between two smooth signals; `width` is that of their smoothing [s]."""
     margin = int(np.ceil(3 * width / step))
-    reach = min(int(LONGEST / step) + 1, len(a) // 4)
+    reach = min(int(MAX_DELAY / step) + 1, len(a) // 4)
     if len(a) < 4 * margin + 40 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return None
     size = 1 << int(2 * len(a) - 1).bit_length()
-    # Differences of the samples weigh the fast part, which has the timing.
+    # Differences emphasise the fast part of the signals, which contains the timing.
     spectrum = np.fft.rfft(np.gradient(a), size) * np.conj(np.fft.rfft(np.gradient(b), size))
     product = np.fft.irfft(spectrum, size)
     lags = np.arange(-reach, reach + 1)
@@ -90,9 +90,9 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
     if abs(delay) == reach:
         return None
     inner = slice(margin + reach, len(a) - margin - reach)
-    curve, own = Curve(b), np.gradient(a)[inner]
-    # Newton's steps to the peak of the cross-correlation. Its curvature is that of one slope with the other, in which
-    # noise of either side has no part.
+    curve, own = Spline(b), np.gradient(a)[inner]
+    # Newton's steps to the maximum of the cross-correlation. Its curvature is the product of both slopes, which noise
+    # of one side alone does not bias.
     for _ in range(20):
         rest, slope, shifted = _compared(a[inner], curve, inner, -delay)
         curvature = float(own @ slope)
@@ -104,7 +104,7 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
             break
     rest, slope, shifted = _compared(a[inner], curve, inner, -delay)
     correlation = float(np.corrcoef(a[inner], shifted)[0, 1])
-    # One more step in each part by itself. The offset may wander (grade, mounting): each part has its own.
+    # One more step in each part by itself, with an offset of its own, as offsets wander (grade, mounting).
     parts = np.array_split(np.arange(len(shifted)), BLOCKS)
     values, weights, times, sign = [], [], [], np.sign(own @ slope)
     for part in parts:
@@ -128,8 +128,8 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
     return Delay(delay * step, float(np.sqrt(spread)), drift, float(np.sqrt(left_over / across)), correlation)
 
 
-def _compared(left: Array, curve: Curve, rows: slice, moved: float) -> tuple[Array, Array, Array]:
-    """What the right side leaves of the left one, the slope of the right side, and itself, each without its mean."""
+def _compared(left: Array, curve: Spline, rows: slice, moved: float) -> tuple[Array, Array, Array]:
+    """Return the residual of the left side, the slope of the right side, and the right side, each without its mean."""
     right, slope = curve.at(rows, moved), curve.at(rows, moved, 1)
     right, slope, left = right - right.mean(), slope - slope.mean(), left - left.mean()
     gain = np.sign(left @ right) * left.std() / max(right.std(), 1e-300)
@@ -137,7 +137,7 @@ def _compared(left: Array, curve: Curve, rows: slice, moved: float) -> tuple[Arr
 
 
 def pair_delays(grid: Grid) -> list[tuple[Relation, Delay]]:
-    """The delays of all pairs of a log that move alike enough to tell."""
+    """Return the delays of all pairs of a log that are sufficiently correlated."""
     found = []
     for relation in kinematic_relations(grid.channels):
         delay = estimate_delay(relation.left(grid), relation.right(grid), grid.step)
@@ -147,17 +147,17 @@ def pair_delays(grid: Grid) -> list[tuple[Relation, Delay]]:
 
 
 def check_response(log: Log) -> list[Finding]:
-    """How late the yaw rate is behind the steering: the response of the car and the delay of the channels together."""
+    """Report the delay of the yaw rate against the steering: response of the car plus delays of the channels."""
     grid, found = make_grid(log), []
     for name in STEERING:
         if name in grid.channels and "yaw_rate" in grid.channels:
             delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
             if delay is not None and abs(delay.correlation) > 0.7:
-                text = f"the yaw rate follows {name} by {1e3 * delay.value:.3g} ms, with the response of the vehicle"
+                text = statement("response", channel=name, delay=delay.value)
                 found.append(Finding(log.name, "response", f"yaw_rate, {name}", "info", delay.value, "s", text))
     return found
 
 
 def smooth(grid: Grid, name: str) -> Array:
-    """A channel of a grid without its fast noise (n)."""
+    """Return a channel of a grid without its fast noise (n)."""
     return np.asarray(gaussian_filter1d(grid.channels[name], max(1.0, SMOOTHING / grid.step)))

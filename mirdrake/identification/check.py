@@ -1,4 +1,4 @@
-"""The data check before any fit: what is odd in a data set, what was done about it, and what can be found from it."""
+"""Data check before any fit: findings, repairs, and the excitation of each log."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -8,7 +8,7 @@ from mirdrake.identification.alignment import check_response
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.delays import check_delays
 from mirdrake.identification.excitation import check_excitation
-from mirdrake.identification.findings import DataReport, Finding
+from mirdrake.identification.findings import DataReport, Finding, statement
 from mirdrake.identification.plausibility import (
     check_gravity,
     check_gyro_bias,
@@ -31,16 +31,16 @@ from mirdrake.identification.timing import (
 
 
 def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> DataReport:
-    """What is odd in a data set, with a repaired copy of it.
+    """Check a data set and return the findings with a repaired copy of it.
 
-    Each check sees what the repairs before it left. Units and signs are never repaired: that is the mapping's part.
+    Each check sees the result of the repairs before it. Units and signs are never repaired: correct the mapping.
 
     Args:
-        data: the recorded drives; they stay as they are.
-        repairs: which may be made, of :data:`~mirdrake.identification.spec.REPAIRS`; None: those of the data file.
+        data: recorded logs; they are not changed.
+        repairs: allowed repairs of :data:`~mirdrake.identification.spec.REPAIRS`; None for those of the data file.
 
     Raises:
-        ConfigError: a repair is not known.
+        ConfigError: unknown repair.
     """
     allowed = data.repairs if repairs is None else repairs
     for name in allowed:
@@ -53,10 +53,10 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
         parts, found = _first_checks(log, allowed)
         findings += found
         for part in parts:
-            mended, own, found = _check_log(part, allowed)
+            repaired, own, found = _check_log(part, allowed)
             findings += found
             sources += [source for source in own if source not in sources]
-            logs.append(mended)
+            logs.append(repaired)
     logs, found = check_delays(logs, sources, wheelbase=data.wheelbase, repair="delays" in allowed)
     findings += found
     for log in logs:
@@ -72,29 +72,29 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
 
 
 def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[Finding]]:
-    """What is done to a whole log: its stamps, what comes before it really begins, and long gaps, which cut it."""
-    found = [Finding(log.name, "file", "", "info", 0.0, "", note) for note in log.notes]
-    log, seen = check_stamps(log, repair="stamps" in allowed)
+    """Check a whole log: time stamps, first rows, and long gaps, at which it is cut."""
+    found = [Finding(log.name, "file", "", "info", 0.0, "", statement("note", text=note)) for note in log.notes]
+    log, seen = check_stamps(log, repair="timestamps" in allowed)
     found += seen
     logs, seen = split_at_gaps(log, repair="gaps" in allowed)
     found += seen
     parts = []
     for part in logs:
-        part, seen = check_first_rows(part, repair="stamps" in allowed)
+        part, seen = check_first_rows(part, repair="timestamps" in allowed)
         found += seen
         parts.append(part)
     return parts, found
 
 
 def _check_log(log: Log, allowed: Collection[str]) -> tuple[Log, list[set[str]], list[Finding]]:
-    """What is done to each log by itself, and which channels of it come from one source."""
+    """Check each log by itself, and return also which of its channels come from one source."""
     log, found = unwrap_headings(log)
-    # Glitches first: joined by lines between fresh samples, one of a held channel would be as wide as its neighbours.
+    # Glitches first: after interpolation, a glitch of a held channel would be as wide as its neighbours.
     log, seen = check_glitches(log, repair="glitches" in allowed)
     found += seen + check_values(log)
     sources = channels_with_common_holds(log)
-    # Then the clock, since what is compared between channels counts samples.
-    for name, check in (("held", check_held), ("step", check_step)):
+    # Then the clock, as comparisons between channels count samples.
+    for name, check in (("held_values", check_held), ("sample_time", check_step)):
         log, seen = check(log, repair=name in allowed)
         found += seen
     return log, sources, found + check_lateral_velocity(log)

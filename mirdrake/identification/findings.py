@@ -1,59 +1,103 @@
-"""What a data check found, as data and as a table of text."""
+"""Findings of a data check as figures; their sentences are made in :mod:`mirdrake.identification.finding_texts`."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 import pandas as pd
 
 from mirdrake.identification.data import DataSet
+from mirdrake.identification.finding_texts import EXCITATION, FINDINGS, REPAIRS, Figures, render
 
 Severity = Literal["info", "warning", "fault"]
 Verdict = Literal["good", "weak", "none"]
+Check = Literal[
+    "file", "timestamps", "first_rows", "gaps", "missing", "held_values", "glitches", "quantisation", "saturation",
+    "range", "codes", "sample_time", "kinematics", "units", "gravity", "bias", "sensor_position", "delay",
+    "clock_drift", "response",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Statement:
+    """Code of a sentence and the figures in it.
+
+    Attributes:
+        code: key of the sentence.
+        figures: numbers and names by placeholder.
+    """
+
+    code: str
+    figures: Figures
+
+
+def statement(code: str, **figures: float | str) -> Statement:
+    """Return a statement."""
+    return Statement(code, figures)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was seen in a log.
+    """Observation about a log.
 
     Attributes:
-        log: its name.
-        check: what kind: stamps, first rows, gaps, missing, held, glitches, quantisation, saturation, range, codes,
-            relation, step, units, gravity, bias, place, delay, drift, response, file.
-        channel: the channel, or two of a pair as ``a, b``; "" for the whole log.
-        severity: "info" is worth knowing, "warning" touches a fit, "fault" spoils it unless it is repaired.
-        value: the number of it.
-        unit: of the number.
-        text: in words.
-        repair: what was done about it; "" when nothing was.
+        log: name of the log.
+        check: kind of the check.
+        channel: the channel, or several as ``a, b``; "" for the whole log.
+        severity: "info", "warning" (affects a fit) or "fault" (makes a fit wrong unless it is repaired).
+        value: main figure.
+        unit: its unit.
+        what: what was observed.
+        done: repair that was made; None without one.
     """
 
     log: str
-    check: str
+    check: Check
     channel: str
     severity: Severity
     value: float
     unit: str
-    text: str
-    repair: str = ""
+    what: Statement
+    done: Statement | None = None
+
+    @property
+    def text(self) -> str:
+        """The observation as a sentence."""
+        return render(FINDINGS, self.what.code, self.what.figures)
+
+    @property
+    def repair(self) -> str:
+        """The repair as a sentence; "" without one."""
+        return "" if self.done is None else render(REPAIRS, self.done.code, self.done.figures)
+
+    @property
+    def channels(self) -> list[str]:
+        """Names of the channels."""
+        return [name for name in self.channel.split(", ") if name]
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """What a drive offers for a group of parameters.
+    """Excitation of a group of parameters by a log.
 
     Attributes:
-        log: its name.
-        parameters: which can be found from this.
+        log: name of the log.
+        parameters: the group.
         verdict: "good", "weak" or "none".
         measures: figures by name, in SI units.
-        text: in words, with what is missing.
+        what: the figures in words, with what is missing.
     """
 
     log: str
     parameters: str
     verdict: Verdict
-    measures: dict[str, float]
-    text: str
+    measures: Mapping[str, float]
+    what: Statement
+
+    @property
+    def text(self) -> str:
+        """The figures as a sentence, with what is missing."""
+        return render(EXCITATION, self.what.code, self.what.figures)
 
 
 @dataclass(frozen=True)
@@ -61,57 +105,56 @@ class DataReport:
     """Result of :func:`mirdrake.identification.check_data`.
 
     Attributes:
-        findings: in the order of the logs and of the checks.
+        findings: in the order of logs and checks.
         excitation: by log and group of parameters.
-        data: the data set with the repairs made; the data given are as they were.
+        data: data set with the repairs.
     """
 
     findings: tuple[Finding, ...]
     excitation: tuple[Excitation, ...]
     data: DataSet = field(repr=False)
 
-    def of(self, check: str, channel: str | None = None) -> list[Finding]:
-        """Findings of one kind, and of one channel if it is given."""
-        return [
-            found for found in self.findings if found.check == check and (channel is None or found.channel == channel)
-        ]
+    def of(self, check: Check, channel: str | None = None) -> list[Finding]:
+        """Return the findings of one check, and of one channel if it is given."""
+        return [one for one in self.findings if one.check == check and (channel is None or one.channel == channel)]
 
     @property
     def repairs(self) -> list[str]:
-        """What was changed, one sentence each."""
-        return [
-            f"{found.log}: {found.channel or 'all channels'}: {found.repair}" for found in self.findings if found.repair
-        ]
+        """The repairs, one sentence each."""
+        return [f"{one.log}: {one.channel or 'all channels'}: {one.repair}" for one in self.findings if one.done]
 
     @property
     def unrepaired_faults(self) -> list[Finding]:
-        """Faults that were not repaired: they would spoil a fit."""
-        return [found for found in self.findings if found.severity == "fault" and not found.repair]
+        """Faults that were not repaired and make a fit wrong."""
+        return [one for one in self.findings if one.severity == "fault" and one.done is None]
 
     def to_pandas(self) -> pd.DataFrame:
-        """The findings, a row each."""
-        return pd.DataFrame([vars(found) for found in self.findings], columns=list(Finding.__dataclass_fields__))
+        """Return the findings, a row each."""
+        columns = ["log", "check", "channel", "severity", "value", "unit", "text", "repair"]
+        return pd.DataFrame([[getattr(one, name) for name in columns] for one in self.findings], columns=columns)
 
     def table(self) -> str:
-        """Findings and excitation as text, a line each."""
+        """Return findings and excitation as text, a line each."""
         lines = []
         for log in self.data.logs:
             lines.append(f"{log.name} ({log.use}, {len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s)")
-            found = [item for item in self.findings if item.log == log.name]
-            rows: list[tuple[str, str, str, str]] = [
-                (item.severity, item.check, item.channel or "-", item.text + _repaired(item)) for item in found
+            found = [one for one in self.findings if one.log == log.name]
+            rows = [
+                (one.severity, one.check, one.channel or "-", one.text + (f" -> {one.repair}" if one.done else ""))
+                for one in found
             ]
-            offers = [item for item in self.excitation if item.log == log.name]
-            rows += [(item.verdict, "excitation", item.parameters, item.text) for item in offers]
-            widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
-            lines += [
-                "  " + "  ".join([*(cell.ljust(width) for cell, width in zip(row[:3], widths, strict=True)), row[3]])
-                for row in rows
-            ]
+            offers = [one for one in self.excitation if one.log == log.name]
+            lines += _aligned([*rows, *((one.verdict, "excitation", one.parameters, one.text) for one in offers)])
             if not found:
-                lines.append("  nothing odd was found")
+                lines.append("  no findings")
         return "\n".join(lines)
 
 
-def _repaired(found: Finding) -> str:
-    return f" -> {found.repair}" if found.repair else ""
+def _aligned(rows: Iterable[tuple[str, str, str, str]]) -> list[str]:
+    """Return rows with their first three columns aligned."""
+    rows = list(rows)
+    widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
+    return [
+        "  " + "  ".join([*(cell.ljust(width) for cell, width in zip(row[:3], widths, strict=True)), row[3]])
+        for row in rows
+    ]

@@ -1,4 +1,4 @@
-"""Units, signs, the step and gravity: what the relations of kinematics say of a log."""
+"""Plausibility of units, signs, sample time and gravity by the kinematic relations of a log."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log
-from mirdrake.identification.findings import Finding
+from mirdrake.identification.findings import Finding, Severity, statement
 from mirdrake.identification.relations import (
     Gain,
     Grid,
@@ -18,140 +18,149 @@ from mirdrake.identification.relations import (
     make_grid,
     step_factor,
 )
-from mirdrake.identification.timing import LONGEST_STEP, SHORTEST_STEP, median_step
+from mirdrake.identification.timing import MAX_STEP, MIN_STEP, median_step
 
 IMPOSSIBLE = 30.0
-"""No tyre on a road holds such a lateral acceleration [m/s²]."""
+"""Lateral acceleration that no tyre on a road can hold [m/s²]."""
 
 STANDSTILL = 0.05
-"""Slower than this a vehicle stands [m/s]."""
+"""Speed below which a vehicle is at rest [m/s]."""
 
-SWAYS, SWAY = 0.85, (0.6, 1.6)
-"""Correlation from which on the change of vy is known, and between which factors it is right."""
+MIN_CORRELATION, SCALE_RANGE = 0.85, (0.6, 1.6)
+"""Correlation above which the change of vy is known, and the range of its scale that is accepted."""
 
 _CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 
 
-def estimate_gains(log: Log, *, sideways: bool = True) -> list[Gain]:
-    """How the relations of a log hold, of those that move enough to tell; `sideways` as in kinematic_relations."""
+def estimate_gains(log: Log, *, use_vy: bool = True) -> list[Gain]:
+    """Return the gains of the sufficiently correlated relations of a log; `use_vy` as in kinematic_relations."""
     grid = make_grid(log)
-    gains = [estimate_gain(relation, grid) for relation in kinematic_relations(grid.channels, sideways=sideways)]
+    gains = [estimate_gain(relation, grid) for relation in kinematic_relations(grid.channels, use_vy=use_vy)]
     return [gain for gain in gains if gain is not None and abs(gain.correlation) > 0.7]
 
 
 def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
-    """The true step against the stated one, from all relations that have a derivative in them."""
-    gains = estimate_gains(log, sideways=False)
+    """Compare the true step with the stated one, by all relations with a derivative."""
+    gains = estimate_gains(log, use_vy=False)
     factor = step_factor(gains)
     step = median_step(log.time)
     if factor is None:
-        if SHORTEST_STEP <= step <= LONGEST_STEP:
+        if MIN_STEP <= step <= MAX_STEP:
             return log, []
-        text = f"a step of {step:.4g} s is none of a recorder, and no channels tell the true one: give the clock's unit"
-        return log, [Finding(log.name, "step", "", "fault", step, "s", text)]
+        return log, [Finding(log.name, "sample_time", "", "fault", step, "s", statement("unknown_step", step=step))]
     timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
-    text = f"the true step is {factor * step:.5g} s, {factor:.4g} times the stated {step:.5g} s: " + "; ".join(
-        f"{gain.relation} say {1.0 / gain.gain:.4g}" for gain in timed
-    )
-    unit = next((unit for unit, size in _CLOCKS.items() if abs(factor / size - 1.0) < 0.05), None)
-    text += "" if unit is None else f": a clock {unit}?"
-    done = f"time multiplied by {factor:.5g}" if repair else ""
-    found = Finding(log.name, "step", "", "fault", factor * step, "s", text, done)
+    reasons = "; ".join(f"{gain.relation} give {1.0 / gain.gain:.4g}" for gain in timed)
+    clock = next((unit for unit, size in _CLOCKS.items() if abs(factor / size - 1.0) < 0.05), "")
+    text = statement("true_step", step=factor * step, factor=factor, stated=step, reasons=reasons, clock=clock)
+    done = statement("scaled_time", factor=factor) if repair else None
+    found = Finding(log.name, "sample_time", "", "fault", factor * step, "s", text, done)
     return (replace(log, time=log.time[0] + factor * (log.time - log.time[0])) if repair else log), [found]
 
 
 def check_relations(log: Log) -> list[Finding]:
-    """Scales and offsets of the relations, and the mistakes that would explain those that do not hold."""
+    """Check scales and offsets of the relations, and find the mistakes that would explain those that do not hold."""
     found, gains = [], estimate_gains(log)
     for gain in gains:
         off = abs(gain.gain - 1.0) > max(0.1, 4.0 * gain.sigma)
         first, others = gain.relation.measured, ", ".join(gain.relation.others)
-        text = f"{first} is {gain.gain:.4g} ± {2.0 * gain.sigma:.2g} times what {others} give, {gain.offset:+.3g} "
-        text += channel(first).unit
-        found.append(
-            Finding(log.name, "relation", str(gain.relation), "warning" if off else "info", gain.gain, "1", text)
-        )
+        text = statement(
+            "scale", channel=first, gain=gain.gain, width=2.0 * gain.sigma, others=others, offset=gain.offset,
+            unit=channel(first).unit,
+        )  # fmt: skip
+        severity: Severity = "warning" if off else "info"
+        found.append(Finding(log.name, "kinematics", str(gain.relation), severity, gain.gain, "1", text))
     mistakes, factor = explain_gains(gains, {name: channel(name).unit for name in log.channels})
     if factor is None and mistakes:
-        text = "would be explained by: " + " or by ".join(f"{what} of {name}" for name, what in mistakes)
+        words = " or by ".join(f"{what} of {name}" for name, what in mistakes)
+        text = statement("mistakes", mistakes=words, signs_only=all(what == "wrong sign" for _, what in mistakes))
         names = ", ".join(dict.fromkeys(name for name, _ in mistakes))
         found.append(Finding(log.name, "units", names, "fault", float(len(mistakes)), "mistakes", text))
     return found
 
 
 def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
-    """Sign, scale and bias of the steering against the yaw rate, where the car runs with little slip."""
+    """Check sign, scale and bias of the steering against the yaw rate, where the tyres slip little."""
     grid = make_grid(log)
     found: list[Finding] = []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels or "yaw_rate" not in grid.channels:
         return found
     speed, rate = smooth(grid, forward), smooth(grid, "yaw_rate")
-    most = float(np.percentile(np.abs(speed * rate), 99.0))
-    if most > IMPOSSIBLE:
-        text = f"speed times yaw rate reaches {most:.3g} m/s^2, which no tyre holds: deg as rad, km/h as m/s?"
-        found.append(Finding(log.name, "units", f"{forward}, yaw_rate", "fault", most, "m/s^2", text))
+    largest = float(np.percentile(np.abs(speed * rate), 99.0))
+    if largest > IMPOSSIBLE:
+        text = statement("impossible_turn", value=largest)
+        found.append(Finding(log.name, "units", f"{forward}, yaw_rate", "fault", largest, "m/s^2", text))
+    # Slow enough for its size: far below the limit of the tyres.
+    calm = (np.abs(speed) > min(1.0, 0.2 * float(np.max(np.abs(speed))))) & (np.abs(speed * rate) < 3.0)
+    # At higher speed the tyres slip by more than the steering turns, so the scale is uncertain without slow turns.
+    slow = calm & (speed**2 < 4.0 * GRAVITY * (wheelbase or 0.0))
+    is_slow = bool(slow.sum() > 0.2 * calm.sum() and slow.sum() >= 50)
+    rows = slow if is_slow else calm
     for name in STEERING:
-        if name not in grid.channels:
-            continue
-        angle = smooth(grid, name)
-        # Slow enough for its size: a tenth of the highest speed, and far below the limit of the tyres.
-        calm = (np.abs(speed) > min(1.0, 0.2 * float(np.max(np.abs(speed))))) & (np.abs(speed * rate) < 3.0)
-        # Fast, the tyres slip by more than the steering turns: without slow bends the scale is not told.
-        slow = calm & (speed**2 < 4.0 * GRAVITY * (wheelbase or 0.0))
-        is_slow = bool(slow.sum() > 0.2 * calm.sum() and slow.sum() >= 50)
-        calm = slow if is_slow else calm
-        if calm.sum() < 50 or np.std(angle[calm]) == 0.0 or np.std(rate[calm]) == 0.0:
-            continue
-        curvature = rate[calm] / speed[calm]
-        correlation = float(np.corrcoef(angle[calm], curvature)[0, 1])
-        if abs(correlation) < 0.5:
-            continue
-        base = np.column_stack((speed[calm] * angle[calm], speed[calm]))
-        solved = np.linalg.lstsq(base, rate[calm], rcond=None)[0]
-        gain = float(solved[0])
-        if correlation < 0.0:
-            text = f"{name} to the left turns the vehicle to the right (correlation {correlation:.2f}): wrong sign"
-            found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
-        unit = channel(name).unit
-        bias, spread = _steering_bias(speed[calm], _aligned(grid, name, angle)[calm], rate[calm])
-        if abs(bias) > max(0.01 * float(np.ptp(np.percentile(angle, (1, 99)))), 4.0 * spread, 1e-9):
-            shown = f"{bias:+.3g} ± {2.0 * spread:.2g}" + (f" {unit}" if unit != "1" else "")
-            text = f"{name} is {shown} where the vehicle runs straight: estimate an offset"
-            found.append(Finding(log.name, "bias", name, "warning", bias, unit, text))
-        if wheelbase is not None:
-            scale = gain * wheelbase
-            text = f"the yaw rate is {scale:.3g} times speed · {name} / wheelbase"
-            odd = name == "road_wheel_angle" and not (0.5 if is_slow else 0.1) < abs(scale) < 1.25
-            if name == "steering_wheel_angle":
-                text += f": a steering ratio of about {1.0 / scale:.3g}, with what the tyres slip"
-                odd = not 3.0 < abs(1.0 / scale) < 60.0
-                text += ": deg as rad, or the angle of the road wheels?" if odd else ""
-            elif odd:
-                text += ": deg as rad?" if abs(scale) < 0.05 else ": a scaled signal, or of the hand wheel?"
-        else:
-            scale, odd = 1.0 / gain, False
-            text = f"the yaw rate is speed · {name} / {scale:.3g} m: wheelbase times ratio, and what the tyres slip"
-        mistake = None if wheelbase is None else _steering_mistake(name, scale, is_slow)
-        if mistake is not None and abs(correlation) > 0.8:
-            explained = f"would be explained by: {mistake} of {name}"
-            found.append(Finding(log.name, "units", name, "fault", scale, "1", explained))
-        unit = "1" if wheelbase is not None else "m"
-        found.append(
-            Finding(log.name, "relation", f"yaw_rate, {name}", "warning" if odd else "info", scale, unit, text)
-        )
+        if name in grid.channels:
+            found += _check_steering_channel(log, grid, name, (speed[rows], rate[rows], rows), wheelbase, is_slow)
     return found
 
 
+def _check_steering_channel(
+    log: Log,
+    grid: Grid,
+    name: str,
+    calm: tuple[np.ndarray, np.ndarray, np.ndarray],
+    wheelbase: float | None,
+    is_slow: bool,
+) -> list[Finding]:
+    """Check one steering channel; `calm` are speed, yaw rate and the mask of the rows in which tyres slip little."""
+    found: list[Finding] = []
+    speed, rate, rows = calm
+    whole = smooth(grid, name)
+    angle = whole[rows]
+    if len(angle) < 50 or np.std(angle) == 0.0 or np.std(rate) == 0.0:
+        return found
+    correlation = float(np.corrcoef(angle, rate / speed)[0, 1])
+    if abs(correlation) < 0.5:
+        return found
+    if correlation < 0.0:
+        text = statement("steering_sign", channel=name, correlation=correlation)
+        found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
+    unit = channel(name).unit
+    bias, spread = _steering_bias(speed, _aligned(grid, name, whole)[rows], rate)
+    if abs(bias) > max(0.01 * float(np.ptp(np.percentile(whole, (1, 99)))), 4.0 * spread, 1e-9):
+        text = statement("steering_bias", channel=name, bias=bias, sigma=spread, unit=unit)
+        found.append(Finding(log.name, "bias", name, "warning", bias, unit, text))
+
+    # The scale over the wheelbase, or as a length without one.
+    base = np.column_stack((speed * angle, speed))
+    gain = float(np.linalg.lstsq(base, rate, rcond=None)[0][0])
+    scale = 1.0 / gain if wheelbase is None else gain * wheelbase
+    is_odd = wheelbase is not None and _is_odd(name, scale, is_slow)
+    mistake = None if wheelbase is None else _steering_mistake(name, scale, is_slow)
+    if mistake is not None and abs(correlation) > 0.8:
+        text = statement("mistakes", mistakes=f"{mistake} of {name}", signs_only=False)
+        found.append(Finding(log.name, "units", name, "fault", scale, "1", text))
+    text = statement("steering_scale", channel=name, scale=scale, length=wheelbase is None, odd=is_odd)
+    unit = "m" if wheelbase is None else "1"
+    severity: Severity = "warning" if is_odd else "info"
+    found.append(Finding(log.name, "kinematics", f"yaw_rate, {name}", severity, scale, unit, text))
+    return found
+
+
+def _is_odd(name: str, scale: float, is_slow: bool) -> bool:
+    """Whether the scale of a steering channel over the wheelbase is unusual."""
+    if name == "steering_wheel_angle":
+        return not 3.0 < abs(1.0 / scale) < 60.0
+    return name == "road_wheel_angle" and not (0.5 if is_slow else 0.1) < abs(scale) < 1.25
+
+
 def _steering_mistake(name: str, scale: float, is_slow: bool) -> str | None:
-    """The mistake that makes an angle what wheels can do, when it is not as it is given; None: there is no such one.
+    """Return the mistake that would make an implausible angle plausible; None if there is none.
 
     Args:
-        name: of the channel.
+        name: name of the channel.
         scale: yaw rate over speed · angle / wheelbase [1].
-        is_slow: whether the tyres slip little where this was seen.
+        is_slow: whether this was measured where the tyres slip little.
     """
     if name == "steering_command":
         return None
@@ -165,7 +174,7 @@ def _steering_mistake(name: str, scale: float, is_slow: bool) -> str | None:
 
 
 def _aligned(grid: Grid, name: str, angle: np.ndarray) -> np.ndarray:
-    """The steering as the yaw rate follows it: a delay looks like an offset when turns to one side are quicker."""
+    """Return the steering shifted to the yaw rate: a delay looks like an offset when turns to one side are faster."""
     delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
     if delay is None or abs(delay.correlation) < 0.7:
         return angle
@@ -174,7 +183,7 @@ def _aligned(grid: Grid, name: str, angle: np.ndarray) -> np.ndarray:
 
 
 def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tuple[float, float]:
-    """The angle at which a vehicle runs straight, and its standard deviation, from ``r = v (g δ / (1 + K v²) - b)``."""
+    """Return the angle of straight driving and its standard deviation, from ``r = v (g δ / (1 + K v²) - b)``."""
     base = np.column_stack((speed * angle, speed, speed**3 * angle))
     size = np.linalg.norm(base, axis=0)
     if np.any(size == 0.0) or np.linalg.cond(base / size) > 50.0:
@@ -186,7 +195,7 @@ def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tu
 
 
 def check_gyro_bias(log: Log) -> list[Finding]:
-    """Rates that are not zero while the vehicle stands: the bias of a gyro."""
+    """Find rates that are not zero at standstill: the bias of a gyro."""
     grid, found = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels:
@@ -197,13 +206,13 @@ def check_gyro_bias(log: Log) -> list[Finding]:
             if name in grid.channels:
                 value = float(np.median(grid.channels[name][rest]))
                 if abs(value) > 0.003:
-                    text = f"reads {value:+.3g} rad/s at standstill: the bias of a gyro, estimate an offset"
+                    text = statement("gyro_bias", value=value)
                     found.append(Finding(log.name, "bias", name, "warning", value, "rad/s", text))
     return found
 
 
 def check_velocity_position(log: Log) -> list[Finding]:
-    """How far ahead of the rear axle the place is whose lateral velocity is logged, from slow bends.
+    """Estimate the position ahead of the rear axle at which the lateral velocity is measured, from slow turns.
 
     There ``vy = r (d - c vx²)``, with the slip of the rear tyres in c.
     """
@@ -226,18 +235,16 @@ def check_velocity_position(log: Log) -> list[Finding]:
     sigma = float(np.sqrt(variance * np.linalg.inv(base.T @ base)[0, 0]))
     if sigma > 0.3 or solved[1] < 0.0:
         return []
-    where = "ahead of" if solved[0] > 0.0 else "behind"
-    text = (
-        f"vy is that of a place {abs(solved[0]):.3g} ± {2 * sigma:.2g} m {where} the rear axle, if tyres slip linearly"
-    )
-    return [Finding(log.name, "place", "vy", "info", float(solved[0]), "m", text)]
+    text = statement("velocity_position", distance=float(solved[0]), sigma=sigma)
+    return [Finding(log.name, "sensor_position", "vy", "info", float(solved[0]), "m", text)]
 
 
 def check_lateral_velocity(log: Log) -> list[Finding]:
-    """Whether vy changes as fast as lateral acceleration and yaw rate say.
+    """Compare the change of vy with lateral acceleration and yaw rate.
 
-    ``ay - vx r = g (dvy/dt + d dr/dt) + s vx r`` with an accelerometer d ahead that leans by s has g = 1 + s. A wrong
-    step and a wrong scale of vy look alike here, so neither is taken for it.
+    ``ay - vx r = g (dvy/dt + d dr/dt) + s vx r`` holds with g = 1 + s for an accelerometer d ahead on a body that rolls
+    such that it measures s of the acceleration more. A wrong step and a wrong scale of vy look alike here, so neither
+    is assumed.
     """
     grid = make_grid(log)
     forward = "vx" if "vx" in grid.channels else "speed"
@@ -260,21 +267,18 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     if np.any(np.std(rest, axis=0) == 0.0):
         return []
     correlation = float(np.corrcoef(rest.T)[0, 1])
-    if correlation < SWAYS:
+    if correlation < MIN_CORRELATION:
         return []
     gain = float(rest[:, 0].var() / (rest[:, 0] @ rest[:, 1] / count))  # the noise is in the derivative
     gain /= 1.0 + float(known[1, 0] - gain * known[1, 1])
-    if SWAY[0] < gain < SWAY[1]:
+    if SCALE_RANGE[0] < gain < SCALE_RANGE[1]:
         return []
-    text = (
-        f"lateral_acceleration and yaw_rate leave {gain:.2g} times the change of vy: vy is too small by that, or "
-        f"the true step is {grid.step / gain:.3g} s instead of {grid.step:.3g} s; write 'time: {{step: …}}', or a scale"
-    )
-    return [Finding(log.name, "relation", "vy, lateral_acceleration", "warning", gain, "1", text)]
+    text = statement("lateral_velocity", gain=gain, true_step=grid.step / gain, step=grid.step)
+    return [Finding(log.name, "kinematics", "vy, lateral_acceleration", "warning", gain, "1", text)]
 
 
 def check_path_direction(log: Log) -> list[Finding]:
-    """Whether the path turns to the side that the yaw rate says; a path has no other sign."""
+    """Check whether the path turns to the same side as the yaw rate, which determines the signs of x and y."""
     grid = make_grid(log)
     forward = "vx" if "vx" in grid.channels else "speed"
     if not {"x", "y", "yaw_rate", forward} <= set(grid.channels):
@@ -290,12 +294,12 @@ def check_path_direction(log: Log) -> list[Finding]:
     correlation = float(np.corrcoef(path, own)[0, 1])
     if correlation > -0.5:
         return []
-    text = f"the path turns right where the yaw rate says left (correlation {correlation:.2f}): wrong sign of x or of y"
+    text = statement("path_direction", correlation=correlation)
     return [Finding(log.name, "units", "x, y", "fault", correlation, "1", text)]
 
 
 def check_gravity(log: Log) -> list[Finding]:
-    """Accelerometers that feel gravity: an offset at standstill, or one that goes with roll and pitch."""
+    """Find gravity in accelerometers: an offset at standstill, or a part that follows roll and pitch."""
     grid, found = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward in grid.channels:
@@ -304,8 +308,8 @@ def check_gravity(log: Log) -> list[Finding]:
             if name in grid.channels and rest.sum() > max(10, 0.5 / grid.step):
                 value = float(np.median(grid.channels[name][rest]))
                 if abs(value) > 0.15:
-                    tilt = np.degrees(np.arcsin(np.clip(value / GRAVITY, -1.0, 1.0)))
-                    text = f"reads {value:.3g} m/s^2 at standstill, as gravity does at a tilt of {abs(tilt):.2g} deg"
+                    tilt = float(np.degrees(np.arcsin(np.clip(value / GRAVITY, -1.0, 1.0))))
+                    text = statement("gravity_at_rest", value=value, tilt=abs(tilt))
                     found.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
     for relation in kinematic_relations(grid.channels):
         lean = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
@@ -314,9 +318,9 @@ def check_gravity(log: Log) -> list[Finding]:
             continue
         part = _tilt_part(grid, relation.left(grid), relation.right(grid), np.sin(grid.channels[name]))
         if part is not None and abs(part[0]) > 5.0 * part[1] and 0.7 * GRAVITY < abs(part[0]) < 1.3 * GRAVITY:
-            text = f"has {part[0]:.3g} ± {2 * part[1]:.2g} m/s^2 times the sine of {name} in it: gravity"
-            if part[0] * sign < 0.0:
-                text += f", and {name} has the opposite sign of ISO 8855"
+            text = statement(
+                "gravity_with_tilt", part=part[0], sigma=part[1], angle=name, opposite=part[0] * sign < 0.0
+            )
             found.append(
                 Finding(log.name, "gravity", f"{relation.measured}, {name}", "warning", part[0], "m/s^2", text)
             )
@@ -324,7 +328,7 @@ def check_gravity(log: Log) -> list[Finding]:
 
 
 def _tilt_part(grid: Grid, left: np.ndarray, right: np.ndarray, sine: np.ndarray) -> tuple[float, float] | None:
-    """How much of sin(tilt) is in a relation, and its standard deviation, from means over half a second."""
+    """Return the part of sin(tilt) in a relation and its standard deviation, from means over half a second."""
     width = max(4, round(0.5 / grid.step))
     count = len(right) // width
     if count < 12:
@@ -335,7 +339,7 @@ def _tilt_part(grid: Grid, left: np.ndarray, right: np.ndarray, sine: np.ndarray
 
     base = np.column_stack((means(sine), means(right), np.ones(count)))
     if np.linalg.cond(base / np.maximum(np.linalg.norm(base, axis=0), 1e-12)) > 50.0:
-        return None  # the tilt goes with the acceleration itself: roll in a bend cannot be told from a scale
+        return None  # tilt proportional to the acceleration itself, as roll in a turn, is not separable from a scale
     target = means(left)
     solved = np.linalg.lstsq(base, target, rcond=None)[0]
     variance = float(np.sum((target - base @ solved) ** 2)) / (count - 3)

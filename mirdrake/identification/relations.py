@@ -1,12 +1,12 @@
-"""What kinematics asks of the channels of one log: scales, signs, the step, gravity.
+"""Kinematic relations between the channels of one log: scales, signs, sample time, gravity.
 
-For the velocities and accelerations of one place of a rigid body on a flat road (ISO 8855)::
+For velocities and accelerations of one point of a rigid body on a flat road (ISO 8855)::
 
     ax = dvx/dt - r vy        r = dψ/dt
     ay = dvy/dt + r vx        |v| = ds/dt,  wheels ≈ vx
 
-Each is a relation ``left = gain · right + offset``. The gain is 1 when units, signs and the step are right. A wrong
-step shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
+Each is a relation ``left = gain · right + offset``. The gain is 1 if units, signs and sample time are right. A wrong
+sample time shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,16 +23,16 @@ from mirdrake.identification.timing import median_step, resolution
 
 Channels = Mapping[str, Array]
 
-LONGEST_BRIDGE = 50.0
-"""Usual steps that a gap is long at most on a grid."""
+MAX_BRIDGE = 50.0
+"""Longest gap on a grid, in median steps."""
 
-SINGLE = 0.25
-"""So far from 1 a step must be when only one relation says so: gravity in a pitching car makes 10 % of acceleration."""
+MIN_SINGLE_DEVIATION = 0.25
+"""Least deviation of the sample time from 1 if only one relation shows it: gravity in a pitching car causes 10 %."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A log on even steps, gaps and missing values bridged by straight lines.
+    """A log at a constant step, gaps and missing values bridged linearly.
 
     Attributes:
         step: [s].
@@ -43,20 +43,20 @@ class Grid:
     channels: Channels
 
     def rate(self, values: Array) -> Array:
-        """Derivative by central differences (n)."""
+        """Return the derivative by central differences (n)."""
         return np.gradient(values, self.step)
 
 
 def make_grid(log: Log) -> Grid:
-    """A log on even steps of its usual length."""
+    """Resample a log to its median step."""
     step = median_step(log.time)
     steady = np.diff(log.time)
     clock = log.time
     if np.all(np.abs(steady - step) < 1e-3 * step):
         time = clock
     else:
-        # A long gap is no drive: little of it is bridged.
-        clock = np.append(0.0, np.cumsum(np.clip(steady, 0.0, LONGEST_BRIDGE * step)))
+        # A long gap contains no data: only a short piece of it is bridged.
+        clock = np.append(0.0, np.cumsum(np.clip(steady, 0.0, MAX_BRIDGE * step)))
         time = np.arange(0.0, clock[-1] + 0.5 * step, step)
     channels = {}
     for name, values in log.channels.items():
@@ -67,16 +67,16 @@ def make_grid(log: Log) -> Grid:
 
 
 class Relation(NamedTuple):
-    """``left = right`` in SI units.
+    """Kinematic relation ``left = right`` in SI units.
 
     Attributes:
-        measured: the channel of the left side.
-        others: the channels of the right side.
-        orders: exponents with which the factors of those channels enter the right side; one each.
-        derivative: whether the right side has one derivative of time, so that it grows as the step is too short.
+        measured: channel of the left side.
+        others: channels of the right side.
+        orders: exponents of the scales of those channels in the right side.
+        derivative: whether the right side is a time derivative, so that it grows if the step is too short.
         right: the right side (n).
         timed: whether both sides have the same timing; without vy, ay leads vx r by the change of vy.
-        known: a part of the right side that has no derivative and stands on the left for the gain: ax + r vy = dvx/dt.
+        known: part of the right side without a derivative, which is moved to the left for the gain: ax + r vy = dvx/dt.
     """
 
     measured: str
@@ -88,7 +88,7 @@ class Relation(NamedTuple):
     known: Callable[[Grid], Array] | None = None
 
     def left(self, grid: Grid) -> Array:
-        """What is measured, without the part that is known (n)."""
+        """Return the measured channel without the known part (n)."""
         values = grid.channels[self.measured]
         return values if self.known is None else values - self.known(grid)
 
@@ -96,12 +96,12 @@ class Relation(NamedTuple):
         return f"{self.measured}, {', '.join(self.others)}"
 
 
-def kinematic_relations(channels: Channels, *, sideways: bool = True) -> list[Relation]:
-    """The relations that the channels of a log allow.
+def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Relation]:
+    """Return the relations that the channels of a log allow.
 
     Args:
-        channels: of a log.
-        sideways: whether dvy/dt counts in the lateral acceleration; with a step that may be wrong it should not.
+        channels: channels of a log.
+        use_vy: whether dvy/dt counts in the lateral acceleration; it should not if the step may be wrong.
     """
     found: list[Relation] = []
     forward = "vx" if "vx" in channels else "speed" if "speed" in channels else None
@@ -110,13 +110,13 @@ def kinematic_relations(channels: Channels, *, sideways: bool = True) -> list[Re
         return grid.channels[name]
 
     def turn(grid: Grid) -> Array:
-        """-r vy, as far as it is known."""
+        """Return -r vy, as far as it is known."""
         if "vy" in grid.channels and "yaw_rate" in grid.channels:
             return -get(grid, "yaw_rate") * get(grid, "vy")
         return np.zeros(len(next(iter(grid.channels.values()))))
 
     def side(grid: Grid) -> Array:
-        known = sideways and "vy" in grid.channels
+        known = use_vy and "vy" in grid.channels
         return grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
 
     if forward and "longitudinal_acceleration" in channels:
@@ -151,13 +151,12 @@ def kinematic_relations(channels: Channels, *, sideways: bool = True) -> list[Re
 
 
 def _travel(grid: Grid, forward: str) -> Array:
-    """Speed along the positions, with the sign of the speed.
+    """Return the speed along the positions, with the sign of the speed.
 
-    They are smoothed over so many rows that noise and resolution make little of the way that is gone meanwhile; over
-    more rows bends would be cut.
+    The positions are smoothed over enough rows to suppress noise and resolution; longer smoothing would cut turns.
     """
     places = [grid.channels[a] for a in ("x", "y")]
-    noise = max(float(np.median(np.abs(np.diff(place, 3)))) / 3.0 for place in places)  # a ramp and a bend have none
+    noise = max(float(np.median(np.abs(np.diff(place, 3)))) / 3.0 for place in places)  # smooth motion has little
     quantum = max((resolution(place) or 0.0) for place in places)
     way = np.hypot(*(np.diff(place[::5]) for place in places)) / 5.0
     width = max(3, int(min(max(20.0 * noise, 10.0 * quantum) / max(float(np.percentile(way, 75.0)), 1e-9), 401)) | 1)
@@ -167,14 +166,14 @@ def _travel(grid: Grid, forward: str) -> Array:
 
 
 class Gain(NamedTuple):
-    """How a relation holds in a log.
+    """Scale of a relation in a log.
 
     Attributes:
-        relation: which one.
-        gain: slope of the left over the right side, 1 when all is right.
+        relation: the relation.
+        gain: slope of the left over the right side, 1 if everything is right.
         sigma: its standard deviation.
-        offset: of the left side [its unit].
-        correlation: of both sides.
+        offset: offset of the left side [its unit].
+        correlation: correlation of both sides.
     """
 
     relation: Relation
@@ -185,7 +184,7 @@ class Gain(NamedTuple):
 
 
 def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
-    """How a relation holds, from means over windows, in which delays and noise count little; None: too little moves."""
+    """Return the scale of a relation from means over windows, which delays hardly affect; None if too little moves."""
     left, right = relation.left(grid), relation.right(grid)
     width = max(4, round(0.4 / grid.step))
     if len(left) < 20 * width:
@@ -201,9 +200,9 @@ def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
         if use.sum() < 6 or np.ptp(b[use]) == 0.0 or np.ptp(a[use]) == 0.0:
             return None
         correlation = float(np.corrcoef(a[use], b[use])[0, 1])
-        if relation.derivative:  # the noise is in the derivative: it is the one that is regressed
+        if relation.derivative:  # the noise is in the derivative, so it is the dependent variable
             slope = float(a[use].var() / np.cov(a[use], b[use], bias=True)[0, 1])
-        else:  # both sides have noise: the line of the reduced major axis, which attenuates neither
+        else:  # both sides have noise: reduced major axis
             slope = float(np.sign(correlation) * a[use].std() / b[use].std())
         offset = float(np.mean(a[use]) - slope * np.mean(b[use]))
         away = np.abs(a - slope * b - offset)
@@ -222,44 +221,43 @@ FACTORS = {
     "m/s^2 as g": (("m/s^2",), GRAVITY),
     "wrong sign": ((), -1.0),
 }
-"""Mistakes: the units they can happen to, and by how much the values come out too large."""
+"""Mistakes: the units that they apply to, and the factor by which the values are too large."""
 
 
 class Mistake(NamedTuple):
-    """A channel and what would explain the gains."""
+    """Channel and mistake that would explain_gains the gains."""
 
     channel: str
     what: str
 
 
 def explain_gains(gains: list[Gain], units: Mapping[str, str]) -> tuple[list[Mistake], float | None]:
-    """The smallest set of mistakes that explains gains which are not 1.
+    """Return the smallest set of mistakes that explains gains other than 1.
 
     Args:
-        gains: of the relations of a log.
+        gains: gains of the relations of a log.
         units: SI units by channel.
 
     Returns:
-        the mistakes, of which any one explains all if there are several; and the factor by which the step is too short,
-        or None when it is not the step.
+        The mistakes, each of which alone explains everything; and the factor by which the step is too short, or None.
     """
     factor = step_factor(gains)
     if factor is not None:
         return [], factor
-    if all(_right(gain.gain) for gain in gains):
+    if all(_is_near_one(gain.gain) for gain in gains):
         return [], None
     candidates = []
     names = sorted({name for gain in gains for name in (gain.relation.measured, *gain.relation.others)})
     for name, (what, (of, size)) in product(names, FACTORS.items()):
         if of and units[name] not in of:
             continue
-        if all(_right(gain.gain / _effect(gain.relation, name, size)) for gain in gains):
+        if all(_is_near_one(gain.gain / _effect(gain.relation, name, size)) for gain in gains):
             candidates.append(Mistake(name, what))
     return candidates, None
 
 
 def _effect(relation: Relation, name: str, factor: float) -> float:
-    """By how much a gain grows when a channel is too large by a factor."""
+    """Return the factor on a gain if a channel is too large by a factor."""
     if name == relation.measured:
         return factor if relation.measured not in relation.others else 1.0
     if name in relation.others:
@@ -268,20 +266,20 @@ def _effect(relation: Relation, name: str, factor: float) -> float:
     return 1.0
 
 
-def _right(gain: float) -> bool:
+def _is_near_one(gain: float) -> bool:
     return 0.8 < gain < 1.25
 
 
 def step_factor(gains: list[Gain]) -> float | None:
-    """True step over stated step, when relations with a derivative agree on it and the others hold; else None.
+    """Return the true over the stated step, if relations with a derivative agree on it and the others hold; else None.
 
-    One relation with a derivative is enough when one without it says that the units are right.
+    One relation with a derivative suffices if one without shows that the units are right.
     """
     timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
     others = [gain for gain in gains if not gain.relation.derivative and abs(gain.correlation) > 0.8]
-    if not timed or len(timed) + len(others) < 2 or not all(_right(gain.gain) for gain in others):
+    if not timed or len(timed) + len(others) < 2 or not all(_is_near_one(gain.gain) for gain in others):
         return None
-    # left = gain · right, and the right side is too large by true over stated step.
+    # left = gain · right, and the right side is too large by the ratio of true to stated step.
     weights = np.array([1.0 / max(gain.sigma / abs(gain.gain), 1e-3) ** 2 for gain in timed])
     factors = np.array([1.0 / gain.gain for gain in timed])
     if np.any(factors <= 0.0):
@@ -289,5 +287,5 @@ def step_factor(gains: list[Gain]) -> float | None:
     mean = float(np.exp(np.average(np.log(factors), weights=weights)))
     agree = np.all(np.abs(factors / mean - 1.0) < 0.06)
     sigma = mean / float(np.sqrt(weights.sum()))
-    least = 0.05 if len(timed) > 1 else SINGLE * max(mean, 1.0) / (1.0 + SINGLE)
+    least = 0.05 if len(timed) > 1 else MIN_SINGLE_DEVIATION * max(mean, 1.0) / (1.0 + MIN_SINGLE_DEVIATION)
     return mean if agree and abs(mean - 1.0) > max(least, 4.0 * sigma) else None

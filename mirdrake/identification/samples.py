@@ -1,4 +1,4 @@
-"""The values of one channel by themselves: glitches, quantisation, saturation, range."""
+"""Values of single channels: glitches, quantisation, saturation, range."""
 
 from dataclasses import replace
 
@@ -8,19 +8,19 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from mirdrake.identification.channels import channel, quantity
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Finding, Severity
+from mirdrake.identification.findings import Finding, Severity, statement
 from mirdrake.identification.timing import changed_rows, resolution
 
 WINDOW = 9
-"""Samples of the median that a glitch stands out of: up to four in a row are found."""
+"""Samples of the median filter that glitches are compared with: up to four in a row are found."""
 
-MOST_HELD = 2 * WINDOW
-"""Samples that a channel at rest is taken for at most."""
+MAX_HELD = 2 * WINDOW
+"""Largest number of rows that count as samples of a channel at rest."""
 
 
 def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
-    """Headings that jump by a whole turn, as from 180 to -180 degrees, are counted on: the same angles."""
-    found, mended = [], {}
+    """Unwrap headings that jump by a whole turn, as from 180 to -180 degrees."""
+    found, repaired = [], {}
     for name, values in log.channels.items():
         if quantity(name) != "yaw":
             continue
@@ -28,17 +28,17 @@ def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
         steps = np.diff(values[good])
         turns = np.where(np.abs(steps) < 3.0 * np.pi, -np.round(steps / (2.0 * np.pi)), 0.0)  # more is a glitch
         if turns.any():
-            mended[name] = values.copy()
-            mended[name][good] += 2.0 * np.pi * np.append(0.0, np.cumsum(turns))
+            repaired[name] = values.copy()
+            repaired[name][good] += 2.0 * np.pi * np.append(0.0, np.cumsum(turns))
             count = int(np.count_nonzero(turns))
-            text = f"jumps by a whole turn {count} times, as headings do: it is counted on there"
+            text = statement("wrapped", count=count)
             found.append(Finding(log.name, "range", name, "info", float(count), "jumps", text))
-    return (replace(log, channels={**log.channels, **mended}) if mended else log), found
+    return (replace(log, channels={**log.channels, **repaired}) if repaired else log), found
 
 
 def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
-    """Single samples, or up to four in a row, that stand far out of their neighbours."""
-    found, mended = [], {}
+    """Find single samples, or up to four in a row, that differ strongly from their neighbours."""
+    found, repaired = [], {}
     for name, values in log.channels.items():
         if not channel(name).moves:
             continue
@@ -49,24 +49,25 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         times = ", ".join(f"{at:.6g}" for at in log.time[bad][:5]) + (", …" if count > 5 else "")
         worst = values[bad][np.argmax(np.abs(values[bad]))]
         unit = channel(name).unit
-        text = f"{count} samples stand out of their neighbours, at {times} s; the largest is {worst:.4g} {unit}"
-        done = "replaced by straight lines" if repair else ""
+        text = statement("glitches", count=count, times=times, worst=float(worst), unit=unit)
+        done = statement("interpolated") if repair else None
         found.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
         if repair:
             good = ~bad & np.isfinite(values)
-            mended[name] = np.where(bad, np.interp(log.time, log.time[good], values[good]), values)
-    return replace(log, channels={**log.channels, **mended}), found
+            repaired[name] = np.where(bad, np.interp(log.time, log.time[good], values[good]), values)
+    return replace(log, channels={**log.channels, **repaired}), found
 
 
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
-    """Which samples are glitches (n).
+    """Return which samples are glitches (n).
 
-    A glitch is far from the median of its neighbourhood, measured by what is usual in the channel (noise), by the steps
-    of the neighbourhood (motion) and by the resolution. A step, a ramp and a peak of a smooth motion are none.
+    A glitch is far from the median of its neighbourhood, relative to the usual distance in the channel (noise), the
+    steps of the neighbourhood (motion) and the resolution. A step, a ramp and a peak of a smooth motion are not
+    glitches.
 
     Args:
-        values: samples (n), NaN where there is none.
-        limit: no value may be beyond.
+        values: samples (n), NaN for missing ones.
+        limit: largest possible magnitude.
     """
     bad = np.zeros(len(values), dtype=bool)
     rows, fresh = _samples(values)
@@ -78,41 +79,41 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     noise = 1.4826 * float(np.median(away[fresh]))
     usual = float(np.median(steps[fresh]))
     quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
-    # What the neighbourhood does on either side, without the samples next to the one in question.
+    # Motion of the neighbourhood, without the samples next to the one in question.
     level = median_filter(steps, 15, mode="mirror")
     motion = maximum_filter1d(level, 2 * WINDOW + 1, mode="nearest")
     floor = np.maximum(8.0 * motion, max(10.0 * noise, 4.0 * usual, 5.0 * quantum))
-    # Rough stretches, as a shock, have many large distances: there only what is far beyond them counts.
+    # Rough stretches, such as a shock, have many large distances, which a glitch must exceed.
     rough = maximum_filter1d(median_filter(away, 25, mode="mirror"), 25, mode="nearest")
     floor = np.maximum(floor, 12.0 * rough)
     ends = np.append(rows[1:], len(values))
     odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
-    if odd.mean() > 0.05:  # not single samples: another unit, another kind of signal
+    if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad
-    # Held rows carry the glitch on.
+    # Rows that hold the value of a glitch belong to it.
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)
 
 
 def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Rows of fresh values (n), and of some more while a channel rests; and which of them are the former (n).
+    """Return rows of new values (n), and some more where a channel rests; and which of them are new values (n).
 
-    A channel that is held over every other row has one sample in two rows, one at rest does not change for long.
+    A channel that is held over every other row has one sample in two rows; one at rest does not change for long.
     """
     first = np.flatnonzero(changed_rows(values) & np.isfinite(values))
     if not len(first):
         return first, np.ones(0, dtype=bool)
     held = np.diff(first, append=len(values))
     usual = max(int(np.median(held)), 1)
-    more = first[:, None] + usual * np.arange(1, MOST_HELD)
+    more = first[:, None] + usual * np.arange(1, MAX_HELD)
     more = more[more < (first + held)[:, None]]
     rows = np.union1d(first, more[np.isfinite(values[more])])
     return rows, np.isin(rows, first)
 
 
 def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
-    """Stretches of any length that lie many ranges of the rest away, entered and left by a jump."""
+    """Return stretches of any length that are many ranges of the rest away, entered and left by a jump."""
     low, high = np.percentile(series, (2.0, 98.0))
     reach = 20.0 * (high - low)
     out = (series < low - reach) | (series > high + reach)
@@ -128,26 +129,24 @@ def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
 
 
 def check_values(log: Log) -> list[Finding]:
-    """Resolution, saturation, range, and channels that never change."""
+    """Check resolution, saturation, range, and channels that never change."""
     found: list[Finding] = []
     if all(np.nanmax(values) == np.nanmin(values) for values in log.channels.values()):
-        text = "every channel is constant: there is nothing to identify"
+        text = statement("all_constant")
         return [Finding(log.name, "range", "", "fault", float(len(log.channels)), "channels", text)]
     for name, values in log.channels.items():
         known, good = channel(name), values[np.isfinite(values)]
         low, high = float(good.min()), float(good.max())
         if low == high:
-            stands = quantity(name) in {"vx", "speed"} and low == 0.0
-            text = f"is {low:.4g} {known.unit} all the time" + (": the vehicle stands" if stands else "")
-            found.append(Finding(log.name, "range", name, "fault" if stands else "warning", low, known.unit, text))
+            at_rest = quantity(name) in {"vx", "speed"} and low == 0.0
+            text = statement("constant", value=low, unit=known.unit, at_rest=at_rest)
+            found.append(Finding(log.name, "range", name, "fault" if at_rest else "warning", low, known.unit, text))
             continue
         if max(-low, high) > known.limit:
-            text = f"reaches {max(-low, high):.4g} {known.unit}; no vehicle goes beyond {known.limit:g}: another unit?"
+            text = statement("out_of_range", value=max(-low, high), unit=known.unit, limit=known.limit)
             found.append(Finding(log.name, "range", name, "fault", max(-low, high), known.unit, text))
         if name == "gear" and (codes := np.unique(good)).size < 40 and (codes.min() < 0 or codes.max() > 10):
-            text = (
-                "has the codes " + ", ".join(f"{code:g}" for code in codes) + ": those outside of 0 to 10 are not known"
-            )
+            text = statement("gear_codes", codes=", ".join(f"{code:g}" for code in codes))
             found.append(Finding(log.name, "codes", name, "info", float(codes.size), "codes", text))
         if not known.moves:
             continue
@@ -155,21 +154,28 @@ def check_values(log: Log) -> list[Finding]:
         moved = float(np.median(np.abs(np.diff(good)))) if quantum is not None else 0.0
         coarse = quantum is not None and name.partition("@")[0] in {"x", "y"} and quantum > 0.05 and quantum > moved
         if quantum is not None and (levels < 200 or coarse):
-            text = f"has steps of {quantum:.3g} {known.unit}: {levels} different values from {low:.4g} to {high:.4g}"
-            if coarse and np.log2(quantum) == np.round(np.log2(quantum)):
-                text += ", as single precision has for numbers of this size"
+            single = bool(coarse and np.log2(quantum) == np.round(np.log2(quantum)))
+            text = statement(
+                "quantised",
+                quantum=quantum,
+                unit=known.unit,
+                levels=levels,
+                low=low,
+                high=high,
+                single_precision=single,
+            )
             severity: Severity = "warning" if levels < 30 or coarse else "info"
             found.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
         for extreme in (low, high):
             count = clipped(good, extreme)
             if count:
-                text = f"looks clipped at {extreme:.4g} {known.unit}: {count} samples stand there, in several visits"
+                text = statement("clipped", value=extreme, unit=known.unit, count=count)
                 found.append(Finding(log.name, "saturation", name, "warning", extreme, known.unit, text))
     return found
 
 
 def clipped(values: Array, extreme: float) -> int:
-    """Samples at an extreme that is reached at speed, several times, and kept; 0 if it is not."""
+    """Return the number of samples at an extreme that is reached at speed several times; 0 if not clipped."""
     if extreme == 0.0:
         return 0
     there = values == extreme

@@ -1,10 +1,10 @@
-"""Format ``mirdrake: data/1``: which recorded drives are one data set, and what their columns mean.
+"""Format ``mirdrake: data/1``: which logs form a data set, and the meaning of their columns.
 
 ::
 
     mirdrake: data/1
     wheelbase: 2.827 m                                 # optional; with it the steering is checked too
-    time: {column: t_s, unit: s}                       # or {step: 10 ms} when there is no such column
+    time: {column: t_s, unit: s}                       # or {step: 10 ms} without such a column
     channels:
       vx: {column: v_kmh, unit: km/h}
       yaw_rate: {column: "gyro z", unit: deg/s, sign: -1}
@@ -22,26 +22,26 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from mirdrake.core.yaml_io import Duration, Length, Schema
 from mirdrake.identification.channels import channel, plain_unit, unit_factor
 
-Repair = Literal["stamps", "gaps", "held", "glitches", "step", "delays"]
-REPAIRS: tuple[Repair, ...] = ("stamps", "gaps", "held", "glitches", "step", "delays")
+Repair = Literal["timestamps", "gaps", "held_values", "glitches", "sample_time", "delays"]
+REPAIRS: tuple[Repair, ...] = ("timestamps", "gaps", "held_values", "glitches", "sample_time", "delays")
 
 
 class Column(Schema):
-    """Where a channel is found: value = sign · scale · column in its unit + offset."""
+    """Column of a channel: value = sign · scale · column in its unit + offset."""
 
     column: str = Field(description="name of the column or variable; in a MAT file struct.field [-]")
-    unit: str | None = Field(default=None, description="of the column, when the file does not say it [-]")
-    sign: Literal[1, -1] = Field(default=1, description="-1 turns a channel to the axes of ISO 8855 [-]")
+    unit: str | None = Field(default=None, description="unit of the column, if the file does not state it [-]")
+    sign: Literal[1, -1] = Field(default=1, description="-1 for a channel against the axes of ISO 8855 [-]")
     scale: float = Field(default=1.0, description="factor of a scaled signal [-]")
-    offset: float = Field(default=0.0, description="added at the end [SI unit of the channel]")
+    offset: float = Field(default=0.0, description="offset, added last [SI unit of the channel]")
 
 
 class TimeColumn(Schema):
-    """The clock of a log: a column, or a fixed step."""
+    """Clock of a log: a column, or a fixed step."""
 
     column: str | None = Field(default=None, description="name of the column [-]")
-    unit: str | None = Field(default=None, description="of the column; s if nothing else is said [-]")
-    step: Duration | None = Field(default=None, gt=0.0, description="from row to row, when no column has the time [s]")
+    unit: str | None = Field(default=None, description="unit of the column; that of the file, or s, if left out [-]")
+    step: Duration | None = Field(default=None, gt=0.0, description="sample time, if no column has the time [s]")
 
     @field_validator("unit")
     @classmethod
@@ -58,11 +58,11 @@ class TimeColumn(Schema):
 
 
 class CsvLayout(Schema):
-    """What cannot be seen in a CSV file by itself; everything is found when left out."""
+    """Layout of a CSV file; it is detected where it is left out."""
 
-    delimiter: str | None = Field(default=None, min_length=1, description="between cells, 'space' for blanks [-]")
+    delimiter: str | None = Field(default=None, min_length=1, description="delimiter of cells, 'space' for blanks [-]")
     decimal: Literal[".", ","] | None = Field(default=None, description="decimal mark [-]")
-    comment: list[str] = Field(default=["#", "%", "//"], description="what comment lines begin with [-]")
+    comment: list[str] = Field(default=["#", "%", "//"], description="beginnings of comment lines [-]")
     columns: list[str] | None = Field(default=None, description="names of the columns of a file without header [-]")
 
 
@@ -89,16 +89,16 @@ def _checked(channels: dict[str, Column]) -> dict[str, Column]:
 
 
 class LogSpec(Schema):
-    """One recorded drive."""
+    """One recorded log."""
 
     file: str = Field(description="CSV, MAT or Parquet file or a run folder, relative to the data file [-]")
-    use: Literal["train", "validation"] = Field(default="train", description="what it is for [-]")
-    name: str | None = Field(default=None, description="in reports; the file's name when left out [-]")
-    start: Duration | None = Field(default=None, description="what is before is left out [s]")
-    end: Duration | None = Field(default=None, description="what is behind is left out [s]")
-    time: TimeColumn | None = Field(default=None, description="instead of that of all logs [-]")
-    channels: dict[str, Mapped] = Field(default={}, description="over those of all logs [-]")
-    csv: CsvLayout | None = Field(default=None, description="instead of that of all logs [-]")
+    use: Literal["train", "validation"] = Field(default="train", description="training or validation [-]")
+    name: str | None = Field(default=None, description="name in reports; that of the file if left out [-]")
+    start: Duration | None = Field(default=None, description="time of the first row to use [s]")
+    end: Duration | None = Field(default=None, description="time of the last row to use [s]")
+    time: TimeColumn | None = Field(default=None, description="instead of the setting for all logs [-]")
+    channels: dict[str, Mapped] = Field(default={}, description="columns that replace those of all logs [-]")
+    csv: CsvLayout | None = Field(default=None, description="instead of the setting for all logs [-]")
 
     _channels = field_validator("channels")(_checked)
 
@@ -110,15 +110,15 @@ class LogSpec(Schema):
 
 
 class DataSpec(Schema):
-    """A data set: several drives of one vehicle."""
+    """Data set: several logs of one vehicle."""
 
     mirdrake: Literal["data/1"] = Field(description="format and version [-]")
-    about: str = Field(default="", description="what this is, for people [-]")
+    about: str = Field(default="", description="description for people [-]")
     wheelbase: Length | None = Field(default=None, gt=0.0, description="front to rear axle [m]")
     time: TimeColumn = Field(default=TimeColumn(column="time"), description="clock of all logs [-]")
-    channels: dict[str, Mapped] = Field(default={}, description="of all logs, by canonical name [-]")
+    channels: dict[str, Mapped] = Field(default={}, description="columns of all logs, by name of the channel [-]")
     csv: CsvLayout = Field(default=CsvLayout(), description="layout of CSV files [-]")
-    repairs: list[Repair] = Field(default=list(REPAIRS), description="that the data check may make [-]")
-    logs: list[LogSpec] = Field(min_length=1, description="the drives [-]")
+    repairs: list[Repair] = Field(default=list(REPAIRS), description="repairs that the data check may make [-]")
+    logs: list[LogSpec] = Field(min_length=1, description="the recorded logs [-]")
 
     _channels = field_validator("channels")(_checked)

@@ -1,4 +1,4 @@
-"""A cubic spline through samples, at the rows of a slice moved by any part of a row: quick on long logs."""
+"""Cubic splines through samples, evaluated at the rows of a slice shifted by any fraction of a row."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -6,14 +6,14 @@ from scipy.interpolate import CubicSpline
 from mirdrake.identification.data import Array
 
 
-class Curve:
-    """Samples (n) as a smooth curve; beyond its ends it goes on as its last piece does."""
+class Spline:
+    """Samples (n) as a cubic spline, extrapolated by its end pieces."""
 
     def __init__(self, values: Array) -> None:
         self._pieces: Array = CubicSpline(np.arange(float(len(values))), values).c
 
     def at(self, rows: slice, moved: float, derivative: int = 0) -> Array:
-        """Values, or derivatives by rows, at the rows of a slice plus `moved` (m)."""
+        """Return values, or derivatives by rows, at the rows of a slice plus `moved` (m)."""
         whole = int(np.floor(moved))
         first, last = rows.start + whole, rows.stop + whole
         count = self._pieces.shape[1]

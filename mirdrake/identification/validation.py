@@ -1,4 +1,4 @@
-"""Is a model good enough: fits of what was held out, and what is left in the residuals."""
+"""Validation figures: fit of a channel, and tests of the residuals."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ _LAGS = 20
 
 
 def nrmse(measured: Array, model: Array) -> float:
-    """Fit 100 (1 - |y - model| / |y - mean y|) [%]; NaN where there is no value or nothing moves."""
+    """Return the fit 100 (1 - |y - model| / |y - mean y|) [%]; NaN without values or without motion."""
     good = np.isfinite(measured) & np.isfinite(model)
     if not good.any():
         return float("nan")
@@ -21,26 +21,26 @@ def nrmse(measured: Array, model: Array) -> float:
 
 
 def noise_limit_nrmse(measured: Array) -> float:
-    """The fit that noise of the sensor leaves at most [%]: of a model that is off by nothing but it; NaN: as nrmse.
+    """Return the largest fit that the noise of the sensor allows [%]; NaN as in nrmse.
 
-    White noise shows in the third differences, with 20 times its variance, and smooth motion does not (J. von Neumann
-    and others, The mean square successive difference, Annals of Mathematical Statistics 12, 1941, for the first ones).
-    Noise that was filtered is larger than that.
+    The variance of white noise is the mean square of the third differences over 20, to which smooth motion contributes
+    little (J. von Neumann and others, The mean square successive difference, Annals of Mathematical Statistics 12,
+    1941, for first differences). Filtered noise is larger than this estimate.
     """
     y = measured[np.isfinite(measured)]
     if len(y) < 8 or np.ptp(y) == 0.0:
         return float("nan")
     away = np.abs(np.diff(y, 3))
-    away = np.minimum(away, 6.0 * float(np.median(away)))  # corners of the motion are no noise
+    away = np.minimum(away, 6.0 * float(np.median(away)))  # corners of the motion are not noise
     noise = float(np.sqrt(np.mean(away**2) / 20.0))
     return 100.0 * max(1.0 - noise / float(np.std(y)), 0.0)
 
 
 def whiteness(residual: Array, lags: int = _LAGS) -> float:
-    """Probability of the autocorrelation of residuals if they were white (Ljung-Box).
+    """Return the p-value of the hypothesis that residuals are white (Ljung-Box).
 
-    G. M. Ljung and G. E. P. Box, Biometrika 65, 1978: Q = n (n + 2) Σ ρ_k² / (n - k) is χ² of as many degrees of
-    freedom as there are lags.
+    G. M. Ljung and G. E. P. Box, Biometrika 65, 1978: Q = n (n + 2) Σ ρ_k² / (n - k) is χ² with as many degrees of
+    freedom as lags.
     """
     series = _clean(residual)
     n = len(series)
@@ -52,10 +52,10 @@ def whiteness(residual: Array, lags: int = _LAGS) -> float:
 
 
 def input_correlation(residual: Array, inputs: list[Array], lags: int = _LAGS) -> float:
-    """Probability of the correlation of residuals with past inputs if there were none; the least over the inputs.
+    """Return the p-value of the hypothesis that residuals are uncorrelated with past inputs; the least over the inputs.
 
-    The variance of a cross-correlation of two coloured series is Σ ρ_e(k) ρ_u(k) / n (M. S. Bartlett); its largest
-    square over the lags is held against it, with Bonferroni's factor for the lags and inputs.
+    The variance of a cross-correlation of two coloured series is Σ ρ_e(k) ρ_u(k) / n (M. S. Bartlett); the largest
+    square over the lags is compared with it, with Bonferroni's factor for lags and inputs.
     """
     series = _clean(residual)
     n, found = len(series), 1.0
@@ -83,7 +83,7 @@ def _clean(values: Array) -> Array:
 
 
 def _correlation(one: Array, other: Array, lags: int) -> Array:
-    """Sum of one[t] other[t - k] for k from 0 to lags."""
+    """Return the sums of one[t] other[t - k] for k from 0 to lags."""
     n = len(one)
     whole = fftconvolve(one, other[::-1])
     return np.asarray(whole[n - 1 : n + lags])

@@ -1,4 +1,4 @@
-"""Which part of the drives is held out, where nobody says it."""
+"""Selection of validation data where no log is marked for validation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,18 +11,18 @@ from mirdrake.identification.relations import make_grid
 from mirdrake.identification.time_columns import MIN_ROWS
 
 STRIDE = 3
-"""Of drives in the order of how quickly they turn in, the second is held out, and each of this many behind it."""
+"""Logs are ordered by lateral jerk; the second is used for validation, and every n-th after it."""
 
 
 def split_validation(data: DataSet, part: float) -> DataSet:
-    """The same with some of its training drives for validation, and with the end of one as a log of its own.
+    """Return a data set with some training logs for validation, the last of them cut in two.
 
-    The drive that turns in most quickly is the only one that may tell the yaw inertia and what is late, so it is held
-    out last. The second tests what came out of it. Drives that do not turn are held out from the last to the first.
+    The log with the highest lateral jerk may be the only one that determines yaw inertia and delays, so it is used for
+    validation last. Logs without turns are used from the last to the first.
 
     Args:
-        data: drives; those for validation stay what they are.
-        part: of the time of all training drives together [1].
+        data: logs; those for validation stay for validation.
+        part: share of the time of all training logs [1].
     """
     left = part * sum(_span(log) for log in data.train)
     kept, held = {id(log): log for log in data.train}, []
@@ -36,12 +36,12 @@ def split_validation(data: DataSet, part: float) -> DataSet:
             held.append(replace(log, use="validation"))
         else:
             kept[id(log)] = _rows(log, slice(0, rows), log.name, "train")
-            held.append(_rows(log, slice(rows, None), f"{log.name}, held out", "validation"))
+            held.append(_rows(log, slice(rows, None), f"{log.name}, end", "validation"))
     return replace(data, logs=(*kept.values(), *data.validation, *held))
 
 
 def _in_order(logs: Sequence[Log]) -> list[Log]:
-    """What is held out first is first."""
+    """Return logs in the order in which they are used for validation."""
     jerks = [lateral_jerk(log) for log in logs]
     if not any(jerks):
         return list(reversed(logs))
@@ -50,7 +50,7 @@ def _in_order(logs: Sequence[Log]) -> list[Log]:
 
 
 def lateral_jerk(log: Log) -> float:
-    """How quickly a drive turns in: the lateral jerk that it exceeds in a hundredth of its time [m/s³]; 0: unknown."""
+    """Return the lateral jerk that a log exceeds in 1 % of its time [m/s³]; 0 if unknown."""
     grid = make_grid(log)
     forward = "vx" if "vx" in grid.channels else "speed"
     if "yaw_rate" in grid.channels and forward in grid.channels:

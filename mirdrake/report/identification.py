@@ -165,7 +165,7 @@ def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -
 
 def _channels(report: DataReport, raw: Log | None, log: Log, number: int) -> Markup:
     """Each channel of a log: as recorded, and as repaired."""
-    retimed = any(item.check == "step" and item.repair for item in report.findings if item.log == log.name)
+    retimed = any(item.check == "sample_time" and item.repair for item in report.findings if item.log == log.name)
     panels = []
     time = log.time
     if raw is not None and not retimed:
