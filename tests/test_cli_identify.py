@@ -88,7 +88,7 @@ def test_columns_with_known_names_and_units_need_no_mapping(tmp_path, capsys):
         (["log.csv", "--map", "vxx=v:m/s"], "--map vxx=v:m/s: unknown channel 'vxx'; did you mean 'vx'"),
         (["log.csv", "--map", "vx=v:kg"], "unit 'kg' does not fit"),
         (["log.csv", "--map", "vx=w:m/s"], "has no column 'w'"),
-        (["log.csv", "--map", "vx=v:m/s", "--time", "time", "--step", "1"], "--step: the log has a clock already"),
+        (["log.csv", "--map", "vx=v:m/s", "--time", "time", "--step", "1"], "--step: --time names a clock already"),
         (["log.csv", "--map", "vx=v:m/s", "--repairs", "delay"], "unknown repair 'delay'; did you mean 'delays'"),
         (["none.csv"], "none.csv: no such file"),
         (["drives.yaml", "--map", "vx=v:m/s"], "--map: drives.yaml has a mapping of its own"),

@@ -79,16 +79,16 @@ def test_a_stiffness_of_an_axle_is_that_of_two_tyres_and_goes_where_the_variant_
             _found("drag_area", "m^2", 0.6, verdict="not identifiable", explanation="one speed"),
             "not identifiable from these",
         ),
-        (_found("drag_area", "m^2", 0.6, at_bound="high"), "the estimate stands at its upper bound"),
-        (_found("drag_area", "m^2", 0.6, at_bound="low"), "the estimate stands at its lower bound"),
+        (_found("drag_area", "m^2", 0.6, at_bound="high"), "the estimate is at its upper bound"),
+        (_found("drag_area", "m^2", 0.6, at_bound="low"), "the estimate is at its lower bound"),
         (FittedParameter("drag_area", "m^2", 0.6, kind="fixed"), "it was fixed"),
         (
             _found("drag_area", "kg/m", 0.6),
-            "it is in kg/m, and aerodynamics.drag_area is in m^2; give the fit the mass",
+            "its unit is kg/m, that of aerodynamics.drag_area is m^2; fit with a known mass",
         ),
         (_found("yaw_inertia", "kg m^2", 2500.0), "follows from the bodies of the URDF"),
         (_found("roll_gain", "rad s^2/m", 0.01), "vehicle.yaml has no entry for it"),
-        (_found("cornering_stiffness_rear", "N/rad", 1e5), "the tyres are of kind coulomb, and only brush has"),
+        (_found("cornering_stiffness_rear", "N/rad", 1e5), "the tyres are of kind coulomb; only brush has"),
         (_found("steering_delay", "s", -0.02), "-0.02 is not possible there"),
     ],
 )
@@ -104,7 +104,7 @@ def test_what_cannot_or_should_not_be_written_is_left_out_with_its_reason(
 
 def test_a_delay_becomes_whole_periods_of_the_controllers_and_says_so(bolt: Path) -> None:
     change = plan_apply(_fit(_found("steering_delay", "s", 0.087)), str(bolt), today=DAY)
-    assert change.notes == ("steering_delay: 0.087 s becomes 0.08 s: whole periods of 0.02 s",)
+    assert change.notes == ("steering_delay: 0.087 s is rounded to 0.08 s, whole periods of 0.02 s",)
     change.files[0].write()
     assert load_vehicle(str(bolt)).spec.actuators.steering.delay == 0.08
 

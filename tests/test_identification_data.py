@@ -22,10 +22,11 @@ from scipy.io import savemat
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data, load_data
 from mirdrake.identification.alignment import estimate_delay
-from mirdrake.identification.channels import CHANNELS, unit_factor
+from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.samples import find_glitches
 from mirdrake.identification.spec import REPAIRS
 from mirdrake.identification.timing import hold_factor
+from mirdrake.readers.units import unit_factor
 from mirdrake.runs.logs import RunWriter
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 
@@ -566,7 +567,7 @@ def test_a_vbo_file_is_read_over_midnight_by_short_names_and_titles(tmp_path):
     [
         (
             VBO.format(rows="137 120000.00 1 2 3\n137 120000.10 1 2"),
-            "a.vbo:21: has 4 cells, and there are 5 column names",
+            "a.vbo:21: has 4 cells, but there are 5 column names",
         ),
         (VBO.format(rows=""), "a.vbo: has no rows"),
         (VBO.replace("[column names]", ""), r"a.vbo: has no section \[column names\]"),
@@ -584,7 +585,7 @@ def test_times_of_the_day_go_on_over_the_minute(tmp_path):
     start = 13 * 3600 + 59 * 60 + 57.0
     log = dataset(tmp_path, MAPPED, a=table(rows=60, row=lambda i: f"{hhmmss(start + 0.1 * i)},{i}")).logs[0]
     assert log.time == pytest.approx(start + 0.1 * np.arange(60))
-    assert "times of the day" in log.notes[0]
+    assert "times of day" in log.notes[0]
     # A drive with a pause is none.
     paused = dataset(tmp_path, MAPPED, a=table(rows=60, row=lambda i: f"{0.1 * i + 30 * (i > 30):.1f},{i}")).logs[0]
     assert not paused.notes
@@ -597,7 +598,7 @@ BAD_LOGS = [
     (table(row=lambda i: f"{0.1 * i},{'x7' if i == 4 else i}"), r"a.csv:6: column 'v': 'x7' is not a number"),
     (
         "# one\n" + table(row=lambda i: f"{0.1 * i},{i}{',1' if i == 4 else ''}"),
-        "a.csv:7: has 3 cells, and .* 2 names of the header in line 2",
+        "a.csv:7: has 3 cells, but .* 2 names in the header in line 2",
     ),
     (table(rows=90, row=lambda i: f"{0.1 * i},{i}{',1' if i == 70 else ''}"), "a.csv:72: does not have the 2 cells"),
     (table(row=lambda i: f"{0.1 * (i % 15)},{i}"), "a.csv:17: time goes back from 1.4 s to 0 s, and 14 of 30 rows"),
@@ -607,7 +608,7 @@ BAD_LOGS = [
         "stands still at 0.01 s; if that is the step of its rows, write time: {step: 0.01",
     ),
     (table(row=lambda i: f"{0.1 * i},nan"), "2: channels.vx: column 'v' of .* has no numbers"),
-    (table("time,v [km/h]"), "unit 'm/s', but .* says 'km/h'"),
+    (table("time,v [km/h]"), "unit 'm/s', but .* has 'km/h'"),
 ]
 
 
@@ -624,9 +625,9 @@ def test_unreadable_formats_are_told(tmp_path):
     (tmp_path / "d.xyz").write_bytes(b"")
     (tmp_path / "folder").mkdir()
     for name, message in {
-        "a.mat": "7.3, and is broken", "b.mat": "not a MAT file", "c.parquet": "not a Parquet",
+        "a.mat": "7.3, but is damaged", "b.mat": "not a MAT file", "c.parquet": "not a Parquet",
         "d.xyz": "unknown format '.xyz'",
-        "folder": "no run folder",
+        "folder": "not a run folder",
     }.items():  # fmt: skip
         with pytest.raises(ConfigError, match=message):
             dataset(tmp_path, MAPPED.replace("a.csv", name))

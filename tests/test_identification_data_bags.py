@@ -10,7 +10,8 @@ from mcap.writer import Writer
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.export.mcap import write_mcap
-from mirdrake.identification import bags, load_data
+from mirdrake.identification import load_data
+from mirdrake.readers import bags
 from mirdrake.runs.logs import RunWriter, load_run
 from mirdrake.worlds import load_world
 
@@ -182,7 +183,7 @@ def test_without_the_package_its_extra_is_named(tmp_path, monkeypatch):
 @pytest.mark.parametrize("content", [b"", b"#ROSBAG V2.0\n" + b"x" * 50, b"\x89MCAP0\r\n" + b"x" * 50])
 def test_a_broken_bag_is_told(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(ConfigError, match=f"{name}: is not .*broken") as caught:
+    with pytest.raises(ConfigError, match=f"{name}: is not .*damaged") as caught:
         load(tmp_path, name)
     assert "\n" not in str(caught.value)
 

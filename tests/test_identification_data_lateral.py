@@ -167,11 +167,11 @@ def test_text_in_any_code_is_read_and_said(tmp_path, capsys, content, note):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"PK\x03\x04" + bytes(900), "is a workbook or another zip file and no text; export it as CSV"),
-        (b"\xd0\xcf\x11\xe0" + bytes(900), "is an Excel workbook and no text"),
-        (b"\x1f\x8b" + bytes(900), "is a gzip file, and is broken"),
-        (bytes(5000), "is no text; CSV is expected"),
-        (np.random.default_rng(0).bytes(5000), "is no text; CSV is expected"),
+        (b"PK\x03\x04" + bytes(900), "is a workbook or another zip file, not text; export it as CSV"),
+        (b"\xd0\xcf\x11\xe0" + bytes(900), "is an Excel workbook, not text"),
+        (b"\x1f\x8b" + bytes(900), "is a damaged gzip file"),
+        (bytes(5000), "is not text; CSV is expected"),
+        (np.random.default_rng(0).bytes(5000), "is not text; CSV is expected"),
         (HEADER.replace("vy", "vx") + rows(), "has 2 columns 'vx'; rename one"),
         (rows(), "has no header; name its columns under 'csv: {columns: […]}'"),
     ],

@@ -8,9 +8,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from mirdrake.identification import Log, load_data
-from mirdrake.identification.channels import unit_factor
 from mirdrake.identification.mapping import map_log
 from mirdrake.identification.timing import hold_factor
+from mirdrake.readers.units import unit_factor
 from tests.test_identification_data import CAR, STEP, changed, checked, clean, held, recorded
 from tests.test_identification_data_nasty import copied, robot
 

@@ -11,7 +11,7 @@ PACKAGE = ROOT / "mirdrake"
 
 STAGES = {
     "core": 0,
-    "vehicles": 1, "worlds": 1,
+    "readers": 1, "vehicles": 1, "worlds": 1,
     "plant": 2,
     "controllers": 3, "tyres": 3,
     "sensors": 4, "single_track": 4,

@@ -9,10 +9,10 @@ from typing import Any
 HELP = "fit the parameters of a model to recorded drives"
 MORE = """\
 examples:
-  mirdrake identify check drives.yaml               what is odd in the logs, before any fit
+  mirdrake identify check drives.yaml               check the logs before any fit
   mirdrake identify study.yaml                      check, fit, table and report
   mirdrake identify study.yaml --set model.tyres=fiala --out runs/fiala
-  mirdrake identify apply runs/study bolt           write the result into vehicle.yaml, with where it is from"""
+  mirdrake identify apply runs/study bolt           write the result and its source into vehicle.yaml"""
 
 VERBS = {"run": "identify_run", "check": "identify_check", "apply": "identify_apply"}
 """Module of each sub-verb in this package; a file name in its place stands for ``run``."""
@@ -43,6 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it."""
+    """Run the sub-verb."""
     code: int = options.subverb.run(options)
     return code

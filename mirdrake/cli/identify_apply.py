@@ -1,14 +1,13 @@
-"""``mirdrake identify apply``: parameters of a fit into vehicle.yaml."""
+"""``mirdrake identify apply``: write the parameters of a fit into vehicle.yaml."""
 
 import argparse
 from pathlib import Path
 
 HELP = "write the parameters of a fit into vehicle.yaml"
 MORE = """\
-FIT is the folder of a fit. A parameter that vehicle.yaml has an entry for is written there, and its entry of sources
-says where it is from; comments, order and layout stay. What was fixed, is not identifiable, stands at a bound or has no
-entry is left out, and the reason is told. The difference is shown. Running it again changes nothing. Exit codes: 0
-done, 2 bad input.
+FIT is the folder of a fit. Parameters with an entry in vehicle.yaml are written there, and their source into 'sources';
+comments, order and layout stay. Parameters that are fixed, not identifiable, at a bound or without an entry are listed
+with the reason. The difference is printed. Running it again changes nothing. Exit codes: 0 done, 2 bad input.
 
 examples:
   mirdrake identify apply runs/my_fit bolt --dry-run         show what would change
@@ -25,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Apply it."""
+    """Plan the changes, print them and write the files."""
     from mirdrake.core.errors import ConfigError
     from mirdrake.core.yaml_io import shown
     from mirdrake.identification.apply import describe, plan_apply, read_fit

@@ -1,4 +1,4 @@
-"""``mirdrake identify check``: what is odd in a log, before any fit."""
+"""``mirdrake identify check``: data check of recorded drives, before any fit."""
 
 import argparse
 from pathlib import Path
@@ -9,23 +9,23 @@ from mirdrake.core.yaml_io import load_yaml, read_tree, shown
 HELP = "check recorded drives: clock, held samples, glitches, delays, units, signs, excitation"
 MORE = """\
 WHAT is a data file (mirdrake: data/1), an identification study, or a log itself: CSV, Parquet, MAT, a bag, MCAP, a run
-folder. Columns of a log itself are found by their names (vx, yaw_rate, ...) and given with --map.
-Exit codes: 0 nothing is left that would spoil a fit, 1 something is, 2 bad input.
+folder. Columns of a log are found by their names (vx, yaw_rate, ...) or mapped with --map.
+Exit codes: 0 no fault is left, 1 a fault is left that makes a fit wrong, 2 bad input.
 
 examples:
   mirdrake identify check drives.yaml --report check.html
   mirdrake identify check lap.csv --time t_s:s --map vx=v_kmh:km/h --map yaw_rate=gyro_z:deg/s
-  mirdrake identify check lap.csv --step 0.01 --map vx=v:m/s --repairs stamps,glitches"""
+  mirdrake identify check lap.csv --step 0.01 --map vx=v:m/s --repairs timestamps,glitches"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("what", metavar="WHAT", help="data file, study, or log")
     parser.add_argument(
-        "--map", action="append", default=[], metavar="CHANNEL=COLUMN[:UNIT]", help="a column of a log; may be again"
+        "--map", action="append", default=[], metavar="CHANNEL=COLUMN[:UNIT]", help="map a column of a log (repeatable)"
     )
-    parser.add_argument("--time", metavar="COLUMN[:UNIT]", help="the clock of a log (default: time)")
-    parser.add_argument("--step", metavar="STEP", help="step of a log that has no clock, as '10 ms'")
+    parser.add_argument("--time", metavar="COLUMN[:UNIT]", help="time column of a log (default: time)")
+    parser.add_argument("--step", metavar="STEP", help="sample time of a log without a time column, e.g. '10 ms'")
     parser.add_argument("--wheelbase", type=float, metavar="METRES", help="front to rear axle, to check the steering")
     parser.add_argument("--repairs", metavar="NAMES", help="repairs to make, comma-separated, or none")
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with a picture of each channel")
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check."""
+    """Check the data, print the findings and write the page."""
     from mirdrake.identification.check import check_data
     from mirdrake.identification.data import DataSet, load_data, make_data
     from mirdrake.identification.mapping import map_log

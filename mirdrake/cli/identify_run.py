@@ -12,9 +12,9 @@ from mirdrake.core.yaml_io import read_tree, shown
 if TYPE_CHECKING:
     from mirdrake.identification.findings import DataReport
 
-HELP = "do an identification study; 'run' may be left out"
+HELP = "run an identification study; 'run' may be left out"
 MORE = """\
-A data file without a study is fitted with the model that its channels allow; what was assumed is said first.
+A data file without a study is fitted with the model that its channels allow; the assumptions are printed first.
 The folder holds report.html, fit.json, traces.parquet, profiles.parquet and data_check.csv.
 Exit codes: 0 done, 1 a parameter is not identifiable or contradicts its given value, 2 bad input.
 
@@ -30,14 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "study", metavar="STUDY.yaml", help="study (mirdrake: identification/1), or a data file (data/1)"
     )
     parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study; may be again"
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the study (repeatable)"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: runs/<study>-<UTC time>)")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do the study."""
+    """Run the study, save its folder and print the result."""
     from mirdrake.identification.default_study import default_study
     from mirdrake.identification.identify import identify
     from mirdrake.identification.study import load_identification
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _odd(check: "DataReport") -> list[str]:
-    """What the data check found: faults that are left, then repairs, then remarks."""
+    """Return the findings of the data check: remaining faults, then repairs, then remarks."""
     groups: dict[str, list[str]] = {"faults that are left": [], "repaired": [], "remarks": []}
     for one in check.findings:
         if one.severity == "info":

@@ -2,12 +2,12 @@
 
 ::
 
-    drives.yaml ── load_data ──► DataSet ── check_data ──► DataReport, and the data with the repairs that it lists
+    drives.yaml ── load_data ──► DataSet ── check_data ──► DataReport with the repaired data
     study.yaml ── load_identification ──► StudySpec ── identify.identify ──► Fit, its folder and report.html
 
-:mod:`~mirdrake.identification.models` say how a vehicle moves, :mod:`~mirdrake.identification.estimators` make a
-:class:`Fit` of a model and data: parameters with intervals and verdicts, and how well drives held out are met.
-:mod:`~mirdrake.identification.online` follows a few parameters while driving.
+:mod:`~mirdrake.identification.models` contains the equations of the vehicles, and
+:mod:`~mirdrake.identification.estimators` fits them: a :class:`Fit` has parameters with intervals and verdicts, and the
+fits of validation logs. :mod:`~mirdrake.identification.online` tracks a few parameters while driving.
 """
 
 from mirdrake.identification.check import check_data

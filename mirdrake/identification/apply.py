@@ -1,4 +1,4 @@
-"""Fitted parameters into the vehicle.yaml of a vehicle: the value, and in ``sources`` where it is from."""
+"""Write fitted parameters into the vehicle.yaml of a vehicle: the value, and its source in ``sources``."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,19 +16,19 @@ from mirdrake.vehicles.spec import ControlSpec, VariantSpec, VehicleSpec
 from mirdrake.vehicles.vehicle import find_vehicle, load_part, load_variant, variants
 
 DIGITS = 5
-"""Significant digits that are written."""
+"""Number of significant digits written."""
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a parameter stands in vehicle.yaml.
+class YamlEntry:
+    """Entry of a parameter in vehicle.yaml.
 
     Attributes:
         path: dotted path.
-        unit: that the fit must have.
-        factor: value there over fitted value.
-        tyres: kind of tyres that has it; empty: any.
-        periods: whether it must be a whole number of periods of the controllers.
+        unit: unit that the fit must have.
+        factor: value in the file over fitted value.
+        tyres: kind of tyres that has the entry; empty for any.
+        periods: whether the value must be a whole number of controller periods.
     """
 
     path: str
@@ -39,21 +39,21 @@ class Place:
 
 
 YAML_ENTRIES = {
-    "cornering_stiffness_front": Place("tyres.front.cornering_stiffness", "N/rad", 0.5, "brush"),
-    "cornering_stiffness_rear": Place("tyres.rear.cornering_stiffness", "N/rad", 0.5, "brush"),
-    "friction_front": Place("tyres.front.friction", "1", 1.0, "brush"),
-    "friction_rear": Place("tyres.rear.friction", "1", 1.0, "brush"),
-    "rolling_resistance": Place("tyres.rolling_resistance", "1"),
-    "drag_area": Place("aerodynamics.drag_area", "m^2"),
-    "steering_ratio": Place("steering.ratio", "1"),
-    "steering_lag": Place("actuators.steering.time_constant", "s"),
-    "steering_delay": Place("actuators.steering.delay", "s", periods=True),
-    "drive_lag": Place("actuators.throttle.time_constant", "s"),
-    "drive_delay": Place("actuators.throttle.delay", "s", periods=True),
-    "brake_lag": Place("actuators.brake.time_constant", "s"),
-    "brake_delay": Place("actuators.brake.delay", "s", periods=True),
+    "cornering_stiffness_front": YamlEntry("tyres.front.cornering_stiffness", "N/rad", 0.5, "brush"),
+    "cornering_stiffness_rear": YamlEntry("tyres.rear.cornering_stiffness", "N/rad", 0.5, "brush"),
+    "friction_front": YamlEntry("tyres.front.friction", "1", 1.0, "brush"),
+    "friction_rear": YamlEntry("tyres.rear.friction", "1", 1.0, "brush"),
+    "rolling_resistance": YamlEntry("tyres.rolling_resistance", "1"),
+    "drag_area": YamlEntry("aerodynamics.drag_area", "m^2"),
+    "steering_ratio": YamlEntry("steering.ratio", "1"),
+    "steering_lag": YamlEntry("actuators.steering.time_constant", "s"),
+    "steering_delay": YamlEntry("actuators.steering.delay", "s", periods=True),
+    "drive_lag": YamlEntry("actuators.throttle.time_constant", "s"),
+    "drive_delay": YamlEntry("actuators.throttle.delay", "s", periods=True),
+    "brake_lag": YamlEntry("actuators.brake.time_constant", "s"),
+    "brake_delay": YamlEntry("actuators.brake.delay", "s", periods=True),
 }
-"""Of the parameters that vehicle.yaml has words for; a stiffness of an axle is that of two tyres."""
+"""Parameters with an entry in vehicle.yaml; the stiffness of an axle is that of two tyres."""
 
 URDF_PARAMETERS = {
     "mass": "follows from the bodies of the URDF; change them in the xacro files",
@@ -61,17 +61,17 @@ URDF_PARAMETERS = {
     "front_length": "follows from the bodies of the URDF; change them in the xacro files",
     "rear_length": "follows from the bodies of the URDF; change them in the xacro files",
 }
-"""Parameters that stand in the model itself."""
+"""Parameters that follow from the URDF."""
 
 
 @dataclass(frozen=True)
 class FitChange:
-    """What a fit changes in a vehicle folder.
+    """Changes of a vehicle folder by a fit.
 
     Attributes:
-        files: one change a file.
-        skipped: what is not written, and why, a line each.
-        notes: of what is written, a line each.
+        files: one change per file.
+        skipped: parameters that are not written, with the reason, a line each.
+        notes: remarks on those that are written, a line each.
     """
 
     files: tuple[FileChange, ...]
@@ -85,18 +85,18 @@ class FitChange:
 
 
 def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChange:
-    """The change to the files of a vehicle that a fit asks for.
+    """Return the changes of the files of a vehicle by a fit.
 
-    Parameters that were fixed, are not identifiable, stand at a bound, or have no place in vehicle.yaml are left out;
-    :attr:`FitChange.skipped` says so.
+    Parameters that were fixed, are not identifiable, are at a bound, or have no entry in vehicle.yaml are skipped and
+    listed in :attr:`FitChange.skipped`.
 
     Args:
         fit: the fit.
-        vehicle: name or folder, with ``@<variant>`` for what the variant's own file says.
-        today: for the source; by default the date of now, UTC.
+        vehicle: name or folder; with ``@<variant>``, entries of the variant are changed in its own file.
+        today: date for the source; by default the current date, UTC.
 
     Raises:
-        ConfigError: no such vehicle, its files do not load, or an entry does not fit.
+        ConfigError: unknown vehicle, its files do not load, or an entry does not fit.
     """
     folder = _Folder(vehicle)
     left: list[str] = []
@@ -111,7 +111,8 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
         value = place.factor * one.value
         if place.periods:
             rounded = round(value * folder.rate) / folder.rate
-            notes.append(f"{one.name}: {value:.4g} s becomes {rounded:g} s: whole periods of {1.0 / folder.rate:g} s")
+            period = 1.0 / folder.rate
+            notes.append(f"{one.name}: {value:.4g} s is rounded to {rounded:g} s, whole periods of {period:g} s")
             value = rounded
         value = float(f"{value:.{DIGITS}g}")
         path, prefix, stands = folder.find(place.path)
@@ -130,8 +131,8 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     return FitChange(tuple(changes), tuple(left), tuple(notes))
 
 
-def source_text(fit: Fit, one: FittedParameter, place: Place, today: date) -> str:
-    """What ``sources`` says of a fitted value."""
+def source_text(fit: Fit, one: FittedParameter, place: YamlEntry, today: date) -> str:
+    """Return the text for ``sources`` of a fitted value."""
     parts = [f"identified {today.isoformat()}: fit {fit.name}"]
     if one.low is not None and one.high is not None:
         parts.append(f"95 % interval {place.factor * one.low:.4g} to {place.factor * one.high:.4g}")
@@ -143,26 +144,26 @@ def source_text(fit: Fit, one: FittedParameter, place: Place, today: date) -> st
 
 
 def _skip_reason(one: FittedParameter, folder: "_Folder") -> str:
-    """Why a parameter is not written; empty if it is."""
+    """Return why a parameter is not written; empty if it is."""
     if one.kind == "fixed":
         return "it was fixed"
     if one.verdict == "not identifiable":
         return f"not identifiable from these data{f' ({one.explanation})' if one.explanation else ''}"
     if one.at_bound is not None:
-        return f"the estimate stands at its {one.at_bound}er bound".replace("higher", "upper")
+        return f"the estimate is at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
     if one.name in URDF_PARAMETERS:
         return URDF_PARAMETERS[one.name]
     place = YAML_ENTRIES.get(one.name)
     if place is None:
         return "vehicle.yaml has no entry for it"
     if _unit(one.unit) != _unit(place.unit):
-        return f"it is in {one.unit or '1'}, and {place.path} is in {place.unit}; give the fit the mass"
+        return f"its unit is {one.unit or '1'}, that of {place.path} is {place.unit}; fit with a known mass"
     if place.tyres and folder.tyres != place.tyres:
-        return f"the tyres are of kind {folder.tyres}, and only {place.tyres} has {place.path}"
+        return f"the tyres are of kind {folder.tyres}; only {place.tyres} has {place.path}"
     if not math.isfinite(one.value) or (place.periods and one.value < 0.0):
         return f"{one.value:g} is not possible there"
     if folder.find(place.path.rpartition(".")[0])[2] is None and place.tyres:
-        return f"{place.path.rpartition('.')[0]} is left out in the file, and other numbers are needed with it"
+        return f"{place.path.rpartition('.')[0]} is missing in the file and needs further values"
     return ""
 
 
@@ -171,7 +172,7 @@ def _unit(text: str) -> str:
 
 
 class _Folder:
-    """The files of a vehicle, and which of them holds what."""
+    """Files of a vehicle, and which of them holds an entry."""
 
     def __init__(self, name: str) -> None:
         self.folder, self.variant = find_vehicle(name)
@@ -182,7 +183,7 @@ class _Folder:
         self.data, _ = parse_tree(read_text(self.base), shown(self.base))
 
     def find(self, path: str) -> tuple[Path, tuple[str, ...], Any]:
-        """File, prefix in it, and value in SI units of an entry; None if it is nowhere yet."""
+        """Return file, prefix in it, and value in SI units of an entry; None if it has no value yet."""
         keys = path.split(".")
         over = value_at(self.change.vehicle, keys)
         under = value_at(self.data, keys)
@@ -193,7 +194,7 @@ class _Folder:
         return self.base, (), None if under is REMOVED else _si(under)
 
     def checker(self, path: Path) -> Callable[[str], None]:
-        """Refuses a text of a file with which the vehicle would not load."""
+        """Return a function that rejects a text of a file with which the vehicle would not load."""
 
         def check(text: str) -> None:
             name = shown(path)
@@ -215,12 +216,12 @@ def _si(value: Any) -> Any:
 
 
 def describe(change: FitChange) -> Sequence[str]:
-    """Notes and what is left out, as lines."""
+    """Return notes and skipped parameters as lines."""
     return [*(f"note: {note}" for note in change.notes), *change.skipped]
 
 
 def read_fit(path: Path | str) -> Fit:
-    """A saved fit: its folder, or the fit.json in it.
+    """Load a saved fit from its folder or the fit.json in it.
 
     Raises:
         ConfigError: there is none, or it is damaged.

@@ -1,4 +1,4 @@
-"""Recorded drives of one vehicle as a data set: channels in SI units with canonical names."""
+"""Recorded logs of one vehicle as a data set: channels in SI units with canonical names."""
 
 import hashlib
 from collections.abc import Mapping
@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import load_yaml, shown, where
-from mirdrake.identification.channels import channel, plain_unit, unit_factor
-from mirdrake.identification.readers import read_table
+from mirdrake.identification.channels import channel
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
-from mirdrake.identification.tables import Table
-from mirdrake.identification.time_columns import (
+from mirdrake.readers import read_table
+from mirdrake.readers.tables import Table
+from mirdrake.readers.time_columns import (
     MAX_BACKWARD_SHARE,
     MIN_ROWS,
     has_step_durations,
     is_time_of_day,
     seconds_of_day,
 )
+from mirdrake.readers.units import plain_unit, unit_factor
 
 Array = NDArray[np.float64]
 
@@ -30,14 +31,14 @@ _FINE_UNITS = {"us": 1e-6, "ns": 1e-9}
 
 @dataclass(frozen=True)
 class Log:
-    """One recorded drive.
+    """One recorded log.
 
     Attributes:
-        name: in reports.
+        name: name in reports.
         use: "train" or "validation".
-        time: stamps of the rows (n) [s].
-        channels: by canonical name (n each), SI units, NaN where there is no value.
-        notes: what was found in the file and taken for granted.
+        time: times of the rows (n) [s].
+        channels: by canonical name (n each), SI units, NaN for missing values.
+        notes: what was detected or assumed when the file was read.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Log:
     notes: tuple[str, ...] = ()
 
     def to_pandas(self) -> pd.DataFrame:
-        """Samples by channel, index ``time`` [s]; units in ``attrs["units"]``."""
+        """Return the samples by channel, index ``time`` [s]; units in ``attrs["units"]``."""
         frame = pd.DataFrame(dict(self.channels), index=pd.Index(self.time, name="time"))
         frame.attrs["units"] = {name: channel(name).unit for name in self.channels}
         return frame
@@ -55,12 +56,12 @@ class Log:
 
 @dataclass(frozen=True)
 class DataSet:
-    """Drives of one vehicle.
+    """Logs of one vehicle.
 
     Attributes:
-        logs: all of them.
-        wheelbase: front to rear axle [m], if it was given.
-        repairs: that the check may make.
+        logs: all logs.
+        wheelbase: front to rear axle [m], if it is given.
+        repairs: repairs that the data check may make.
         digest: SHA-256 of all times and values.
     """
 
@@ -78,37 +79,37 @@ class DataSet:
 
     @property
     def train(self) -> tuple[Log, ...]:
-        """The drives that parameters are fitted to."""
+        """Logs that parameters are fitted to."""
         return tuple(log for log in self.logs if log.use == "train")
 
     @property
     def validation(self) -> tuple[Log, ...]:
-        """The drives that are held out."""
+        """Logs for validation."""
         return tuple(log for log in self.logs if log.use == "validation")
 
 
 def load_data(file: Path | str) -> DataSet:
-    """A data set.
+    """Load a data set.
 
     Args:
         file: YAML file of format ``mirdrake: data/1``.
 
     Raises:
-        ConfigError: a file cannot be read, or does not have what the data file says; one line per fault.
+        ConfigError: a file cannot be read, or lacks what the data file names; one line per fault.
     """
     file = Path(file)
     return make_data(load_yaml(file, DataSpec), file.parent)
 
 
 def make_data(spec: DataSpec, folder: Path) -> DataSet:
-    """The data set of a spec.
+    """Return the data set of a specification.
 
     Args:
-        spec: which files, and what their columns mean.
-        folder: that the files are relative to.
+        spec: files and the meaning of their columns.
+        folder: folder that the files are relative to.
 
     Raises:
-        ConfigError: as :func:`load_data`.
+        ConfigError: as in :func:`load_data`.
     """
     logs, faults = [], []
     for index, entry in enumerate(spec.logs):
@@ -121,11 +122,13 @@ def make_data(spec: DataSpec, folder: Path) -> DataSet:
     names = [log.name for log in logs]
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise ConfigError(f"{where(spec, 'logs', index)}: a second log '{name}'; give it a name of its own")
+            raise ConfigError(f"{where(spec, 'logs', index)}: a second log '{name}'; give it another name")
     return DataSet(tuple(logs), spec.wheelbase, tuple(spec.repairs))
 
 
 def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
+    """Read one log: its channels in SI units, its clock, and the rows to use."""
+    # Columns of the channels, each with the place that names it.
     channels: dict[str, tuple[Column, str]] = {}
     for name, column in spec.channels.items():
         channels[name] = (column, where(spec, "channels", name))
@@ -136,12 +139,10 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     clock = entry.time or spec.time
     asked = where(spec, "logs", index, "time") if entry.time else where(spec, "time")
     wanted = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])
-    try:
-        table = read_table(folder / entry.file, wanted, entry.csv or spec.csv)
-    except ConfigError as error:
-        if "no such file" in str(error):
-            raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {error}") from None
-        raise
+    file = folder / entry.file
+    if not file.exists():
+        raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {shown(file)}: no such file")
+    table = read_table(file, wanted, entry.csv or spec.csv)
     values, faults = {}, []
     for name, (column, place) in channels.items():
         try:
@@ -150,23 +151,27 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
             faults.append(str(error))
     if faults:
         raise ConfigError("\n".join(faults))
+
+    # The clock, in seconds.
     notes = list(table.notes)
     time = _time(table, clock, asked, len(next(iter(values.values()))))
     if clock.column is not None and is_time_of_day(time):
-        notes.append(f"column '{clock.column}' has times of the day, HHMMSS: seconds made of them")
+        notes.append(f"column '{clock.column}' has times of day, HHMMSS: converted to seconds")
         time = seconds_of_day(time)
     elif has_step_durations(time):
         usual = float(np.median(time))
-        notes.append(f"column '{clock.column}' has the steps from row to row, {usual:.4g} s, and no times: summed up")
+        notes.append(f"column '{clock.column}' has the steps from row to row, {usual:.4g} s: summed up")
         time = np.cumsum(time) - time[0]
     for name, numbers in values.items():
         if len(numbers) != len(time):
             place = channels[name][1]
-            raise ConfigError(f"{place}: {table.name} has {len(numbers)} values, and {len(time)} times")
+            raise ConfigError(f"{place}: {table.name} has {len(numbers)} values, but {len(time)} times")
         if np.isnan(numbers).all():
             raise ConfigError(
                 f"{channels[name][1]}: column '{channels[name][0].column}' of {table.name} has no numbers"
             )
+
+    # The rows between start and end that have a time.
     keep = np.isfinite(time)
     keep &= (time >= (-np.inf if entry.start is None else entry.start)) & (
         time <= (np.inf if entry.end is None else entry.end)
@@ -175,54 +180,56 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         place = where(spec, "logs", index)
         raise ConfigError(f"{place}: {table.name} has {int(keep.sum())} rows to use; at least {MIN_ROWS} are needed")
     if np.isnan(time).any():
-        notes.append(f"{int(np.isnan(time).sum())} rows without a time are left out")
+        notes.append(f"{int(np.isnan(time).sum())} rows without a time are skipped")
     _check_forward(table, time, keep)
     name = entry.name or Path(entry.file).name
     return Log(name, entry.use, time[keep], {key: item[keep] for key, item in values.items()}, tuple(notes))
 
 
 def _values(table: Table, name: str, column: Column, place: str) -> Array:
+    """Return a channel in its SI unit."""
     numbers = table.numbers(column.column, place)
     si = channel(name).unit
-    said = table.units.get(column.column)
-    if column.unit is not None and said and plain_unit(said) != plain_unit(column.unit):
+    stated = table.units.get(column.column)
+    if column.unit is not None and stated and plain_unit(stated) != plain_unit(column.unit):
         raise ConfigError(
-            f"{place}: unit '{column.unit}', but {table.name} says '{said}'; leave out one, or give the scale instead"
+            f"{place}: unit '{column.unit}', but {table.name} has '{stated}'; leave out one, or give the scale instead"
         )
-    unit = column.unit if column.unit is not None else said
+    unit = column.unit if column.unit is not None else stated
     if unit is None and si != "1":
-        raise ConfigError(f"{place}: needs a unit, for example 'unit: {si}'; {table.name} does not say it")
+        raise ConfigError(f"{place}: needs a unit, for example 'unit: {si}'; {table.name} does not state it")
     try:
         factor = unit_factor(unit or "1", si)
     except ValueError as error:
-        raise ConfigError(f"{place}: {error} ({table.name} says so)") from None
+        raise ConfigError(f"{place}: {error} (unit in {table.name})") from None
     return np.asarray(column.sign * column.scale * factor * numbers + column.offset)
 
 
 def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
+    """Return the column of the clock [s], or equidistant times."""
     if clock.step is not None:
         return np.arange(float(rows)) * clock.step
-    assert clock.column is not None  # the schema wants one of them
+    assert clock.column is not None  # the schema requires one of them
     numbers = table.numbers(clock.column, asked)
     unit = plain_unit(clock.unit or table.units.get(clock.column) or "s")
     try:
         factor = _FINE_UNITS.get(unit) or unit_factor(unit, "s")
     except ValueError as error:
-        raise ConfigError(f"{asked}: {error} ({table.name} says so)") from None
+        raise ConfigError(f"{asked}: {error} (unit in {table.name})") from None
     if len(numbers) and np.isfinite(numbers).any() and abs(np.nanmin(numbers)) * factor > 1e7:
-        numbers = numbers - numbers[np.isfinite(numbers)][0]  # a date: floats of it are coarse
+        numbers = numbers - numbers[np.isfinite(numbers)][0]  # a date, which floats resolve coarsely
     return np.asarray(numbers * factor, dtype=np.float64)
 
 
 def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
-    """Refuse a clock that stands still or often goes back."""
+    """Reject a clock that stands still or often goes back."""
     rows = np.flatnonzero(keep)
     used = time[rows]
     latest = np.maximum.accumulate(used)
     back = used < latest
     if used.max() == used.min():
-        mend = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
-        raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s{mend}")
+        hint = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
+        raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s{hint}")
     if back.mean() > MAX_BACKWARD_SHARE:
         at = int(np.argmax(back))
         raise ConfigError(

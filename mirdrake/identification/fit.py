@@ -1,4 +1,4 @@
-"""What a fit gives: parameters with intervals and verdicts, fits per channel, traces; saved and read back."""
+"""Result of a fit: parameters with intervals and verdicts, fits of the channels, traces; saved and loaded."""
 
 import json
 import math
@@ -22,23 +22,23 @@ FORMAT = "identification-fit/1"
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A parameter of the model after the fit.
+    """Parameter of the model after the fit.
 
     Attributes:
         name: as in the model.
-        unit: of value, sigma, low, high and given.
-        value: the estimate, or what it was fixed to.
-        sigma: standard deviation, of noise and model together; None: fixed, or not to be had.
-        low: lower end of the 95 % interval; None: fixed, or open.
+        unit: unit of value, sigma, low, high and given.
+        value: the estimate, or the fixed value.
+        sigma: standard deviation by noise and model; None if fixed or infinite.
+        low: lower end of the 95 % interval; None if fixed or open.
         high: upper end; None as for low.
-        kind: how the study took it.
-        at_bound: which bound the estimate stands at.
-        given: what the vehicle or the user says it is.
-        source: where a fixed value, a prior or the given value is from.
-        verdict: what is to be thought of the value.
-        explanation: the reason in a sentence.
-        sigma_noise: standard deviation by the noise of this log [unit]; None as for sigma.
-        sigma_model: by what the model leaves out and what was assumed [unit]; None: fixed, or not asked.
+        kind: setting of the study.
+        at_bound: bound that the estimate is at.
+        given: value of the vehicle or the user.
+        source: source of a fixed value, a prior or the given value.
+        verdict: verdict on the value.
+        explanation: reason of the verdict.
+        sigma_noise: standard deviation by the noise of the logs [unit]; None as for sigma.
+        sigma_model: standard deviation by omitted effects and assumptions [unit]; None if fixed or not analysed.
     """
 
     name: str
@@ -59,18 +59,18 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """How the model follows one channel of one log.
+    """Fit of one channel of one log.
 
     Attributes:
         log: name of the log.
-        part: "train", or "validation" for a log that the parameters have not seen.
+        part: "train", or "validation" for a log that was not used for the estimates.
         channel: name of the channel.
-        unit: of it.
+        unit: its unit.
         nrmse_percent: 100 (1 - |y - model| / |y - mean y|) [%].
-        noise_limit_percent: what the noise of the sensor leaves of that at most [%].
-        rms: of the residual [unit].
-        whiteness_p: probability of such residuals if they were white (Ljung-Box) [1].
-        input_correlation_p: probability of such correlation with the inputs if there were none [1].
+        noise_limit_percent: largest fit that the noise of the sensor allows [%].
+        rms: root mean square of the residual [unit].
+        whiteness_p: p-value of the hypothesis of white residuals (Ljung-Box) [1].
+        input_correlation_p: p-value of the hypothesis of residuals uncorrelated with the inputs [1].
     """
 
     log: str
@@ -89,22 +89,22 @@ class Fit:
     """A model fitted to a data set.
 
     Attributes:
-        name: of the study.
+        name: name of the study.
         model: kind of the model and its options.
-        estimator: how it was fitted, in explanation.
-        parameters: all of the model, fixed ones too.
-        correlation: of the free parameters, in their order (free x free) [1].
-        condition_number: of the scaled Fisher information; large: some combination is not identified.
-        channels: fits per log and channel.
-        traces: by log: t [s], each channel, and the same with "_model" behind its name.
-        profiles: by parameter: value, cost (rise of -2 ln likelihood over its least, residuals' autocorrelation
-            taken into account; 3.84 is the end of the 95 % interval).
+        estimator: description of the estimator.
+        parameters: all parameters of the model, including fixed ones.
+        correlation: correlations of the free parameters, in their order (free x free) [1].
+        condition_number: of the scaled Fisher information; if large, some combination is not identified.
+        channels: fits by log and channel.
+        traces: by log: t [s], each channel, and the model's with "_model" in its name.
+        profiles: by parameter: value, cost (rise of -2 ln likelihood above its minimum, allowing for autocorrelated
+            residuals; 3.84 is the end of the 95 % interval).
         combinations: what is identified, if single parameters are not.
-        advice: which manoeuvre would help.
-        notes: what else has to be known.
-        data_sha256: of the data set.
-        seconds: that it took [s].
-        versions: of the packages.
+        advice: manoeuvres that would help.
+        notes: further remarks.
+        data_sha256: digest of the data set.
+        seconds: duration of the fit [s].
+        versions: versions of the packages.
     """
 
     name: str
@@ -124,7 +124,7 @@ class Fit:
     versions: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FittedParameter:
-        """A parameter by name."""
+        """Return a parameter by name."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
@@ -132,11 +132,11 @@ class Fit:
 
     @property
     def free(self) -> tuple[FittedParameter, ...]:
-        """The parameters that were estimated, in the order of the correlation."""
+        """Estimated parameters, in the order of the correlation."""
         return tuple(parameter for parameter in self.parameters if parameter.kind != "fixed")
 
     def channel(self, name: str, *, part: str = "validation", log: str | None = None) -> ChannelFit:
-        """The fit of a channel in a part of the data: the first that matches.
+        """Return the fit of a channel in a part of the data: the first that matches.
 
         Raises:
             KeyError: none matches.
@@ -147,9 +147,9 @@ class Fit:
         raise KeyError(name)
 
     def table(self) -> str:
-        """Parameters, fits, combinations, advice and notes as plain text."""
+        """Return parameters, fits, combinations, advice and notes as plain text."""
         rows: list[tuple[str, ...]] = [(
-            "parameter", "value", "95 % interval", "± of noise", "± of model", "unit", "given", "verdict"
+            "parameter", "value", "95 % interval", "± noise", "± model", "unit", "given", "verdict"
         )]  # fmt: skip
         for one in self.parameters:
             span = "" if one.kind == "fixed" else f"{_number(one.low)} … {_number(one.high)}"
@@ -160,7 +160,7 @@ class Fit:
             f"{one.name}: {one.explanation}" for one in self.parameters if one.explanation and one.kind != "fixed"
         ]
         if self.channels:
-            rows = [("log", "part", "channel", "fit %", "at most", "rms", "unit", "white p", "inputs p")]
+            rows = [("log", "part", "channel", "fit %", "noise limit", "rms", "unit", "white p", "inputs p")]
             rows += [
                 (one.log, one.part, one.channel, f"{one.nrmse_percent:.1f}", f"{one.noise_limit_percent:.0f}",
                  _number(one.rms), one.unit,
@@ -176,7 +176,7 @@ class Fit:
         """Write fit.json, traces.parquet and profiles.parquet.
 
         Args:
-            folder: is made if it does not exist.
+            folder: created if it does not exist.
 
         Returns:
             The folder.
@@ -201,7 +201,7 @@ class Fit:
 
 
 def load_fit(folder: Path | str) -> Fit:
-    """A fit that was saved.
+    """Load a saved fit.
 
     Raises:
         ConfigError: there is none, or it is of another format.
@@ -236,6 +236,7 @@ def load_fit(folder: Path | str) -> Fit:
 
 
 def _apart(table: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
+    """Return the rows of a table by label, without empty columns."""
     found = {}
     for label, rows in table.groupby(key, sort=False):
         found[str(label)] = rows.drop(columns=key).dropna(axis="columns", how="all").reset_index(drop=True)
@@ -243,7 +244,7 @@ def _apart(table: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers that JSON has: what is not finite becomes null."""
+    """Return plain JSON data, in which infinite and missing numbers are null."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -256,12 +257,12 @@ def _plain(value: Any) -> Any:
 
 
 def half_width(sigma: float | None) -> str:
-    """Of a 95 % interval, by a standard deviation; empty if there is none."""
+    """Return half of a 95 % interval for a standard deviation; empty without one."""
     return _number(None if sigma is None else 1.96 * sigma, "", 2)
 
 
 def _channel_fit(content: Mapping[str, Any]) -> ChannelFit:
-    """As it was saved, where what is no number is none."""
+    """Inverse of :func:`_plain` for a channel: null becomes NaN."""
     numbers = {name: math.nan for name in ("nrmse_percent", "noise_limit_percent", "rms") if content[name] is None}
     return ChannelFit(**{**content, **numbers})
 

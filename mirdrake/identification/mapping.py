@@ -1,4 +1,4 @@
-"""A log without a data file: its columns by their names, and by what the command line says."""
+"""Data set of a single log without a data file: columns by their names and by command-line options."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,10 +6,11 @@ from typing import Any
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Source, shown, to_si, validate
-from mirdrake.identification.channels import CHANNELS, unit_factor
-from mirdrake.identification.readers import read_table
-from mirdrake.identification.spec import CsvLayout, DataSpec
-from mirdrake.identification.tables import Table
+from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.spec import DataSpec
+from mirdrake.readers import CsvLayout, read_table
+from mirdrake.readers.tables import Table
+from mirdrake.readers.units import unit_factor
 
 ALIASES = {
     "vx": ("v_x", "vel_x", "velocity_x"),
@@ -22,20 +23,20 @@ ALIASES = {
     "pitch_rate": ("wy",),
     "yaw": ("heading",),
 }
-"""Other names of columns for which a channel is taken, when their unit is said."""
+"""Other column names of channels, used if the column states a fitting unit."""
 
 
 def map_log(
     path: Path, mapped: Sequence[str], clock: str | None, step: str | None, wheelbase: float | None
 ) -> DataSpec:
-    """A data set of one log.
+    """Return a data set of one log.
 
     Args:
-        path: of the log.
+        path: path of the log.
         mapped: ``"CHANNEL=COLUMN[:UNIT]"`` texts.
-        clock: ``"COLUMN[:UNIT]"``; None: the column time.
-        step: of a log without a clock; None: it has one.
-        wheelbase: [m]; None: not known.
+        clock: ``"COLUMN[:UNIT]"``; None for the column time.
+        step: sample time of a log without a clock; None if it has one.
+        wheelbase: [m]; None if unknown.
 
     Raises:
         ConfigError: it cannot be read, or no column is mapped.
@@ -49,10 +50,11 @@ def map_log(
             raise ConfigError(f"--map {text}: unknown channel '{name}'; {did_you_mean(name, CHANNELS)}")
         channels[name] = _column(column)
     if clock is not None and step is not None:
-        raise ConfigError("--step: the log has a clock already, by --time; leave out one of them")
+        raise ConfigError("--step: --time names a clock already; leave out one of them")
     time: dict[str, Any] = {"column": "time"} if clock is None else _column(clock)
     if step is not None:
         time = {"step": to_si(step, "s")}
+    # Columns of a bag cannot be listed without reading it, so they have no aliases.
     wanted = [entry["column"] for entry in channels.values()] + [time.get("column", "time")]
     if path.suffix.lower() not in {".bag", ".db3", ".mcap"} and not (path / "metadata.yaml").is_file():
         table = read_table(path, wanted, CsvLayout())
@@ -74,7 +76,7 @@ def map_log(
 
 
 def _column(text: str) -> dict[str, str]:
-    """Column and unit of ``"COLUMN:UNIT"``; the last colon counts, and a topic has one of its own."""
+    """Return column and unit of ``"COLUMN:UNIT"``; the last colon counts, as a topic has one of its own."""
     topic = text.startswith("/")
     head, colon, tail = text.rpartition(":")
     if not colon or (topic and ":" not in head):
@@ -83,7 +85,7 @@ def _column(text: str) -> dict[str, str]:
 
 
 def _has_unit(table: Table, column: str, channel: str) -> bool:
-    """Whether a column states a unit that fits the channel; a column of a pure number needs none."""
+    """Whether a column states a unit that fits the channel; a pure number needs none."""
     si = CHANNELS[channel].unit
     if column not in table.units:
         return si == "1"
@@ -95,7 +97,7 @@ def _has_unit(table: Table, column: str, channel: str) -> bool:
 
 
 def _channel_of(column: str) -> str | None:
-    """The channel that a column is by its name, as ``ego.vx`` is vx."""
+    """Return the channel that a column is by its name, such as vx for ``ego.vx``."""
     last = column.rpartition(".")[2].strip().lower()
     if last in CHANNELS:
         return last

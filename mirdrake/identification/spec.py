@@ -20,7 +20,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from mirdrake.core.yaml_io import Duration, Length, Schema
-from mirdrake.identification.channels import channel, plain_unit, unit_factor
+from mirdrake.identification.channels import channel
+from mirdrake.readers import CsvLayout
+from mirdrake.readers.units import plain_unit, unit_factor
 
 Repair = Literal["timestamps", "gaps", "held_values", "glitches", "sample_time", "delays"]
 REPAIRS: tuple[Repair, ...] = ("timestamps", "gaps", "held_values", "glitches", "sample_time", "delays")
@@ -55,15 +57,6 @@ class TimeColumn(Schema):
         if (self.column is None) == (self.step is None):
             raise ValueError("needs either a column or a step")
         return self
-
-
-class CsvLayout(Schema):
-    """Layout of a CSV file; it is detected where it is left out."""
-
-    delimiter: str | None = Field(default=None, min_length=1, description="delimiter of cells, 'space' for blanks [-]")
-    decimal: Literal[".", ","] | None = Field(default=None, description="decimal mark [-]")
-    comment: list[str] = Field(default=["#", "%", "//"], description="beginnings of comment lines [-]")
-    columns: list[str] | None = Field(default=None, description="names of the columns of a file without header [-]")
 
 
 def _short(value: Any) -> Any:

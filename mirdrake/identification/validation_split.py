@@ -8,7 +8,7 @@ import numpy as np
 from mirdrake.identification.alignment import smooth
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.relations import make_grid
-from mirdrake.identification.time_columns import MIN_ROWS
+from mirdrake.readers.time_columns import MIN_ROWS
 
 STRIDE = 3
 """Logs are ordered by lateral jerk; the second is used for validation, and every n-th after it."""

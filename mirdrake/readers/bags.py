@@ -1,12 +1,12 @@
 """ROS 1 and ROS 2 bags and MCAP files as tables, without ROS.
 
-A column is a topic and a field of its messages: ``/imu/data:angular_velocity.z``; ``.`` or ``/`` do instead of the
-colon, ``ranges.3`` is an item of an array, and ``orientation.yaw`` (``roll``, ``pitch``) an angle of a quaternion.
-MCAP files of ``mirdrake export`` are read back the same way: ``/ego/signals:vx``.
+A column is a topic and a field of its messages: ``/imu/data:angular_velocity.z``. The colon may also be ``.`` or ``/``;
+``ranges.3`` is an item of an array, and ``orientation.yaw`` (``roll``, ``pitch``) an angle of a quaternion. MCAP files
+of ``mirdrake export`` are read in the same way: ``/ego/signals:vx``.
 
-Each topic has a clock of its own. The rows are those of the topic that is wanted and comes most often; the others are
-brought to its times: numbers by straight lines, integers and switches held. The column ``time`` is the stamp in the
-header where messages have one, else the time of reception; ``received`` is always the latter.
+Each topic has its own clock. The rows are those of the requested topic with the most messages; other topics are
+resampled to its times: floating-point numbers linearly, integers and switches by holding. The column ``time`` is the
+stamp in the header if messages have one, otherwise the time of reception; ``received`` is always the latter.
 """
 
 import json
@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.core.yaml_io import shown
-from mirdrake.identification.spec import CsvLayout
-from mirdrake.identification.tables import Table
+from mirdrake.readers.tables import Request, Table
 
 CLOCKS = ("time", "received")
 
-LONGEST_BRIDGE = 5.0
-"""Usual steps of a topic over which its values are joined; over more there is no value."""
+MAX_BRIDGE = 5.0
+"""Median steps of a topic over which its values are interpolated; longer gaps have no value."""
 
 Messages = Callable[[Collection[str]], Iterator[tuple[str, int, Any]]]
 
@@ -37,21 +36,22 @@ class Bag(NamedTuple):
     """An opened file.
 
     Attributes:
-        topics: kind of the messages by topic.
-        messages: (topic, time of reception [ns], message as mapping or object) of some topics, in order.
+        topics: type of the messages by topic.
+        messages: returns (topic, time of reception [ns], message as mapping or object) of some topics, in order.
     """
 
     topics: Mapping[str, str]
     messages: Messages
 
 
-def read_bag(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  # noqa: ARG001
-    """A bag, or a folder that is one, as a table of the columns that are wanted.
+def read_bag(request: Request) -> Table:
+    """Read the requested columns of a bag.
 
     Raises:
         ConfigError: it cannot be read, or has no such topic or field.
         MissingDependencyError: the packages for bags are not installed.
     """
+    path, wanted = request.path, request.columns
     columns = [name for name in wanted if name not in CLOCKS]
     with ExitStack() as stack:
         bag = _open(path, stack)
@@ -63,11 +63,11 @@ def read_bag(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  
     time, notes = clocks[base], []
     values: dict[str, Any] = {}
     for name, (topic, _) in places.items():
-        values[name] = _brought(time, clocks[topic], rows[topic][2][name], same=topic == base)
+        values[name] = _resampled(time, clocks[topic], rows[topic][2][name], same=topic == base)
     for topic, clock in clocks.items():
         rate = 1e9 * (len(clock) - 1) / float(clock[-1] - clock[0]) if len(clock) > 1 and clock[-1] > clock[0] else 0.0
         stamped = "received" if received or not np.any(rows[topic][1]) else "stamped in their headers"
-        how = "their times are the rows" if topic == base else "brought to the times of the rows"
+        how = "their times are the rows" if topic == base else "resampled to the rows"
         notes.append(f"{topic} ({bag.topics[topic]}): {len(clock)} messages, {rate:.4g} Hz, as {stamped}; {how}")
     start = time[0]
     table = {"received" if received else "time": (time - start) * 1e-9, **values}
@@ -84,8 +84,8 @@ def _open(path: Path, stack: ExitStack) -> Bag:
     try:
         own = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=own))
-    except Exception as error:  # what its readers meet on broken files is of many kinds
-        raise ConfigError(f"{shown(path)}: is not a bag, or is broken: {_one_line(error)}") from None
+    except Exception as error:  # the readers raise errors of many kinds on damaged files
+        raise ConfigError(f"{shown(path)}: is not a bag, or is damaged: {_one_line(error)}") from None
 
     def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
         chosen = [link for link in reader.connections if link.topic in topics]
@@ -96,7 +96,7 @@ def _open(path: Path, stack: ExitStack) -> Bag:
 
 
 def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
-    """An MCAP file with messages in JSON or Protobuf; None when they are those of ROS, or the package is missing."""
+    """Open an MCAP file with JSON or Protobuf messages; None for ROS messages, or if the package is missing."""
     try:
         reading = import_module("mcap.reader")
     except ImportError:
@@ -106,7 +106,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
         summary = reader.get_summary()
         channels = list(summary.channels.values()) if summary else []
     except Exception as error:
-        raise ConfigError(f"{shown(path)}: is not an MCAP file, or is broken: {_one_line(error)}") from None
+        raise ConfigError(f"{shown(path)}: is not an MCAP file, or is damaged: {_one_line(error)}") from None
     if not channels or any(channel.message_encoding not in {"json", "protobuf"} for channel in channels):
         return None
     schemas = {link.topic: summary.schemas.get(link.schema_id) for link in channels}
@@ -135,7 +135,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
 
 
 def _split(path: Path, column: str, topics: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
-    """Topic and keys of a column."""
+    """Split a column into topic and field names."""
     name = column if column.startswith("/") else f"/{column}"
     fitting = [topic for topic in topics if name.startswith(topic) and name[len(topic) : len(topic) + 1] in set(":./")]
     if not fitting:
@@ -149,7 +149,7 @@ _Rows = tuple[NDArray[np.int64], NDArray[np.int64], dict[str, NDArray[Any]]]
 
 
 def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ...]]]) -> dict[str, _Rows]:
-    """Times of reception and stamps [ns] and values by column, for each topic."""
+    """Return times of reception and stamps [ns] and values by column, for each topic."""
     topics = {topic for topic, _ in places.values()}
     times: dict[str, list[int]] = {topic: [] for topic in topics}
     stamps: dict[str, list[int]] = {topic: [] for topic in topics}
@@ -167,7 +167,7 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
         raise ConfigError(f"{shown(path)}: cannot be read: {_one_line(error)}") from None
     for topic in topics:
         if len(times[topic]) < 2:
-            raise ConfigError(f"{shown(path)}: {topic} has {len(times[topic])} messages; no drive")
+            raise ConfigError(f"{shown(path)}: {topic} has {len(times[topic])} messages; at least 2 are needed")
     return {
         topic: (
             np.array(times[topic]),
@@ -179,7 +179,7 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
 
 
 def _stamp(message: Any) -> int:
-    """The stamp in the header of a message [ns]; 0: it has none."""
+    """Return the stamp in the header of a message [ns]; 0 without one."""
     stamp = _get(_get(message, "header"), "stamp") or _get(message, "stamp")
     seconds, rest = _get(stamp, "sec"), _get(stamp, "nanosec")
     return 0 if seconds is None or rest is None else int(seconds) * 10**9 + int(rest)
@@ -221,11 +221,11 @@ def _fields(item: Any, key: str) -> str:
         names = [name for name in getattr(item, "__dataclass_fields__", {}) if not name.startswith("_")]
     if isinstance(item, Mapping) or names:
         return did_you_mean(key, names) if key else "fields: " + ", ".join(names)
-    return "name a field that is"
+    return "name one of its numeric fields"
 
 
 def _angle(item: Any, key: str) -> float | None:
-    """Roll, pitch or yaw [rad] of a quaternion; None: it is none."""
+    """Return roll, pitch or yaw [rad] of a quaternion; None for other items."""
     parts = [_get(item, axis) for axis in ("w", "x", "y", "z")]
     if any(part is None for part in parts):
         return None
@@ -241,8 +241,8 @@ def _clock(times: NDArray[np.int64], stamps: NDArray[np.int64], *, received: boo
     return times if received or not len(stamps) else stamps
 
 
-def _brought(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[Any], *, same: bool) -> NDArray[Any]:
-    """Values of one topic at the times of another."""
+def _resampled(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[Any], *, same: bool) -> NDArray[Any]:
+    """Return values of one topic at the times of another."""
     numbers = values.astype(float)
     if same:
         return numbers
@@ -255,7 +255,7 @@ def _brought(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[An
     clock, target = (own - start).astype(float), (time - start).astype(float)
     result = np.interp(target, clock, numbers, left=np.nan, right=np.nan)
     steps = np.diff(clock)
-    longest = LONGEST_BRIDGE * float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    longest = MAX_BRIDGE * float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
     before = np.clip(np.searchsorted(clock, target, side="right") - 1, 0, len(clock) - 2)
     result[(steps[before] > longest) & (target != clock[before])] = np.nan
     return np.asarray(result)

@@ -1,42 +1,34 @@
-"""VBO files of VBOX loggers, as Racelogic describes them (VBO file format, en.racelogic.support).
+"""VBO files of VBOX loggers, as described by Racelogic (VBO file format, en.racelogic.support).
 
-Text in sections: ``[header]`` has a title of each channel in a line of its own, ``[column names]`` short names of them
-in one line, ``[data]`` the rows, between blanks. A column is asked for by either name. The titles of what the logger
-itself measures have units (``velocity kmh``); those of other channels must be told. The time of day is HHMMSS.SS.
+Text in sections: ``[header]`` has the title of each channel in a line, ``[column names]`` their short names in one
+line, ``[data]`` the rows, separated by blanks. A column is requested by either name. The titles of the logger's own
+channels have units (``velocity kmh``); those of other channels must be given. The time of day is HHMMSS.SS.
 """
 
 import re
-from collections.abc import Collection
 from io import StringIO
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
-from mirdrake.identification.csv_files import text_of
-from mirdrake.identification.spec import CsvLayout
-from mirdrake.identification.tables import Table, read_bytes
-from mirdrake.identification.time_columns import seconds_of_day
+from mirdrake.readers.csv_files import decode_text
+from mirdrake.readers.tables import Request, Table, read_bytes
+from mirdrake.readers.time_columns import seconds_of_day
 
 _UNIT = re.compile(r".*\s(kmh|km/h|mph|knots|m/s|g)", re.IGNORECASE)
 _SECTION = re.compile(r"\[([^\]]*)\]\s*")
 
 
-def read_vbo(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  # noqa: ARG001
-    """A VBO file as a table; ``time`` in seconds of its day.
-
-    Args:
-        path: the file.
-        wanted: names of columns that will be asked for: titles of the header where one of them is there.
-        layout: of CSV files; not used.
+def read_vbo(request: Request) -> Table:
+    """Read a VBO file as a table; ``time`` in seconds of its day.
 
     Raises:
-        ConfigError: it has no column names or no data, or a row has other cells than there are names.
+        ConfigError: it has no column names or no data, or a row has another number of cells.
     """
-    name, notes = shown(path), list[str]()
-    lines = text_of(read_bytes(path), name, notes).splitlines()
+    path, wanted = request.path, request.columns
+    name, notes = request.name, list[str]()
+    lines = decode_text(read_bytes(path), name, notes).splitlines()
     marks = [
         (at, match.group(1).strip().lower()) for at, line in enumerate(lines) if (match := _SECTION.fullmatch(line))
     ]
@@ -52,7 +44,7 @@ def read_vbo(path: Path, wanted: Collection[str], layout: CsvLayout) -> Table:  
         raise ConfigError(f"{name}: has no {'rows' if names else 'column names'}")
     for at in rows:
         if len(cells := lines[at].split()) != len(names):
-            raise ConfigError(f"{name}:{at + 1}: has {len(cells)} cells, and there are {len(names)} column names")
+            raise ConfigError(f"{name}:{at + 1}: has {len(cells)} cells, but there are {len(names)} column names")
     units: dict[str, str] = {}
     if len(titles) == len(names):
         names = [title if title in wanted else short for title, short in zip(titles, names, strict=True)]

@@ -1,4 +1,4 @@
-"""Columns of time that are no seconds since a start: steps from row to row, and times of the day."""
+"""Time columns that are not seconds since the start: steps from row to row, and times of day."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,17 +6,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _LONG = 1.0
-"""Steps from row to row are shorter [s]."""
+"""Largest step from row to row [s]."""
 
 MIN_ROWS = 20
-"""Fewer samples are no drive."""
+"""Least number of samples of a log."""
 
 MAX_BACKWARD_SHARE = 0.01
-"""Part of the rows whose time may lie before that of an earlier row; more is an error, or no clock."""
+"""Largest share of rows whose time may precede that of an earlier row; more is an error, or not a clock."""
 
 
 def has_step_durations(time: Array) -> bool:
-    """Whether a clock says how long each row took: short, and as often less than the one before as more.
+    """Whether a column contains the duration of each row: short, and as often shorter than the one before as longer.
 
     Args:
         time: the column (n) [s].
@@ -29,10 +29,10 @@ def has_step_durations(time: Array) -> bool:
 
 
 def is_time_of_day(numbers: Array) -> bool:
-    """Whether numbers are HHMMSS.SS: no minute has more than 60 s, and each goes over into the next.
+    """Whether numbers are HHMMSS.SS: no minute has more than 60 s, and each continues in the next.
 
     Args:
-        numbers: the column (n). Within one minute it may be anything: no.
+        numbers: the column (n); numbers within one minute are ambiguous and not accepted.
     """
     used = numbers[np.isfinite(numbers)]
     if len(used) < MIN_ROWS or used.min() < 0.0 or used.max() >= 240000.0:
@@ -46,13 +46,10 @@ def is_time_of_day(numbers: Array) -> bool:
 
 
 def seconds_of_day(clock: Array) -> Array:
-    """Seconds since the first midnight of HHMMSS.SS; days that follow are counted on.
+    """Return seconds since the first midnight for HHMMSS.SS, continued over midnights.
 
     Args:
         clock: the column (n).
-
-    Returns:
-        the same [s].
     """
     hours, rest = np.divmod(clock, 1e4)
     minutes, seconds = np.divmod(rest, 1e2)

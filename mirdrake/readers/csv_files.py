@@ -1,0 +1,294 @@
+"""CSV files as people and instruments write them.
+
+Comment lines and text before the header are skipped; the header itself may be a comment (``# time, v`` of NumPy,
+``%time,field.x`` of ROS). The delimiter, the decimal mark and the units in the header (``speed [km/h]``,
+``speed (km/h)``) or in a row below it are detected, and so are files with a channel in each line. What was detected is
+noted in the table.
+"""
+
+import gzip
+import re
+import zlib
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from io import StringIO
+
+import numpy as np
+import pandas as pd
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.readers.tables import Request, Table, read_bytes
+from mirdrake.readers.units import is_unit
+
+_DELIMITERS = ("\t", ";", ",", "|")
+_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|nan|inf|-inf|", re.IGNORECASE)
+_MISSING = [
+    "", "-", "--", "---", "n/a", "N/A", "#N/A", "NA", "<NA>", "NaN", "nan", "NAN", "-nan", "-nan(ind)", "1.#QNAN",
+    "null", "NULL", "None",
+]  # fmt: skip
+_MAX_TRANSPOSED_LINES, _MIN_TRANSPOSED_CELLS = 60, 200
+"""At most this many lines, of at least this many cells, are channels rather than rows."""
+_SAMPLE = 50  # rows that are looked at before the whole file is parsed
+_ENCODINGS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_OTHER_FORMATS = {
+    b"PK\x03\x04": "a workbook or another zip file",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook",
+    b"\x89PNG": "a picture",
+    b"%PDF": "a PDF file",
+    b"PAR1": "a Parquet file (suffix .parquet)",
+    b"\x89HDF": "an HDF5 file",
+    b"SQLite format 3": "a database (a bag has the suffix .db3)",
+}
+"""First bytes of formats that are mistaken for CSV."""
+
+
+@dataclass(frozen=True)
+class _Text:
+    """Lines of a file and how they are split.
+
+    Attributes:
+        request: the request.
+        lines: all lines.
+        kept: indices of lines that are not empty and not comments.
+        notes: what was detected.
+    """
+
+    request: Request
+    lines: list[str]
+    kept: list[int]
+    notes: list[str]
+
+    def cells(self, at: int, delimiter: str | None = None) -> list[str]:
+        """Return the cells of a line, split by a delimiter, that of the layout, or the line's own."""
+        mark = delimiter or self.request.layout.delimiter or _find_delimiter(self.lines[at])
+        return _split(self.lines[at], mark)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Names and units of the columns, and where the rows begin.
+
+    Attributes:
+        names: names of the columns.
+        units: units by name.
+        delimiter: delimiter of the rows.
+        line: index of the line of the header; None without one.
+        rows: indices of the lines of the rows.
+    """
+
+    names: list[str]
+    units: dict[str, str]
+    delimiter: str
+    line: int | None
+    rows: list[int]
+
+
+def read_csv(request: Request) -> Table:
+    """Read a CSV file as a table; the header is the first line that contains a requested column.
+
+    Raises:
+        ConfigError: the file cannot be read, is empty, or a row has more cells than the header.
+    """
+    name, notes = request.name, list[str]()
+    lines = decode_text(read_bytes(request.path), name, notes).splitlines()
+    comments = tuple(request.layout.comment)
+    kept = [at for at, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
+    if not kept:
+        raise ConfigError(f"{name}: is empty; a header and rows of numbers are expected")
+    text = _Text(request, lines, kept, notes)
+    if len(kept) <= _MAX_TRANSPOSED_LINES:
+        rows = [text.cells(at) for at in kept]
+        if _is_transposed(rows):
+            return _transpose(name, rows, request.layout.columns, notes)
+    header = _with_units(text, _find_header(text))
+    if not header.rows:
+        raise ConfigError(f"{name}: has a header and no rows")
+    _check_widths(text, header)
+    return _parse_rows(text, header)
+
+
+def _find_header(text: _Text) -> _Header:
+    """Find names and delimiter: in the layout, in a comment line above numbers, or in the first suitable line."""
+    columns, kept = text.request.layout.columns, text.kept
+    if columns:
+        return _Header(list(columns), {}, _delimiter_of(text, kept[0]), None, kept)
+    above = _commented_header(text)
+    if above is not None:
+        delimiter = _delimiter_of(text, kept[0])
+        names = _without_comment_mark(text.cells(above, delimiter), text.request)
+        return _Header(names, {}, delimiter, above, kept)
+    head = _header_index(text)
+    if head:
+        text.notes.append(f"{head} lines before the header in line {kept[head] + 1} are skipped")
+    delimiter = _delimiter_of(text, kept[head])
+    return _Header(text.cells(kept[head], delimiter), {}, delimiter, kept[head], kept[head + 1 :])
+
+
+def _with_units(text: _Text, header: _Header) -> _Header:
+    """Add the units in the names, ``speed [km/h]``, and those of a row of units below the header."""
+    names, units, rows = list(header.names), dict[str, str](), header.rows
+    for index, title in enumerate(names):
+        match = _UNIT.fullmatch(title)
+        if match is not None and match.group(1):
+            names[index] = title if title in text.request.columns else match.group(1)
+            units[names[index]] = match.group(2).strip()
+    if header.line is not None and rows and _is_unit_row(below := text.cells(rows[0], header.delimiter)):
+        units |= {title: unit.strip("[]()") for title, unit in zip(names, below, strict=False) if unit.strip("[]()-")}
+        text.notes.append(f"line {rows[0] + 1} is a row of units")
+        rows = rows[1:]
+    return replace(header, names=names, units=units, rows=rows)
+
+
+def _check_widths(text: _Text, header: _Header) -> None:
+    """Reject rows with more cells than there are names."""
+    count = len(header.names)
+    for at in header.rows[:_SAMPLE]:
+        cells = text.cells(at, header.delimiter)
+        if len(cells) > count and any(cells[count:]):
+            source = "names in 'csv: {columns: […]}'"
+            if header.line is not None:
+                source = f"names in the header in line {header.line + 1}"
+            raise ConfigError(f"{text.request.name}:{at + 1}: has {len(cells)} cells, but there are {count} {source}")
+
+
+def _parse_rows(text: _Text, header: _Header) -> Table:
+    """Parse the rows."""
+    name, layout, rows = text.request.name, text.request.layout, header.rows
+    sample = [text.cells(at, header.delimiter) for at in rows[:_SAMPLE]]
+    decimal = layout.decimal or _find_decimal(sample, header.delimiter)
+    if decimal == "," and layout.decimal is None:
+        text.notes.append("has decimal commas")
+    numbers = np.array(rows) + 1
+    try:
+        frame = pd.read_csv(
+            StringIO("\n".join(text.lines[at] for at in rows)),
+            sep=r"\s+" if header.delimiter == "space" else header.delimiter,
+            header=None,
+            names=range(len(header.names)),
+            index_col=False,
+            decimal=decimal,
+            na_values=_MISSING,
+            keep_default_na=False,
+            skipinitialspace=True,
+            low_memory=False,
+            engine="c",
+        )
+    except (pd.errors.ParserError, ValueError):
+        line = next((f":{at + 1}" for at in rows if len(text.cells(at, header.delimiter)) > len(header.names)), "")
+        raise ConfigError(f"{name}{line}: does not have the {len(header.names)} cells of the header") from None
+    columns = {title: frame[index] for index, title in enumerate(header.names)}
+    return Table(name, header.names, columns, header.units, numbers, text.notes)
+
+
+def _is_transposed(rows: list[list[str]]) -> bool:
+    """Whether each line is a channel: few lines of many numbers each, with or without a name."""
+    width = len(rows[0])
+    if width < _MIN_TRANSPOSED_CELLS or any(len(row) != width for row in rows):
+        return False
+    return all(_NUMBER.fullmatch(cell) for row in rows for cell in row[1:])
+
+
+def _transpose(name: str, rows: list[list[str]], columns: list[str] | None, notes: list[str]) -> Table:
+    """Return the table of lines that are channels; without names they are numbered from 1."""
+    named = not all(_NUMBER.fullmatch(row[0]) for row in rows)
+    names = columns or [row[0] if named else str(at) for at, row in enumerate(rows, start=1)]
+    if len(names) != len(rows):
+        raise ConfigError(
+            f"{name}: has {len(rows)} lines, each a channel, but 'csv: {{columns: […]}}' has {len(names)} names"
+        )
+    numbered = "" if named or columns else ", and numbered from 1"
+    notes.append(f"has a channel in each of its {len(rows)} lines: transposed{numbered}")
+    values = {title: np.array(row[named:], dtype=object) for title, row in zip(names, rows, strict=True)}
+    series = {title: pd.Series(cells).replace("", np.nan) for title, cells in values.items()}
+    return Table(name, names, series, {}, None, notes)
+
+
+def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
+    """Return the text of a file in whatever encoding; assumptions are noted.
+
+    Raises:
+        ConfigError: it is not text.
+    """
+    if raw[:2] == b"\x1f\x8b":
+        try:
+            raw = gzip.decompress(raw)
+        except (OSError, EOFError, zlib.error):
+            raise ConfigError(f"{name}: is a damaged gzip file") from None
+        notes.append("is compressed with gzip")
+    known = next((what for head, what in _OTHER_FORMATS.items() if raw.startswith(head)), None)
+    if known is not None:
+        raise ConfigError(f"{name}: is {known}, not text; export it as CSV")
+    encoding = next((one for head, one in _ENCODINGS.items() if raw.startswith(head)), None)
+    if encoding is None and b"\0" in raw[:4000]:  # UTF-16 without a byte order mark
+        even, odd = raw[0:4000:2].count(0), raw[1:4000:2].count(0)
+        encoding = "utf-16-le" if odd > 0.4 * len(raw[1:4000:2]) > even else "utf-16-be" if even > odd else None
+    try:
+        text = raw.decode(encoding or "utf-8-sig")
+    except UnicodeDecodeError:
+        text, encoding = raw.decode("latin-1"), "Latin-1"
+    if encoding is not None:
+        notes.append(f"is not UTF-8; read as {encoding}")
+    sample = text[:4000]
+    strange = sum((char < " " and char not in "\t\n\r\f\v") or "\x7f" <= char < "\xa0" for char in sample)
+    if strange > 0.02 * len(sample):
+        raise ConfigError(f"{name}: is not text; CSV is expected")
+    return text
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    parts = line.split() if delimiter == "space" else line.split(delimiter)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def _delimiter_of(text: _Text, at: int) -> str:
+    return text.request.layout.delimiter or _find_delimiter(text.lines[at])
+
+
+def _find_delimiter(line: str) -> str:
+    counts = {mark: line.count(mark) for mark in _DELIMITERS}
+    best = max(counts, key=lambda mark: counts[mark])
+    return best if counts[best] else "space" if len(line.split()) > 1 else ","
+
+
+def _header_index(text: _Text) -> int:
+    """Return the position among the kept lines of the first one that names a requested column; 0 for none."""
+    for index, at in enumerate(text.kept[:100]):
+        cells = text.cells(at)
+        bare = {match.group(1) if (match := _UNIT.fullmatch(cell)) else cell for cell in cells}
+        if len(cells) > 1 and (bare | set(cells)) & set(text.request.columns):
+            return index
+    return 0
+
+
+def _commented_header(text: _Text) -> int | None:
+    """Return the comment line that names the columns of a file whose first other line has numbers; None without."""
+    first = text.kept[0]
+    delimiter = _delimiter_of(text, first)
+    numbers = text.cells(first, delimiter)
+    if len(numbers) < 2 or np.mean([bool(_NUMBER.fullmatch(cell)) for cell in numbers]) < 0.5:
+        return None
+    for at in reversed(range(first)):
+        names = _without_comment_mark(_split(text.lines[at].strip(), delimiter), text.request, ())
+        if len(names) == len(numbers) and not any(_NUMBER.fullmatch(name) for name in names):
+            return at
+    return None
+
+
+def _without_comment_mark(names: list[str], request: Request, wanted: Collection[str] | None = None) -> list[str]:
+    """Return the names of a header without the comment mark before the first of them."""
+    bare, marks = names[0], tuple(request.layout.comment)
+    while bare not in (request.columns if wanted is None else wanted) and bare.startswith(marks):
+        bare = bare.removeprefix(next(mark for mark in marks if bare.startswith(mark))).strip()
+    return [name.rstrip(",;") for name in ([bare] if bare else []) + names[1:]]
+
+
+def _is_unit_row(cells: list[str]) -> bool:
+    if not any(cells) or any(cell and _NUMBER.fullmatch(cell) for cell in cells):
+        return False
+    return any(is_unit(cell.strip("[]()")) for cell in cells)
+
+
+def _find_decimal(rows: list[list[str]], delimiter: str) -> str:
+    return "," if delimiter != "," and any(_COMMA.fullmatch(cell) for row in rows for cell in row) else "."

@@ -1,0 +1,89 @@
+"""MAT files of MATLAB."""
+
+import pickle
+import subprocess
+import sys
+from importlib import import_module
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.yaml_io import shown
+from mirdrake.readers.tables import Request, Table, read_bytes
+
+
+def read_mat(request: Request) -> Table:
+    """Read a MAT file: vectors by name, fields of structs and timeseries as ``struct.field``.
+
+    Version 7.3 is HDF5 and needs h5py.
+    """
+    path, raw = request.path, read_bytes(request.path)
+    columns: dict[str, Any] = {}
+
+    def collect(prefix: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, item in value.items():
+                collect(f"{prefix}.{key}" if prefix else key, item)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1:
+            if value.size == max(value.shape):
+                columns[prefix] = value.ravel()
+            elif value.ndim == 2:  # columns of a matrix, counted from 1 as in MATLAB
+                tall = value if value.shape[0] >= value.shape[1] else value.T
+                columns.update({f"{prefix}.{at + 1}": tall[:, at] for at in range(tall.shape[1])})
+
+    content = (_read_hdf5 if raw[:10] == b"MATLAB 7.3" else _read_mat5)(path, raw)
+    collect("", {key: value for key, value in content.items() if not key.startswith(("__", "#"))})
+    if not columns:
+        raise ConfigError(f"{shown(path)}: has no vectors of numbers")
+    return Table(shown(path), list(columns), columns)
+
+
+MAT_TIME = 20.0
+"""Time limit of reading a MAT file [s]."""
+
+_READ_MAT = """
+import pickle, sys
+from io import BytesIO
+from scipy.io import loadmat
+pickle.dump(loadmat(BytesIO(sys.stdin.buffer.read()), simplify_cells=True), sys.stdout.buffer)
+"""
+
+
+def _read_mat5(path: Path, raw: bytes) -> dict[str, Any]:
+    """Return the contents of a MAT file before version 7.3.
+
+    It is read in another process, as compiled code of SciPy crashes on some damaged files.
+    """
+    command = [sys.executable, "-P", "-W", "ignore", "-c", _READ_MAT]
+    try:
+        done = subprocess.run(command, input=raw, capture_output=True, timeout=MAT_TIME, check=True)
+        content: dict[str, Any] = pickle.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        raise ConfigError(f"{shown(path)}: cannot be read within {MAT_TIME:g} s; is it damaged?") from None
+    except (subprocess.SubprocessError, EOFError, pickle.UnpicklingError):
+        raise ConfigError(f"{shown(path)}: is not a MAT file, or is damaged") from None
+    return content
+
+
+def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
+    """Return the numbers of a MAT file of version 7.3, groups as mappings."""
+    try:
+        h5py = import_module("h5py")
+    except ImportError:
+        raise MissingDependencyError(
+            f"{shown(path)}: is MAT version 7.3, which needs h5py: pip install 'mirdrake[bags]'; or save it with -v7"
+        ) from None
+
+    def plain(item: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {key: plain(inner) for key, inner in item.items()}
+        return np.asarray(item) if item.dtype.kind in "biuf" else None
+
+    try:
+        with h5py.File(BytesIO(raw), "r") as file:
+            return {key: plain(item) for key, item in file.items()}
+    except Exception:  # h5py raises errors of many kinds on a damaged file
+        raise ConfigError(f"{shown(path)}: claims to be MAT version 7.3, but is damaged") from None

@@ -1,0 +1,118 @@
+"""Tables of columns with units, and the request that a reader answers."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import Schema, shown
+
+
+class CsvLayout(Schema):
+    """Layout of a CSV file; it is detected where it is left out."""
+
+    delimiter: str | None = Field(default=None, min_length=1, description="delimiter of cells, 'space' for blanks [-]")
+    decimal: Literal[".", ","] | None = Field(default=None, description="decimal mark [-]")
+    comment: list[str] = Field(default=["#", "%", "//"], description="beginnings of comment lines [-]")
+    columns: list[str] | None = Field(default=None, description="names of the columns of a file without header [-]")
+
+
+@dataclass(frozen=True)
+class Request:
+    """A file to read; a reader uses what its format needs.
+
+    Attributes:
+        path: file or folder.
+        columns: names of the columns that will be used.
+        layout: layout of a text file.
+    """
+
+    path: Path
+    columns: Collection[str] = ()
+    layout: CsvLayout = field(default_factory=CsvLayout)
+
+    @property
+    def name(self) -> str:
+        """Path for messages."""
+        return shown(self.path)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of one file.
+
+    Attributes:
+        name: file name for messages.
+        names: names of the columns, in order.
+        columns: the columns (n each), numeric or not.
+        units: units of the columns that state one.
+        lines: line of each row (n), of a text file.
+        notes: what was detected or assumed about the file.
+    """
+
+    name: str
+    names: list[str]
+    columns: Mapping[str, Any]
+    units: Mapping[str, str] = field(default_factory=dict)
+    lines: NDArray[np.int64] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def numbers(self, column: str, place: str) -> NDArray[np.float64]:
+        """Return one column as floats (n), NaN where a cell is empty or infinite.
+
+        Args:
+            column: its name.
+            place: where it is requested, ``file:line: path``, for messages.
+
+        Raises:
+            ConfigError: there is no such column, or a cell is not a number.
+        """
+        if column not in self.columns and self.lines is not None and all(_is_number(name) for name in self.names):
+            raise ConfigError(f"{place}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")
+        if column not in self.columns:
+            raise ConfigError(f"{place}: {self.name} has no column '{column}'; {did_you_mean(column, self.names)}")
+        if self.names.count(column) > 1:
+            raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
+        values = pd.Series(np.asarray(self.columns[column]).ravel())
+        numbers = pd.to_numeric(values, errors="coerce")
+        bad = numbers.isna() & values.notna()
+        if bad.any():
+            row = int(np.argmax(bad.to_numpy()))
+            line = f":{self.lines[row]}" if self.lines is not None else f": row {row + 1}"
+            count = f" ({int(bad.sum())} cells in all)" if bad.sum() > 1 else ""
+            raise ConfigError(f"{self.name}{line}: column '{column}': {str(values[row])[:40]!r} is not a number{count}")
+        result = numbers.to_numpy(dtype=float, copy=True)
+        result[~np.isfinite(result)] = np.nan
+        return result
+
+    def row(self, index: int) -> str:
+        """Return ``file:line`` of a row."""
+        return f"{self.name}:{self.lines[index]}" if self.lines is not None else f"{self.name}: row {index + 1}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise ConfigError(f"{shown(path)}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{shown(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
