@@ -90,7 +90,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
     progress("reading")
     data = make_data(embedded_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
     vehicle, given = ("", {}) if vehicle_name is None else _given(spec, model_spec, vehicle_name, data)
-    if data.wheelbase is None and given:
+    if data.wheelbase is None and {"front_length", "rear_length"} <= given.keys():
         data = replace(data, wheelbase=given["front_length"] + given["rear_length"])
     if not data.train:
         raise ConfigError(f"{where(spec, 'data')}: no log is for training; set 'use: train' of at least one")
