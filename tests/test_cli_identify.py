@@ -11,7 +11,7 @@ from tests.test_identification_study import STUDY, write
 DATA = STUDY.split("model:")[0].replace("identification/1\ndata:", "data/1").replace("\n  ", "\n")
 
 
-def test_a_study_is_done_and_its_folder_is_complete(tmp_path, capsys):
+def test_a_study_is_run_and_its_folder_is_complete(tmp_path, capsys):
     path = write(tmp_path)
     arguments = ["identify", str(path), "--out", str(tmp_path / "out"), "--set", "parameters.yaw_inertia.given=2400"]
     assert main(arguments) == 0
@@ -94,7 +94,7 @@ def test_columns_with_known_names_and_units_need_no_mapping(tmp_path, capsys):
         (["drives.yaml", "--map", "vx=v:m/s"], "--map: drives.yaml has a mapping of its own"),
     ],
 )
-def test_bad_input_of_a_check_is_told(tmp_path, capsys, monkeypatch, arguments, message):
+def test_bad_input_of_a_check_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "log.csv").write_text("time,v\n" + "".join(f"{0.1 * i:.1f},{i}\n" for i in range(50)))
     (tmp_path / "drives.yaml").write_text(DATA, encoding="utf-8")

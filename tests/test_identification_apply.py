@@ -92,9 +92,7 @@ def test_a_stiffness_of_an_axle_is_that_of_two_tyres_and_goes_where_the_variant_
         (_found("steering_delay", "s", -0.02), "-0.02 is not possible there"),
     ],
 )
-def test_what_cannot_or_should_not_be_written_is_left_out_with_its_reason(
-    bolt: Path, parameter: FittedParameter, reason: str
-) -> None:
+def test_skipped_parameters_have_a_reason(bolt: Path, parameter: FittedParameter, reason: str) -> None:
     change = plan_apply(_fit(parameter), str(bolt), today=DAY)
     assert change.files == ()
     (line,) = change.skipped
@@ -102,7 +100,7 @@ def test_what_cannot_or_should_not_be_written_is_left_out_with_its_reason(
     assert reason in line
 
 
-def test_a_delay_becomes_whole_periods_of_the_controllers_and_says_so(bolt: Path) -> None:
+def test_a_delay_is_rounded_to_whole_controller_periods_with_a_note(bolt: Path) -> None:
     change = plan_apply(_fit(_found("steering_delay", "s", 0.087)), str(bolt), today=DAY)
     assert change.notes == ("steering_delay: 0.087 s is rounded to 0.08 s, whole periods of 0.02 s",)
     change.files[0].write()

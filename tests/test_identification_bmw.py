@@ -37,7 +37,7 @@ def do(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Done]:
     return done
 
 
-def test_the_lane_change_is_followed_on_the_way_out_and_on_the_way_back(do):
+def test_the_model_fits_the_lane_change_in_both_directions(do):
     _, fit, _ = do(LANE)
     assert fit.channel("yaw_rate", part="train").nrmse_percent >= 93.0
     assert fit.channel("yaw_rate", part="validation").nrmse_percent >= 93.0
@@ -110,7 +110,7 @@ def test_the_braking_gives_deceleration_lag_and_resistance_with_intervals(do):
         assert force / fit["mass"].value == pytest.approx(-slope, rel=0.05)
 
 
-def test_a_drag_that_is_that_of_the_engine_is_no_drag(do):
+def test_a_drag_caused_by_the_engine_is_not_identified(do):
     code, fit, _ = do(BRAKING)
     assert code == 1
     assert fit["drag"].given == pytest.approx(0.5 * 1.2 * 0.33 * 2.25)

@@ -314,7 +314,7 @@ def test_stamps_gaps_missing_values_and_clipping_are_counted():
     assert np.all(np.diff(report.data.logs[0].time) > 0.0)
 
 
-def test_excitation_tells_what_a_drive_cannot_give():
+def test_excitation_reports_what_a_log_cannot_determine():
     offers = {item.parameters: item for item in checked(recorded(14)).excitation}
     assert offers["cornering stiffness, yaw inertia"].verdict == "good"
     log = recorded(14)
@@ -493,7 +493,7 @@ def test_a_clock_of_steps_is_summed_up(tmp_path):
         ("{}\n{}\n", MAPPED.replace("column: v", "column: '2'") + "time: {column: '1'}\n"),
     ],
 )
-def test_a_file_with_a_channel_in_each_line_is_turned(tmp_path, text, names):
+def test_a_file_with_a_channel_in_each_line_is_transposed(tmp_path, text, names):
     lines = [",".join(f"{value:.6g}" for value in values) for values in (0.1 * np.arange(250), np.sin(np.arange(250)))]
     log = dataset(tmp_path, names, a=text.format(*lines)).logs[0]
     assert log.time == pytest.approx(0.1 * np.arange(250))
@@ -581,7 +581,7 @@ def test_a_fault_of_a_vbo_file_names_its_line(tmp_path, text, message):
         dataset(tmp_path, "channels: {vx: velocity}\nlogs: [{file: a.vbo}]\n")
 
 
-def test_times_of_the_day_go_on_over_the_minute(tmp_path):
+def test_times_of_day_continue_over_the_minute(tmp_path):
     start = 13 * 3600 + 59 * 60 + 57.0
     log = dataset(tmp_path, MAPPED, a=table(rows=60, row=lambda i: f"{hhmmss(start + 0.1 * i)},{i}")).logs[0]
     assert log.time == pytest.approx(start + 0.1 * np.arange(60))
@@ -618,7 +618,7 @@ def test_a_fault_of_a_log_names_its_line(tmp_path, text, message):
         dataset(tmp_path, MAPPED, a=text)
 
 
-def test_unreadable_formats_are_told(tmp_path):
+def test_unreadable_formats_raise_an_error(tmp_path):
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform")
     (tmp_path / "b.mat").write_bytes(b"nothing")
     (tmp_path / "c.parquet").write_bytes(b"nothing")

@@ -181,7 +181,7 @@ def test_without_the_package_its_extra_is_named(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["broken.bag", "broken.db3", "broken.mcap"])
 @pytest.mark.parametrize("content", [b"", b"#ROSBAG V2.0\n" + b"x" * 50, b"\x89MCAP0\r\n" + b"x" * 50])
-def test_a_broken_bag_is_told(tmp_path, name, content):
+def test_a_damaged_bag_raises_an_error(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ConfigError, match=f"{name}: is not .*damaged") as caught:
         load(tmp_path, name)

@@ -215,7 +215,7 @@ def test_a_constant_log_is_a_fault(tmp_path, capsys):
     assert main(["identify", str(tmp_path / "data.yaml"), "--out", str(tmp_path / "out")]) == 2
 
 
-def test_noise_has_no_parameters(tmp_path):
+def test_no_parameter_is_identified_from_noise(tmp_path):
     """A single track is fitted to numbers without sense: none of its parameters is called identified."""
     from mirdrake.identification.default_study import default_study
     from mirdrake.identification.identify import identify

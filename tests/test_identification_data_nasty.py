@@ -91,7 +91,7 @@ def test_forty_milliseconds_between_bus_and_inertial_unit():
     assert max(abs(one.value) for one in again.of("delay")) < 0.002
 
 
-def test_without_a_lateral_velocity_its_part_is_taken_for_no_delay():
+def test_without_a_lateral_velocity_its_part_is_not_taken_for_a_delay():
     report = checked(recorded(40, without=("vy",)))
     (found,) = report.of("delay", "lateral_acceleration, yaw_rate")
     assert abs(found.value) > 0.005

@@ -29,7 +29,7 @@ def watched(seed=0, *, late=0.0):
     return replace(log, channels=channels)
 
 
-def test_a_camera_that_is_late_is_found_by_its_heading_and_shifted_as_one():
+def test_a_delayed_camera_is_found_by_its_heading_and_shifted_as_one_source():
     """On rows of 10 ms a value that comes every 25 ms waits for 2.5 ms in the mean."""
     report = checked(watched(late=0.05))
     (found,) = report.of("delay", "yaw_rate, yaw")
@@ -45,7 +45,7 @@ def test_a_camera_that_is_late_is_found_by_its_heading_and_shifted_as_one():
     assert abs(again.of("delay", "yaw_rate, yaw")[0].value) < 0.001
 
 
-def test_a_camera_that_is_not_late_is_left_where_it_is():
+def test_a_camera_without_delay_is_not_shifted():
     report = checked(watched(1))
     assert not [one for one in report.of("delay") if one.severity != "info"]
 
@@ -77,7 +77,7 @@ def test_a_clock_in_another_unit_is_found(factor):
     assert ("in ms" in found.text) is (factor < 1.0)
 
 
-def test_a_step_that_no_recorder_has_is_a_fault_even_when_nothing_tells_the_true_one():
+def test_an_unusual_step_is_a_fault_even_if_the_true_one_is_unknown():
     log = recorded(52, without=("longitudinal_acceleration", "yaw"))
     report = checked(replace(log, time=log.time * 1e3))
     assert [one.check for one in report.unrepaired_faults] == ["sample_time"]
@@ -94,7 +94,7 @@ def test_stamps_of_whole_seconds_are_spread_over_their_rows():
     assert report.unrepaired_faults == []
 
 
-def test_rows_of_a_slow_channel_that_are_empty_are_no_fault():
+def test_empty_rows_of_a_slow_channel_are_not_a_fault():
     log = recorded(54)
     vy = np.where(np.arange(len(log.time)) % 4 == 1, log.channels["vy"], np.nan)
     report = checked(changed(log, vy=vy))
@@ -105,7 +105,7 @@ def test_rows_of_a_slow_channel_that_are_empty_are_no_fault():
     assert checked(changed(log, vy=random)).of("missing", "vy")[0].severity == "fault"
 
 
-def test_stamps_that_swing_leave_no_gaps():
+def test_jitter_of_time_stamps_is_not_a_gap():
     log = recorded(55)
     swing = np.random.default_rng(0).uniform(-0.4, 0.4, len(log.time)) * STEP
     report = checked(replace(log, time=log.time + swing))
@@ -125,7 +125,7 @@ def test_coarse_values_that_repeat_by_chance_are_not_held():
     assert hold_factor(held(speed, 2)) == (2.0, 0.5)
 
 
-def test_a_glitch_out_of_range_that_is_mended_is_no_fault_of_the_range():
+def test_a_repaired_glitch_is_not_out_of_range():
     log = recorded(56)
     values = log.channels["yaw_rate"].copy()
     values[[500, 2000]] = 1e5
@@ -134,7 +134,7 @@ def test_a_glitch_out_of_range_that_is_mended_is_no_fault_of_the_range():
     assert {one.check for one in checked(log, repairs=()).unrepaired_faults} >= {"range", "glitches"}
 
 
-def test_a_steering_that_is_late_has_no_bias_and_a_bias_is_told_with_its_size():
+def test_a_delayed_steering_has_no_bias_and_a_bias_is_reported_with_its_size():
     """Quick to the left, slowly back: late by 0.2 s, the mean of the steering seems to be another one."""
     log = recorded(57)
     late = np.interp(log.time + 0.2, log.time, log.channels["road_wheel_angle"])

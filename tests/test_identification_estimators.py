@@ -56,7 +56,7 @@ def test_a_single_track_is_found_again(lateral):
     assert lateral["mass"].verdict == "fixed"
 
 
-def test_the_fit_tells_noise_and_what_was_held_out(lateral):
+def test_the_fit_has_the_noise_and_the_validation_fit(lateral):
     for part in ("train", "validation"):
         assert lateral.channel("yaw_rate", part=part).rms == pytest.approx(0.003, rel=0.1)
         assert lateral.channel("yaw_rate", part=part).nrmse_percent > 95.0
@@ -127,7 +127,7 @@ def test_combinations_are_products_or_sums():
     assert direction(Direction(((c, 0.6), (d, -0.5)), 0.006)) == "delay - 0.42 lag: known to ± 0.00098 s"
 
 
-def test_a_prior_holds_what_the_log_does_not_say():
+def test_a_prior_dominates_where_the_log_has_no_information():
     parameters = LATERAL | {"cornering_stiffness_front": Setting(prior=(80e3, 100.0))}
     found = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)[
         "cornering_stiffness_front"
@@ -140,7 +140,7 @@ def test_a_prior_holds_what_the_log_does_not_say():
     assert found.sigma_noise < min(100.0, free.sigma_noise)
 
 
-def test_a_bound_that_the_estimate_stands_at_is_said():
+def test_an_estimate_at_its_bound_is_reported():
     parameters = LATERAL | {"yaw_inertia": Setting(high=2000.0)}
     found = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
     assert found.at_bound == "high"
@@ -156,7 +156,7 @@ def test_glitches_hardly_move_a_robust_fit():
     assert found["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.03)
 
 
-def test_missing_samples_and_a_gap_are_no_harm():
+def test_missing_samples_and_a_gap_do_not_matter():
     log = lateral_log()
     channels = {name: values.copy() for name, values in log.channels.items()}
     channels["yaw_rate"][500:650] = np.nan
@@ -176,7 +176,7 @@ def test_pieces_with_first_states_of_their_own_give_the_same(continuity):
         assert found[name].sigma < 0.03 * TRUTH[name]
 
 
-def test_profile_has_its_least_at_the_estimate_and_3_84_at_the_ends_of_the_interval():
+def test_profile_has_its_minimum_at_the_estimate_and_3_84_at_the_ends_of_the_interval():
     parameters = CAR | {name: Setting(fixed=value) for name, value in TRUTH.items() if name.startswith("steering")}
     parameters |= {"accelerometer_ahead": Setting(free=False)}
     options = EstimatorOptions(profile=True, loss="linear")
@@ -393,7 +393,7 @@ def test_validation_figures():
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.1, 0.5])
-def test_the_best_fit_is_that_of_a_model_which_leaves_the_noise(noise):
+def test_the_noise_limit_is_the_fit_of_the_true_model(noise):
     time = np.arange(0.0, 60.0, 0.01)
     exact_ = np.sin(3.0 * time) + (time > 20.0)  # motion with a corner
     seen = exact_ + np.random.default_rng(1).normal(0.0, noise, len(time))
@@ -417,14 +417,14 @@ def test_the_best_fit_is_that_of_a_model_which_leaves_the_noise(noise):
         (lambda log: replace(log, use="validation"), "for training"),
     ],
 )
-def test_data_that_cannot_give_a_fit_is_refused(change, words):
+def test_data_that_cannot_give_a_fit_are_rejected(change, words):
     data = DataSet((change(lateral_log()),), wheelbase=2.7)
     with pytest.raises(ConfigError, match=words) as caught:
         fit(data, ModelSpec("single_track"), parameters=LATERAL)
     assert "\n" not in str(caught.value)
 
 
-def test_nothing_free_is_refused():
+def test_a_fit_without_free_parameters_is_rejected():
     data = lateral_data()
     model = make_model(ModelSpec("single_track"), data, {})
     parameters = {info.name: Setting(free=False) for info in model.parameters}
@@ -434,7 +434,7 @@ def test_nothing_free_is_refused():
         fit(DataSet(()), ModelSpec("single_track"))
 
 
-def test_a_late_vy_is_found_and_where_it_is_not_sought_the_interval_holds_the_truth():
+def test_a_delay_of_vy_is_estimated_and_without_it_the_interval_contains_the_truth():
     log = lateral_log(0, channels=("yaw_rate", "lateral_acceleration", "vy"), duration=40.0)
     late = np.interp(log.time - 0.02, log.time, log.channels["vy"])
     data = DataSet((replace(log, channels={**log.channels, "vy": late}),), wheelbase=FRONT + REAR)

@@ -50,7 +50,7 @@ def steady(
         (1.6, 0.0, 2.9, 25.0, 0.04),  # a car
     ],
 )
-def test_slow_bends_tell_scale_and_zero_of_a_command(ratio, straight, wheelbase, top, lock):
+def test_slow_turns_determine_scale_and_zero_of_a_command(ratio, straight, wheelbase, top, lock):
     log = steady(wheelbase, ratio, straight, top, lock, understeer=0.002 * wheelbase)
     guess = guess_steering([log], "steering_command")
     assert guess is not None
@@ -58,7 +58,7 @@ def test_slow_bends_tell_scale_and_zero_of_a_command(ratio, straight, wheelbase,
     assert guess.curvature / guess.gain == pytest.approx(-straight, abs=0.01 * ratio)
 
 
-def test_skids_do_not_move_the_guess():
+def test_skids_do_not_change_the_guess():
     """Three seconds of every minute in which the vehicle turns as it likes; single glitches are mended before."""
     log = steady()
     rate = log.channels["yaw_rate"].copy()
@@ -103,7 +103,7 @@ def test_a_model_starts_at_the_guess_and_its_bounds_hold_it():
     assert p["steering_offset"].high > 0.5
 
 
-def test_without_a_wheelbase_the_bends_tell_the_size():
+def test_without_a_wheelbase_the_turns_determine_the_size():
     """A measured angle of the wheels gives the wheelbase; a command only says that no car makes such bends."""
     lengths = ("front_length", "rear_length")
     for channel, ratio, straight, about in (("road_wheel_angle", 1.0, 0.0, 0.08), ("steering_command", 1.2, 0.53, 0.6)):
@@ -129,7 +129,7 @@ SIGN = statement("steering_sign", channel="steering_command", correlation=-0.9)
 STEP = statement("unknown_step", step=2.0)
 
 
-def test_a_wrong_sign_is_refused_in_one_line_that_says_what_to_write():
+def test_a_wrong_sign_is_rejected_in_one_line_with_its_correction():
     found = fault("steering_command", SIGN)
     with pytest.raises(ConfigError) as caught:
         reject_faults(report(found, replace(found, log="other")), USED)
@@ -139,7 +139,7 @@ def test_a_wrong_sign_is_refused_in_one_line_that_says_what_to_write():
     assert "\n" not in text
 
 
-def test_the_steering_is_not_blamed_for_the_yaw_rate():
+def test_a_wrong_yaw_rate_is_not_attributed_to_the_steering():
     steering = fault("steering_command", SIGN)
     rate = fault("yaw_rate", statement("mistakes", mistakes="wrong sign of yaw_rate", signs_only=True))
     with pytest.raises(ConfigError) as caught:
@@ -148,7 +148,7 @@ def test_the_steering_is_not_blamed_for_the_yaw_rate():
     assert "steering_command" not in str(caught.value)
 
 
-def test_what_the_model_does_without_is_not_refused():
+def test_faults_of_unused_channels_are_accepted():
     signs = statement("mistakes", mistakes="wrong sign of yaw_rate or of yaw", signs_only=True)
     reject_faults(report(fault("yaw", signs), fault("yaw_rate, yaw", signs)), USED)
     repaired = replace(fault("", STEP, "sample_time"), done=statement("scaled_time", factor=2.0))
@@ -178,7 +178,7 @@ def test_a_data_file_alone_has_a_study(tmp_path):
     assert "for validation" in spec.about
 
 
-def test_a_data_file_whose_channels_give_nothing_says_what_is_missing(tmp_path):
+def test_a_data_file_without_a_suitable_model_names_the_missing_channel(tmp_path):
     path = write_log(tmp_path)
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(line for line in lines if "steering_command" not in line), encoding="utf-8")
@@ -186,7 +186,7 @@ def test_a_data_file_whose_channels_give_nothing_says_what_is_missing(tmp_path):
         default_study(path)
 
 
-def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys):
+def test_the_command_fits_a_data_file_and_rejects_a_wrong_sign(tmp_path, capsys):
     path = write_log(tmp_path)
     main(["identify", str(path), "--out", str(tmp_path / "out"), "--set", "model.kind=kinematic"])
     text = capsys.readouterr().out
@@ -201,7 +201,7 @@ def test_the_command_fits_a_data_file_and_refuses_a_wrong_sign(tmp_path, capsys)
     assert not (tmp_path / "wrong").exists()
 
 
-def test_the_end_of_one_drive_is_held_out():
+def test_the_end_of_a_single_log_is_for_validation():
     one = steady()
     apart = split_validation(DataSet((one,)), 0.3)
     assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, end", "validation")]
@@ -224,7 +224,7 @@ def test_lateral_jerk_is_speed_times_yaw_acceleration():
     assert lateral_jerk(Log("still", "train", TIME, {"vx": np.ones(len(TIME))})) == 0.0
 
 
-def test_the_drive_that_turns_in_most_quickly_stays_for_training():
+def test_the_log_with_the_highest_lateral_jerk_stays_for_training():
     hertz = {"slow": 0.1, "sweep": 2.0, "slalom": 0.5, "step": 1.0, "bend": 0.05}
     drives = DataSet(tuple(weaving(name, one) for name, one in hertz.items()))
     apart = split_validation(drives, 0.3)
@@ -235,7 +235,7 @@ def test_the_drive_that_turns_in_most_quickly_stays_for_training():
     assert [log.name for log in split_validation(drives, 0.4).train] == ["slow", "sweep", "slalom"]
 
 
-def test_drives_that_do_not_turn_are_held_out_from_the_last():
+def test_logs_without_turns_are_for_validation_from_the_last():
     drives = DataSet(tuple(Log(name, "train", TIME, {"vx": np.sin(TIME)}) for name in ("a", "b", "c", "d")))
     apart = split_validation(drives, 0.375)
     assert [(log.name, log.use) for log in apart.logs] == [
@@ -257,7 +257,7 @@ def lagging(lag):
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.15])
-def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
+def test_a_lag_is_fitted_where_the_logs_support_it(lag):
     found = choose_structure(lagging(lag), ModelSpec("kinematic"), {}, EstimatorOptions())
     assert ("steering_lag" in found.settings) is (lag > 0.0)
     assert len(found.notes) == (1 if lag else 0)
@@ -266,7 +266,7 @@ def test_a_lag_is_fitted_where_the_drives_ask_for_it(lag):
         assert found.start.values["steering_lag"] == pytest.approx(lag, rel=0.1)
 
 
-def test_what_a_study_says_is_left_as_it_is(monkeypatch):
+def test_settings_of_a_study_are_not_changed(monkeypatch):
     from mirdrake.identification.estimators import structure
 
     data = lagging(0.15)
@@ -334,7 +334,7 @@ def braking(height, seed=0, drive=0.5):
 
 
 @pytest.mark.parametrize("height", [0.0, 0.08])
-def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
+def test_load_transfer_is_fitted_where_the_logs_support_it(height):
     """Otherwise bends that a vehicle brakes for look as if its steering were early."""
     spec = ModelSpec("single_track", {"tyres": "linear"})
     found = choose_structure(braking(height), spec, {}, EstimatorOptions())
@@ -347,7 +347,7 @@ def test_load_transfer_is_fitted_where_the_drives_ask_for_it(height):
 
 
 @pytest.mark.parametrize("drive", [0.0, 1.0])
-def test_which_wheels_drive_is_in_the_intervals(drive):
+def test_the_unknown_share_of_the_front_axle_is_in_the_intervals(drive):
     """Half of the drive at the front is assumed, which moves the load transfer by far more than the noise does."""
     spec = ModelSpec("single_track", {"tyres": "linear", "relaxation": False})
     data, truth, held = braking(0.08, drive=drive), 0.08, {"load_transfer": Setting(free=True)}
@@ -359,7 +359,7 @@ def test_which_wheels_drive_is_in_the_intervals(drive):
     assert known.value == pytest.approx(truth, rel=0.02)
 
 
-def test_an_axle_that_carries_more_holds_more():
+def test_the_force_of_an_axle_grows_with_its_load():
     """Steady bend r = v δ / (L + K v²), K = (b / Cf' - a / Cr') / L · m, with Cf' = Cf (1 - h ax / (g b)) and so on."""
     data = braking(0.0)
     model = make_model(ModelSpec("single_track", {"tyres": "linear"}), data, {})

@@ -30,7 +30,7 @@ def single_track(**options):
     return make_model(ModelSpec("single_track", options), lateral_data(), KNOWN)
 
 
-def test_single_track_follows_the_equations_written_out_once_more():
+def test_single_track_equals_equations_written_independently():
     time, clean = exact()
     model = make_model(ModelSpec("single_track"), lateral_data(), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | TRUTH
@@ -43,7 +43,7 @@ def test_single_track_follows_the_equations_written_out_once_more():
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_shots_side_by_side_are_one_trajectory(count):
+def test_shots_form_one_trajectory(count):
     model = single_track(tyres="fiala")
     p = {info.name: info.guess for info in model.parameters}
     (drive,), _ = make_segments(model, lateral_data().logs)
@@ -133,7 +133,7 @@ def yielding(kind="single_track_roll"):
     return model, {info.name: info.guess for info in model.parameters} | values
 
 
-def test_a_steering_gives_way_to_the_moments_of_its_wheels():
+def test_a_compliant_steering_deflects_under_the_moments_of_its_wheels():
     """A spring with a damper, 1 / s = 50 kN m/rad, pushed by a moment that is worked out by hand."""
     model, p = yielding()
     # Slip of 0.01 and -0.07 of a roll of 0.02: 90 kN/rad (0.01 + 0.0014) to the right.
@@ -172,7 +172,7 @@ def test_spinning_wheels_resist_yawing():
     assert heavy == pytest.approx(plain / 1.1)
 
 
-def test_wheels_that_are_steered_turn_the_car_the_other_way():
+def test_the_reaction_of_steering_turns_the_car_the_other_way():
     """A moment of 1.5 kg m² times 4 rad/s² on 2500 + 24 kg m²."""
     model, p = yielding()
     p |= {"steering_inertia": 1.5, "yaw_inertia": 2500.0, "spin_inertia": 24.0}
@@ -194,7 +194,7 @@ def test_wheels_that_yaw_and_are_steered_roll_the_body():
     assert found == pytest.approx(10.0**2 * 0.009 * (52.0 + 13.0) / 733.0)
 
 
-def test_a_damper_behind_a_tyre_works_late():
+def test_a_damper_in_series_with_a_tyre_lags():
     """It brakes with the rate that it has itself, which follows that of the roll within its time."""
     given = YIELDING | {"roll_damper_time": 0.01}
     model = make_model(ModelSpec("single_track_roll"), lateral_data(), given)
@@ -219,7 +219,7 @@ def test_the_air_moves_load_to_the_rear():
     assert windy[1] / calm[1] == pytest.approx(1.0 + 60.0 / (weight * FRONT))
 
 
-def test_front_wheels_that_drive_or_brake_pull_to_where_they_point():
+def test_longitudinal_force_of_the_front_axle_follows_its_wheels():
     """0.5 N s²/m² at 20 m/s and 0.2 m/s² of 1500 kg are 500 N, of which 0.05 rad turn 25 N to the left.
 
     Braking with 1 m/s² takes 1300 N beside the air, the part of the front wheels of which pulls to the right.
@@ -236,7 +236,7 @@ def test_front_wheels_that_drive_or_brake_pull_to_where_they_point():
     assert side(-1.0, **brakes) - side(-1.0, **drives) == pytest.approx(-0.6 * 1300.0 * math.sin(0.05) / 1500.0)
 
 
-def test_a_sideways_speed_measured_on_the_roof_sways_with_the_body():
+def test_a_lateral_velocity_measured_on_the_roof_contains_roll():
     """The velocity of a point of a rigid body: v + ω x p, with p 1.2 m ahead and 0.9 m above the roll axis."""
     model = make_model(ModelSpec("single_track_roll", {"outputs": ["vy"]}), lateral_data(channels=["vy"]), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | {"velocity_ahead": 1.2, "velocity_height": 0.9}
@@ -280,7 +280,7 @@ def test_lag_and_second_order_are_exact_for_straight_lines():
     assert first_order(values, 0.05, 0.0) is values
 
 
-def test_between_samples_there_is_no_corner_and_what_is_held_stays():
+def test_interpolation_is_smooth_and_keeps_held_values():
     wave = np.sin(0.4 * np.arange(60))
     places = np.linspace(2.0, 57.0, 500)
     off = np.max(np.abs(smooth_between(wave, places) - np.sin(0.4 * places)))
@@ -290,14 +290,14 @@ def test_between_samples_there_is_no_corner_and_what_is_held_stays():
     assert smooth_between(wave, np.arange(60.0)) == pytest.approx(wave)
 
 
-def test_play_follows_behind_its_width():
+def test_backlash_lags_by_half_its_width():
     wave = np.sin(np.linspace(0.0, 20.0, 2001))
     behind = backlash(wave, 0.2)
     assert np.max(behind[500:]) == pytest.approx(0.9, abs=1e-4)
     assert np.max(np.abs(behind - wave)) <= 0.1 + 1e-12
 
 
-def test_every_model_can_be_made_and_says_what_it_is():
+def test_every_model_can_be_made_and_has_a_title():
     time = np.arange(0.0, 5.0, 0.01)
     names = ["vx", "road_wheel_angle", "steering_command", "yaw_rate", "throttle", "brake"]
     data = DataSet((Log("all", "train", time, {name: np.sin(time) for name in names}),), wheelbase=2.7)
@@ -323,7 +323,7 @@ def test_every_model_can_be_made_and_says_what_it_is():
         (ModelSpec("joint_loop"), "steering_command"),
     ],
 )
-def test_a_model_that_cannot_be_made_says_why(spec, words):
+def test_a_model_that_cannot_be_made_names_the_reason(spec, words):
     with pytest.raises(ConfigError, match=words) as caught:
         make_model(spec, lateral_data(), {})
     assert "\n" not in str(caught.value)
@@ -341,19 +341,19 @@ def test_a_model_that_cannot_be_made_says_why(spec, words):
         (Setting(prior=(9e4, 1.0), high=1e4), "prior mean"),
     ],
 )
-def test_choices_that_contradict_themselves_are_refused(choice, words):
+def test_contradictory_settings_are_rejected(choice, words):
     with pytest.raises(ConfigError, match=words):
         resolve_parameters(single_track().parameters, {"yaw_inertia": choice})
 
 
-def test_all_faults_of_the_choices_come_together():
+def test_all_faults_of_the_settings_are_reported_together():
     with pytest.raises(ConfigError) as caught:
         resolve_parameters(single_track().parameters, {"yaw_inertai": Setting(), "mass": Setting(fixed=-1.0)})
     assert "did you mean 'yaw_inertia'" in str(caught.value)
     assert "parameters.mass" in str(caught.value)
 
 
-def test_what_nobody_gave_of_a_magic_formula_is_doubted():
+def test_default_values_of_a_magic_formula_are_assumptions():
     """Its curvature, and what part of drive and braking is the front wheels', which cannot be less than nothing."""
     model = single_track(tyres="magic_formula")
     values = {info.name: info.guess for info in model.parameters}
@@ -371,7 +371,7 @@ def test_what_nobody_gave_of_a_magic_formula_is_doubted():
 
 
 @pytest.mark.parametrize("tyres", ["fiala", "magic_formula"])
-def test_tyres_that_brake_hold_less_to_the_side(tyres):
+def test_braking_tyres_have_less_lateral_force(tyres):
     """Braking with 5 m/s² takes 7500 N, 4500 of them in front; √(1 - X² / μ² N²) is left, but at least 0.3."""
     model = single_track(tyres=tyres)
     p = {info.name: info.guess for info in model.parameters} | {"front_drive": 1.0, "front_brake": 0.6}
@@ -386,7 +386,7 @@ def test_tyres_that_brake_hold_less_to_the_side(tyres):
     assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)
 
 
-def test_a_drive_in_shots_is_that_in_one():
+def test_a_segment_in_shots_equals_one_shot():
     """Gaps between shots are closed to first order at last: what is left is far below what any sensor sees."""
     model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
     (drive,), _ = make_segments(model, lateral_data().logs, None)

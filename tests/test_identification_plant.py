@@ -55,7 +55,7 @@ def deceleration(coasting, **changes):
     return -np.polyfit(drive.time[20:], vx[20:], 1)[0]
 
 
-def test_base_body_makes_up_for_the_whole(coasting):
+def test_the_base_body_takes_the_difference_in_mass_properties(coasting):
     model, _, _ = coasting
     *_, truth = drive_with_cargo(duration=0.1)
     plant, part = model.assembly.parts.plant, model.assembly.parts.vehicles["ego"]
@@ -77,7 +77,7 @@ def test_base_body_makes_up_for_the_whole(coasting):
         body_inertia(whole, rest, {**truth, "yaw_inertia": 1.0})
 
 
-def test_resistances_in_the_context_brake_as_they_should(coasting):
+def test_resistances_in_the_context_decelerate_as_computed(coasting):
     model, _, p = coasting
     radius = float(np.mean(model.assembly.parts.vehicles["ego"].vehicle.geometry.wheel_radii))
     free = deceleration(coasting)
@@ -92,7 +92,7 @@ def test_resistances_in_the_context_brake_as_they_should(coasting):
     assert deceleration(coasting) == free
 
 
-def test_impossible_parameters_are_no_run(coasting):
+def test_impossible_parameters_give_no_run(coasting):
     model, drive, p = coasting
     assert model.run({**p, "yaw_inertia": 1.0}, drive, np.array([15.0])) is None
 
@@ -103,7 +103,7 @@ def test_mass_and_yaw_inertia_come_back():
     settings = {name: Setting(fixed=truth[name]) for name in ("rear_length", "com_height")}
     settings |= {"steering_offset": Setting(free=False)}
     settings |= {"mass": Setting(guess=1800.0), "yaw_inertia": Setting(guess=3700.0)}
-    options = EstimatorOptions(offsets=False, iterations=4)
+    options = EstimatorOptions(offsets=False, iterations=3)
     result = fit(data_set(noisy(exact, names=CHANNELS, every=1)), QUICK, parameters=settings, options=options)
     within(result, truth, "mass")
     assert result["yaw_inertia"].value == pytest.approx(truth["yaw_inertia"], rel=0.04)
@@ -111,7 +111,7 @@ def test_mass_and_yaw_inertia_come_back():
 
 
 @pytest.mark.slow
-def test_more_parameters_and_a_held_out_drive_through_a_study(tmp_path):
+def test_more_parameters_and_a_validation_log_in_a_study(tmp_path):
     exact = drive_with_cargo(duration=6.0)
     truth = exact[2]
     for seed, name in ((1, "first"), (2, "second")):
@@ -157,7 +157,7 @@ parameters:
         ({}, "road_wheel_angle", "needs the steering"),
     ],
 )
-def test_what_cannot_be_is_told(options, missing, words):
+def test_impossible_options_raise_an_error(options, missing, words):
     time = np.arange(0.0, 1.0, 0.01)
     channels = {name: np.sin(time) for name in CHANNELS if name != missing}
     data = DataSet((Log("drive", "train", time, channels),))
@@ -165,7 +165,7 @@ def test_what_cannot_be_is_told(options, missing, words):
         make_model(ModelSpec("plant", {"vehicle": "bolt@handling"} | options), data, {})
 
 
-def test_the_way_of_the_drive_follows_the_channels():
+def test_the_drive_input_follows_the_channels():
     time = np.arange(0.0, 1.0, 0.01)
     channels = {name: np.sin(time) for name in ("vx", "yaw_rate", "road_wheel_angle")}
     model = make_model(ModelSpec("plant", {"vehicle": "bolt"}), DataSet((Log("a", "train", time, channels),)), {})

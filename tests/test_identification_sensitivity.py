@@ -64,7 +64,7 @@ def effects(model, bend, settings, seed=0):
     return solution, found
 
 
-def test_a_fixed_value_with_a_standard_deviation_moves_the_slope_by_9_over_5_of_it():
+def test_the_sigma_of_a_fixed_value_widens_the_slope_by_9_over_5_of_it():
     _, found = effects(Line(), 0.0, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert found[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
     # Whatever the log says: with a bend that is really there it is no other.
@@ -72,7 +72,7 @@ def test_a_fixed_value_with_a_standard_deviation_moves_the_slope_by_9_over_5_of_
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
 
 
-def test_what_is_left_out_counts_as_far_as_the_log_has_it():
+def test_an_omitted_effect_counts_as_far_as_the_log_supports_it():
     """Information on the bend, the slope taken out: Σx⁴ - (Σx³)²/Σx² = n (17 - 81/5)/2 = 0.4 n over the noise."""
     lack = Assumption("a bend", "draw it straight", {"bend": 0.5}, 1.0, {"curved": True}, is_omitted=True)
     variance = NOISE**2 / (0.4 * COUNT) / 0.5**2
@@ -104,7 +104,7 @@ def test_mean_square_is_that_of_a_spike_and_a_slab(estimate, variance):
     assert expected_square(estimate, variance) == pytest.approx(wanted, rel=1e-6)
 
 
-def test_a_mass_that_is_not_sure_is_in_the_stiffness_and_not_in_the_delay():
+def test_an_uncertain_mass_widens_the_stiffness_but_not_the_delay():
     """Motion tells force over mass: a mass of ± 2 % leaves stiffness and inertia as unsure."""
     known = {"front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR)}
     spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
@@ -125,7 +125,7 @@ def test_a_mass_that_is_not_sure_is_in_the_stiffness_and_not_in_the_delay():
     assert found["steering_delay"].sigma_model < 0.05 * found["steering_delay"].sigma_noise
 
 
-def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
+def test_an_assumed_centre_of_mass_is_in_the_interval_with_its_reason():
     spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
     found: Any = fit(lateral_data(), spec, parameters={"mass": Setting(fixed=MASS), "steering_lag": Setting(free=True)})
     for name, truth in (("cornering_stiffness_front", 90e3), ("cornering_stiffness_rear", 110e3)):
@@ -135,11 +135,11 @@ def test_a_centre_of_mass_that_nobody_gave_is_in_the_interval_with_its_reason():
         assert one.low < truth < one.high
         assert abs(one.value - truth) > 3.0 * one.sigma_noise
     text = found.table()
-    assert "± of noise" in text
-    assert "± of model" in text
+    assert "± noise" in text
+    assert "± model" in text
 
 
-def test_a_coast_down_tells_resistance_per_moving_mass_on_a_road_that_may_slope():
+def test_a_coast_down_determines_resistance_per_mass_on_a_road_that_may_slope():
     """The speed shows (c + γ) m g and D over m + mr: 3 % of m in mr are 3 % of both, 0.001 of γ is 0.001 of c."""
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
     settings = {"mass": Setting(fixed=MASS), "viscous_resistance": Setting(fixed=0.0)}
@@ -156,7 +156,7 @@ def test_a_coast_down_tells_resistance_per_moving_mass_on_a_road_that_may_slope(
     assert float(error) < 1e-3
 
 
-def test_resistance_over_speed_that_is_left_out_widens_what_it_would_bend():
+def test_omitted_viscous_resistance_widens_what_it_would_bias():
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
     known = dict.fromkeys(("rotating_mass", "slope"), Setting(fixed=0.0)) | {"mass": Setting(fixed=MASS)}
     asked: Any = fit(coast_data(), spec, parameters=known)

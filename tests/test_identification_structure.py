@@ -46,7 +46,7 @@ def relaxing(length, seed=0, duration=20.0):
 
 
 @pytest.mark.parametrize("length", [0.0, 0.4])
-def test_tyres_relax_where_the_drives_ask_for_it(length):
+def test_relaxation_is_fitted_where_the_logs_support_it(length):
     data = relaxing(length)
     found = choose_structure(data, SPEC, CAR, EstimatorOptions())
     assert ("relaxation" in found.model.options) == (length > 0.0)
@@ -63,7 +63,7 @@ def test_tyres_relax_where_the_drives_ask_for_it(length):
         assert abs(one.value - length) < 1.5 * 1.96 * one.sigma
 
 
-def test_a_fit_without_relaxation_says_that_its_inertia_depends_on_it():
+def test_a_fit_without_relaxation_names_it_as_an_assumption():
     """The plain model has the inertia low by far more than its noise; what is left out has it in the interval."""
     data = relaxing(0.4)
     one: Any = fit(data, SPEC, parameters=CAR)["yaw_inertia"]
@@ -73,7 +73,7 @@ def test_a_fit_without_relaxation_says_that_its_inertia_depends_on_it():
     assert "whether tyre relaxation matters: give the vehicle, or its relaxation length" in one.explanation
 
 
-def test_what_a_study_or_a_vehicle_says_is_not_tried():
+def test_settings_of_a_study_or_vehicle_disable_the_search():
     data = relaxing(0.4)
 
     def tried(options, settings):
@@ -88,7 +88,7 @@ def test_what_a_study_or_a_vehicle_says_is_not_tried():
     assert "roll of the body" not in tried({}, {"yaw_inertia": Setting(given=2400.0)})
 
 
-def test_an_angle_of_the_wheels_that_is_only_asked_for_has_a_lag():
+def test_a_recorded_set_point_of_the_road_wheel_angle_gets_a_lag():
     """A delay of 30 ms and a lag of 50 ms, recorded before both: as a dead time alone they cost yaw inertia."""
     closed = ModelSpec("single_track", {"roll": False, "tyres": "linear", "relaxation": False})
     data = lateral_data(0)

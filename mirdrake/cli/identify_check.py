@@ -41,9 +41,9 @@ def run(options: argparse.Namespace) -> int:
 
     path = Path(options.what)
     is_yaml = path.suffix in {".yaml", ".yml"} and not path.is_dir()
-    asked = [name for name in ("map", "time", "step", "wheelbase") if getattr(options, name)]
-    if is_yaml and asked:
-        raise ConfigError(f"--{asked[0]}: {shown(path)} has a mapping of its own; write it there")
+    given = [name for name in ("map", "time", "step", "wheelbase") if getattr(options, name)]
+    if is_yaml and given:
+        raise ConfigError(f"--{given[0]}: {shown(path)} has a mapping of its own; write it there")
     if is_yaml:
         tree, _ = read_tree(path)
         is_study = isinstance(tree, dict) and str(tree.get("mirdrake", "")).startswith("identification/")

@@ -102,29 +102,34 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     left: list[str] = []
     notes: list[str] = []
     edits: dict[Path, list[Edit]] = {}
-    for one in fit.parameters:
-        reason = _skip_reason(one, folder)
+    for parameter in fit.parameters:
+        reason = _skip_reason(parameter, folder)
         if reason:
-            left.append(f"{one.name}: not written: {reason}")
+            left.append(f"{parameter.name}: not written: {reason}")
             continue
-        place = YAML_ENTRIES[one.name]
-        value = place.factor * one.value
+        place = YAML_ENTRIES[parameter.name]
+        value = place.factor * parameter.value
         if place.periods:
             rounded = round(value * folder.rate) / folder.rate
             period = 1.0 / folder.rate
-            notes.append(f"{one.name}: {value:.4g} s is rounded to {rounded:g} s, whole periods of {period:g} s")
+            notes.append(f"{parameter.name}: {value:.4g} s is rounded to {rounded:g} s, whole periods of {period:g} s")
             value = rounded
         value = float(f"{value:.{DIGITS}g}")
-        path, prefix, stands = folder.find(place.path)
-        if isinstance(stands, int | float) and math.isclose(stands, value, rel_tol=1e-12):
+        path, prefix, current = folder.find(place.path)
+        if isinstance(current, int | float) and math.isclose(current, value, rel_tol=1e-12):
             continue
-        if one.verdict != "identified":
-            notes.append(f"{one.name}: {one.verdict}{f' ({one.explanation})' if one.explanation else ''}")
+        if parameter.verdict != "identified":
+            notes.append(
+                f"{parameter.name}: {parameter.verdict}{f' ({parameter.explanation})' if parameter.explanation else ''}"
+            )
         keys = place.path.split(".")
         edits.setdefault(path, []).extend(
             [
                 Edit((*prefix, *keys), value),
-                Edit((*prefix, "sources", place.path), source_text(fit, one, place, today or datetime.now(UTC).date())),
+                Edit(
+                    (*prefix, "sources", place.path),
+                    source_text(fit, parameter, place, today or datetime.now(UTC).date()),
+                ),
             ]
         )
     changes = [change_file(path, found, check=folder.checker(path)) for path, found in edits.items()]

@@ -137,12 +137,12 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     if not channels:
         raise ConfigError(f"{where(spec, 'channels')}: no channel is mapped; add, for example, vx: {{column: …}}")
     clock = entry.time or spec.time
-    asked = where(spec, "logs", index, "time") if entry.time else where(spec, "time")
-    wanted = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])
+    clock_place = where(spec, "logs", index, "time") if entry.time else where(spec, "time")
+    columns = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])
     file = folder / entry.file
     if not file.exists():
         raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {shown(file)}: no such file")
-    table = read_table(file, wanted, entry.csv or spec.csv)
+    table = read_table(file, columns, entry.csv or spec.csv)
     values, faults = {}, []
     for name, (column, place) in channels.items():
         try:
@@ -154,7 +154,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
 
     # The clock, in seconds.
     notes = list(table.notes)
-    time = _time(table, clock, asked, len(next(iter(values.values()))))
+    time = _time(table, clock, clock_place, len(next(iter(values.values()))))
     if clock.column is not None and is_time_of_day(time):
         notes.append(f"column '{clock.column}' has times of day, HHMMSS: converted to seconds")
         time = seconds_of_day(time)
@@ -205,17 +205,17 @@ def _values(table: Table, name: str, column: Column, place: str) -> Array:
     return np.asarray(column.sign * column.scale * factor * numbers + column.offset)
 
 
-def _time(table: Table, clock: TimeColumn, asked: str, rows: int) -> Array:
+def _time(table: Table, clock: TimeColumn, clock_place: str, rows: int) -> Array:
     """Return the column of the clock [s], or equidistant times."""
     if clock.step is not None:
         return np.arange(float(rows)) * clock.step
     assert clock.column is not None  # the schema requires one of them
-    numbers = table.numbers(clock.column, asked)
+    numbers = table.numbers(clock.column, clock_place)
     unit = plain_unit(clock.unit or table.units.get(clock.column) or "s")
     try:
         factor = _FINE_UNITS.get(unit) or unit_factor(unit, "s")
     except ValueError as error:
-        raise ConfigError(f"{asked}: {error} (unit in {table.name})") from None
+        raise ConfigError(f"{clock_place}: {error} (unit in {table.name})") from None
     if len(numbers) and np.isfinite(numbers).any() and abs(np.nanmin(numbers)) * factor > 1e7:
         numbers = numbers - numbers[np.isfinite(numbers)][0]  # a date, which floats resolve coarsely
     return np.asarray(numbers * factor, dtype=np.float64)

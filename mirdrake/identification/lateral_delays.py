@@ -337,9 +337,11 @@ class _Half:
         whirl = self.rest[inner] + turn * self.speed.at(inner, late)
         if together:
             slopes[1] = slopes[1] + turn * self.speed.at(inner, late, 1) / self.step
-        sway = self.curves[0].at(inner, moved[0], 2) / self.step**2
-        lean = lag * slopes[0]  # a larger measured acceleration comes with more roll, and its lag
-        base = np.column_stack((slopes[0], -slopes[1], -spin, push - lean, lean - whirl, np.ones(len(push)), sway))
+        curvature = self.curves[0].at(inner, moved[0], 2) / self.step**2
+        roll_lag = lag * slopes[0]  # a larger measured acceleration comes with more roll, and its lag
+        base = np.column_stack(
+            (slopes[0], -slopes[1], -spin, push - roll_lag, roll_lag - whirl, np.ones(len(push)), curvature)
+        )
         rest = rise - push + whirl + spin * unknown[2] - base[:, 3:] @ unknown[3:]
         # Slow changes are the bank of the road and the bias of sensors.
         fast = [values - _slow(values, SLOW / self.step) for values in (rest, base, rise)]

@@ -55,9 +55,9 @@ def map_log(
     if step is not None:
         time = {"step": to_si(step, "s")}
     # Columns of a bag cannot be listed without reading it, so they have no aliases.
-    wanted = [entry["column"] for entry in channels.values()] + [time.get("column", "time")]
+    columns = [entry["column"] for entry in channels.values()] + [time.get("column", "time")]
     if path.suffix.lower() not in {".bag", ".db3", ".mcap"} and not (path / "metadata.yaml").is_file():
-        table = read_table(path, wanted, CsvLayout())
+        table = read_table(path, columns, CsvLayout())
         used = {entry["column"] for entry in channels.values()}
         for name in table.names:
             found = _channel_of(name)

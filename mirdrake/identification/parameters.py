@@ -241,5 +241,5 @@ def _guess(info: Parameter, setting: Setting) -> float:
 
 def _is_free(info: Parameter, setting: Setting) -> bool:
     """Whether a parameter is estimated: bounds, a guess or a prior ask for it."""
-    asked = any(value is not None for value in (setting.low, setting.high, setting.guess, setting.prior))
-    return setting.free if setting.free is not None else info.free or asked
+    is_set = any(value is not None for value in (setting.low, setting.high, setting.guess, setting.prior))
+    return setting.free if setting.free is not None else info.free or is_set

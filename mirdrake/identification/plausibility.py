@@ -312,8 +312,8 @@ def check_gravity(log: Log) -> list[Finding]:
                     text = statement("gravity_at_rest", value=value, tilt=abs(tilt))
                     found.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
     for relation in kinematic_relations(grid.channels):
-        lean = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
-        name, sign = lean.get(relation.measured, ("", 1.0))
+        tilts = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
+        name, sign = tilts.get(relation.measured, ("", 1.0))
         if name not in grid.channels or np.std(grid.channels[name]) < 2e-3:
             continue
         part = _tilt_part(grid, relation.left(grid), relation.right(grid), np.sin(grid.channels[name]))

@@ -51,13 +51,13 @@ def read_bag(request: Request) -> Table:
         ConfigError: it cannot be read, or has no such topic or field.
         MissingDependencyError: the packages for bags are not installed.
     """
-    path, wanted = request.path, request.columns
-    columns = [name for name in wanted if name not in CLOCKS]
+    path, requested = request.path, request.columns
+    columns = [name for name in requested if name not in CLOCKS]
     with ExitStack() as stack:
         bag = _open(path, stack)
         places = {name: _split(path, name, bag.topics) for name in columns}
         rows = _collect(path, bag, places)
-    received = "received" in wanted
+    received = "received" in requested
     clocks = {topic: _clock(times, stamps, received=received) for topic, (times, stamps, _) in rows.items()}
     base = max(clocks, key=lambda topic: (len(clocks[topic]), topic))
     time, notes = clocks[base], []

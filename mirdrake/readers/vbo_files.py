@@ -26,7 +26,7 @@ def read_vbo(request: Request) -> Table:
     Raises:
         ConfigError: it has no column names or no data, or a row has another number of cells.
     """
-    path, wanted = request.path, request.columns
+    path, requested = request.path, request.columns
     name, notes = request.name, list[str]()
     lines = decode_text(read_bytes(path), name, notes).splitlines()
     marks = [
@@ -47,7 +47,7 @@ def read_vbo(request: Request) -> Table:
             raise ConfigError(f"{name}:{at + 1}: has {len(cells)} cells, but there are {len(names)} column names")
     units: dict[str, str] = {}
     if len(titles) == len(names):
-        names = [title if title in wanted else short for title, short in zip(titles, names, strict=True)]
+        names = [title if title in requested else short for title, short in zip(titles, names, strict=True)]
         units = {
             called: match.group(1)
             for called, title in zip(names, titles, strict=True)

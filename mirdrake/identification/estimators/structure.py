@@ -87,13 +87,13 @@ def choose_structure(
         tried_on[added.description] = best
         if not _promises(data, best, least, added, options):
             continue
-        wanted = [*(one for one in kept if not {*one.options} & {*added.options}), added]
+        additions = [*(one for one in kept if not {*one.options} & {*added.options}), added]
         try:
-            found = _minimise(data, _with_additions(model, settings, wanted), few, least)
+            found = _minimise(data, _with_additions(model, settings, additions), few, least)
             faded = {one.description for one in kept if _has_faded(found, one)}
             if faded:
-                wanted = [one for one in wanted if one.description not in faded]
-                found = _minimise(data, _with_additions(model, settings, wanted), few, least)
+                additions = [one for one in additions if one.description not in faded]
+                found = _minimise(data, _with_additions(model, settings, additions), few, least)
         except RunError:  # the model diverges with this effect
             continue
         saves = found.cost < (1.0 - added.min_saving) * least.cost
@@ -104,8 +104,8 @@ def choose_structure(
             notes[added.description] = (
                 f"left open by the study, supported by the training logs: {added.description} ({saved:.2g} % less cost)"
             )
-            kept = wanted
-            best, least = _with_additions(model, settings, wanted), found
+            kept = additions
+            best, least = _with_additions(model, settings, additions), found
     return best._replace(start=least, notes=tuple(notes.values()))
 
 

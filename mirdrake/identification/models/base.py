@@ -128,7 +128,7 @@ class Assumption:
         changes: parameters by name, a fraction of one standard deviation off [their units].
         fraction: that fraction: small, as estimates are linearised in it, but visible in the model [1].
         options: model options that add an omitted effect.
-        is_omitted: whether it is an effect that may be absent, so that the log is asked for evidence; otherwise it is
+        is_omitted: whether it is an effect that may be absent, for which the log is evidence; otherwise it is
             an assumed value, which is certainly off.
         max_size: bound on its size, in standard deviations [1].
     """
@@ -336,19 +336,19 @@ def find_channel(channels: set[str], names: Collection[str], what: str, kind: st
     )
 
 
-def select_outputs(channels: set[str], possible: list[str], asked: list[str] | None, kind: str) -> tuple[str, ...]:
+def select_outputs(channels: set[str], possible: list[str], requested: list[str] | None, kind: str) -> tuple[str, ...]:
     """Return the channels to compare.
 
     Raises:
         ConfigError: a requested output is missing or unknown, or there is none at all.
     """
-    for name in asked or []:
+    for name in requested or []:
         if name not in possible:
             hint = did_you_mean(name, possible)
             raise ConfigError(f"{kind} has no output '{name}'; {hint}", path=("model", "outputs"))
         if name not in channels:
             raise ConfigError(f"no log has '{name}'; map its column in 'channels'", path=("model", "outputs"))
-    found = tuple(name for name in possible if name in channels and (asked is None or name in asked))
+    found = tuple(name for name in possible if name in channels and (requested is None or name in requested))
     if not found:
         raise ConfigError(
             f"{kind}: needs at least one of {', '.join(possible)} to compare with; map its column", path=("model",)

@@ -350,24 +350,26 @@ class PlantModel(SimulatedModel):
         return "do step steers and a sweep to 2 Hz, and record the lateral velocity"
 
 
-def _find_drive(asked: str | None, channels: set[str], vehicle: Vehicle) -> str:
+def _find_drive(requested: str | None, channels: set[str], vehicle: Vehicle) -> str:
     """Return how the drive is fed in.
 
     Raises:
         ConfigError: not possible for this vehicle, or a channel is missing.
     """
     able = {"torque": vehicle.spec.tyres.kind != "coulomb", "pedals": vehicle.control.wheel_speed.kind == "pedals"}
-    if asked is None:
+    if requested is None:
         fits = (name for name, needs in DRIVES.items() if set(needs) <= channels and able.get(name, True))
         return next(fits)
     path = ("model", "drive")
-    if not able.get(asked, True):
-        need = "a tyre model" if asked == "torque" else "pedals"
-        raise ConfigError(f"{asked} needs a vehicle with {need}, {vehicle.name} has none; use speed", path=path)
-    for name in DRIVES[asked]:
+    if not able.get(requested, True):
+        need = "a tyre model" if requested == "torque" else "pedals"
+        raise ConfigError(f"{requested} needs a vehicle with {need}, {vehicle.name} has none; use speed", path=path)
+    for name in DRIVES[requested]:
         if name not in channels:
-            raise ConfigError(f"{asked} needs channel '{name}' in every log; map its column in 'channels'", path=path)
-    return asked
+            raise ConfigError(
+                f"{requested} needs channel '{name}' in every log; map its column in 'channels'", path=path
+            )
+    return requested
 
 
 def _sample_times(drive: Segment) -> Array:

@@ -122,12 +122,12 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
         complex(one.roll_stiffness - arm * GRAVITY - inertia * rate**2, rate * one.roll_damping)
         for one, rate in zip(swings, rates, strict=True)
     ])  # fmt: skip
-    wanted = rates * righting / resisting  # roll rate over the static roll angle under the same force
+    target = rates * righting / resisting  # roll rate over the static roll angle under the same force
 
     def errors(z: Array) -> Array:
         gain, natural, ratio, late = z * (1.0, frequency, damping, _DAMPER_LAG)
         damped = 2.0 * ratio * natural * 1j * rates / (1.0 + 1j * rates * late)
-        missed = rates * gain * natural**2 / (natural**2 - rates**2 + damped) - wanted
+        missed = rates * gain * natural**2 / (natural**2 - rates**2 + damped) - target
         return np.concatenate((missed.real, missed.imag)) / frequency
 
     found = least_squares(errors, np.ones(4)).x * (1.0, frequency, damping, _DAMPER_LAG)
@@ -215,10 +215,10 @@ def _camber_moments(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: flo
     """Return the moment of both wheels of an axle over roll beside that of their force, front and rear [N m/rad]."""
     found = []
     for law, (force, load) in zip(laws, _turn(p), strict=True):
-        upright, leaning = (
+        upright, cambered = (
             _moment(tyre, _slip(tyre, force)) for tyre in (law(load, roll, 1.0) for roll in (0.0, gain * _LATERAL))
         )
-        found.append(2.0 * (leaning - upright) / (gain * _LATERAL))
+        found.append(2.0 * (cambered - upright) / (gain * _LATERAL))
     return found[0], found[1]
 
 
@@ -236,6 +236,6 @@ def _moment(tyre: TyreAtLoad, slip: float) -> float:
     return float(tyre.forces(0.0, math.tan(slip), _SPEED)[2])
 
 
-def _slip(tyre: TyreAtLoad, wanted: float) -> float:
+def _slip(tyre: TyreAtLoad, force: float) -> float:
     """Return the slip angle at which a tyre has a lateral force [rad]."""
-    return float(brentq(lambda slip: tyre.forces(0.0, math.tan(slip), _SPEED)[1] - wanted, -_MAX_SLIP, _MAX_SLIP))
+    return float(brentq(lambda slip: tyre.forces(0.0, math.tan(slip), _SPEED)[1] - force, -_MAX_SLIP, _MAX_SLIP))
