@@ -108,6 +108,7 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
             left.append(f"{parameter.name}: not written: {reason}")
             continue
         place = YAML_ENTRIES[parameter.name]
+        # Controllers apply delays in whole periods.
         value = place.factor * parameter.value
         if place.periods:
             rounded = round(value * folder.rate) / folder.rate

@@ -29,6 +29,7 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
         ConfigError: the file has faults, or no model can be fitted to its channels; one line per fault.
     """
     spec = load_yaml(path, DataSpec)
+    # Only channels that all logs have can be inputs or outputs of one fit.
     shared = set.intersection(*({*spec.channels, *entry.channels} for entry in spec.logs))
     kind = next(default_models(shared), None)
     if kind is None or (_needs_speed(shared) and "road_wheel_angle" not in shared):

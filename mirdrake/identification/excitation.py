@@ -32,6 +32,7 @@ def _rated(good: bool, weak: bool) -> Verdict:
 def _lateral(name: str, grid: Grid, speed: Array, lateral: Array, steering: str | None) -> list[Excitation]:
     found = []
     largest = float(np.percentile(np.abs(lateral), 99.5))
+    # Stiffness and ratio are separable only if turns are driven at different speeds.
     turning = np.abs(lateral) > 0.3 * max(largest, 0.3)
     spread = float(np.ptp(np.percentile(speed[turning], (5, 95)))) if turning.any() else 0.0
     mean = float(np.mean(speed[turning])) if turning.any() else 0.0
@@ -65,6 +66,7 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
         text = statement("coasting", duration=duration, span=span)
         found.append(Excitation(name, "drag, rolling resistance", verdict, {"coasting": duration, "span": span}, text))
     for pedal, values in pedals.items():
+        # Steps determine delay and lag, levels the gain.
         change = np.abs(np.diff(values)) > 0.1
         jumps = int(np.sum(change & ~np.append(False, change[:-1])))
         levels = len(np.unique(np.round(values[(speed > 0.5) & (values > 0.02)], 1)))

@@ -184,6 +184,7 @@ class Fit:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         for name, frames, key in (("traces", self.traces, "log"), ("profiles", self.profiles, "parameter")):
+            # Tables of all logs, or parameters, are stored in one file with a column of labels.
             parts = [frame.assign(**{key: label}) for label, frame in frames.items()]
             table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame({key: pd.Series(dtype=str)})
             write_file(folder / f"{name}.parquet", table.to_parquet(index=False))

@@ -273,6 +273,7 @@ def _check_moves(data: DataSet, model: Model) -> None:
 
 def reject_poor_fit(found: Fit) -> Fit:
     """Return the fit with all verdicts "not identifiable" if the model does not follow the data it was fitted to."""
+    # One well-fitted channel is enough to show that the model describes the vehicle.
     best = max((one.nrmse_percent for one in found.channels if one.part == "train"), default=100.0)
     if best >= MIN_FIT:
         return found
@@ -307,6 +308,7 @@ def _run_stages(
                 raise ConfigError(f"no log '{name}'; {did_you_mean(name, names)}", path=("stages", index, "logs"))
             chosen = [*chosen, *parts]
         progress(f"stage {stage.name}")
+        # A stage estimates only its parameters; the others keep their values so far.
         part = replace(data, logs=tuple(log for log in data.logs if log.name in chosen))
         if not part.train:
             raise ConfigError("none of these logs is for training", path=("stages", index, "logs"))

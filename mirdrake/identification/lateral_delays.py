@@ -120,6 +120,7 @@ def estimate_lateral_delays(
     if alone is None or both is None or not both.velocity:
         return alone
     # A delay of the speed must reduce the residual, at the same smoothing.
+    # Residuals are comparable only at the same smoothing.
     width = max(alone.width, both.width)
     rests = [
         np.inf if (found := drives.estimate(width, one.free, one.together)) is None else found.rest

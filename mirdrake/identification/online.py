@@ -182,6 +182,7 @@ def filter_log(
     steer = find_channel(offered, STEERING, "the steering", "online")
     forward = find_channel(offered, SPEED, "the speed", "online")
     find_channel(offered, ("yaw_rate",), "the yaw rate", "online")
+    # The filter runs at a constant rate on averages.
     grid = make_grid(log)
     n = len(grid.channels[forward])
     if n < 2:

@@ -186,6 +186,7 @@ class Gain(NamedTuple):
 def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
     """Return the scale of a relation from means over windows, which delays hardly affect; None if too little moves."""
     left, right = relation.left(grid), relation.right(grid)
+    # Means over windows suppress noise, and delays much shorter than a window.
     width = max(4, round(0.4 / grid.step))
     if len(left) < 20 * width:
         width = max(4, len(left) // 40)
@@ -280,6 +281,7 @@ def step_factor(gains: list[Gain]) -> float | None:
     if not timed or len(timed) + len(others) < 2 or not all(_is_near_one(gain.gain) for gain in others):
         return None
     # left = gain · right, and the right side is too large by the ratio of true to stated step.
+    # The step is the weighted mean of all relations, if they agree.
     weights = np.array([1.0 / max(gain.sigma / abs(gain.gain), 1e-3) ** 2 for gain in timed])
     factors = np.array([1.0 / gain.gain for gain in timed])
     if np.any(factors <= 0.0):

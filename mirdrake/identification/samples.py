@@ -86,6 +86,7 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     # Rough stretches, such as a shock, have many large distances, which a glitch must exceed.
     rough = maximum_filter1d(median_filter(away, 25, mode="mirror"), 25, mode="nearest")
     floor = np.maximum(floor, 12.0 * rough)
+    # A glitch exceeds its limit, or its neighbourhood by noise, motion and roughness.
     ends = np.append(rows[1:], len(values))
     odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
@@ -142,6 +143,7 @@ def check_values(log: Log) -> list[Finding]:
             text = statement("constant", value=low, unit=known.unit, at_rest=at_rest)
             found.append(Finding(log.name, "range", name, "fault" if at_rest else "warning", low, known.unit, text))
             continue
+        # A magnitude that no vehicle reaches points to another unit.
         if max(-low, high) > known.limit:
             text = statement("out_of_range", value=max(-low, high), unit=known.unit, limit=known.limit)
             found.append(Finding(log.name, "range", name, "fault", max(-low, high), known.unit, text))
@@ -150,6 +152,7 @@ def check_values(log: Log) -> list[Finding]:
             found.append(Finding(log.name, "codes", name, "info", float(codes.size), "codes", text))
         if not known.moves:
             continue
+        # Positions far from the origin lose digits in single precision, which shows as coarse steps.
         quantum, levels = resolution(good), len(np.unique(good))
         moved = float(np.median(np.abs(np.diff(good)))) if quantum is not None else 0.0
         coarse = quantum is not None and name.partition("@")[0] in {"x", "y"} and quantum > 0.05 and quantum > moved
@@ -166,6 +169,7 @@ def check_values(log: Log) -> list[Finding]:
             )
             severity: Severity = "warning" if levels < 30 or coarse else "info"
             found.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
+        # Clipping shows as repeated visits at an extreme.
         for extreme in (low, high):
             count = clipped(good, extreme)
             if count:

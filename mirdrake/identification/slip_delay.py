@@ -59,6 +59,7 @@ def slip_delay(grids: Sequence[Grid], wheelbase: float) -> SlipDelay | None:
     at = int(np.argmin(left))
     if at in {0, len(delays) - 1} or left[at] > 1.0 - EXPLAINED:
         return None
+    # The minimum of a parabola through three points refines the search grid.
     bend, slope = left[at - 1] - 2.0 * left[at] + left[at + 1], 0.5 * (left[at + 1] - left[at - 1])
     usual = float(np.sqrt(np.mean(np.concatenate([drive.speed for drive in drives]) ** 2)))
     return SlipDelay(float(delays[at] - STEP * slope / bend), wheelbase / usual)
@@ -86,6 +87,7 @@ class _Turning:
         speed, self._turn, self._side = soft("vx"), soft("yaw_rate"), soft("vy")
         self._spin, self._rise = np.gradient(self._turn, self._step), np.gradient(self._side, self._step)
         self._speed = speed
+        # Rows near the ends have no shifted partner; slow rows have no slip.
         margin = int((MAX_DELAY + 3.0 * WIDTH) / self._step) + 1
         inner = np.zeros(len(speed), dtype=bool)
         inner[margin:-margin] = True

@@ -38,6 +38,7 @@ def median_step(time: Array) -> float:
 def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Check time stamps that go back, repeat or are coarse, gaps and missing values."""
     log, found = _check_resolution(log, repair=repair)
+    # Reversed rows lie before an earlier one; repeated rows hardly advance.
     latest = np.maximum.accumulate(log.time)
     back = np.append(False, log.time[1:] < latest[:-1])
     steps = np.diff(latest)
@@ -105,6 +106,7 @@ def _check_resolution(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     even = np.mean(np.abs(rows[1:] * tick / ticks[1:] - usual) <= max(1.0, 0.1 * usual))
     if rows[1:].mean() < 1.5 or even < 0.9 or np.mean(np.abs(ticks / tick - np.round(ticks / tick)) < 0.01) < 0.9:
         return log, []
+    # The ends of the log are incomplete stretches, so they do not count.
     step = float(np.sum(ticks[1:]) / np.sum(rows[1:]))
     text = statement("coarse_clock", tick=tick, rows=usual, step=step)
     done = statement("rows_spread") if repair else None
@@ -269,6 +271,7 @@ def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[floa
     if len(seen) < 2 or min(factor for factor, _ in seen.values()) < 1.3:
         return None
     counts = {name: int(rows.sum()) for name, rows in fresh.items()}
+    # The channel with the most changes defines the rows of the original log.
     lead = fresh[max(counts, key=lambda name: counts[name])]
     near = lead
     alike = [name for name, rows in fresh.items() if np.mean(near[rows]) > 0.95]

@@ -27,6 +27,7 @@ def split_validation(data: DataSet, part: float) -> DataSet:
     left = part * sum(_span(log) for log in data.train)
     kept, held = {id(log): log for log in data.train}, []
     for log in _in_order(data.train):
+        # Whole logs are taken as long as they fit into the share; the last one is cut.
         rows = int(np.searchsorted(log.time, log.time[-1] - left, side="right"))
         left = max(left - _span(log), 0.0)
         if rows >= len(log.time) - MIN_ROWS:

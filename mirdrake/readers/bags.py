@@ -58,6 +58,7 @@ def read_bag(request: Request) -> Table:
         places = {name: _split(path, name, bag.topics) for name in columns}
         rows = _collect(path, bag, places)
     received = "received" in requested
+    # The topic with the most messages has the finest clock.
     clocks = {topic: _clock(times, stamps, received=received) for topic, (times, stamps, _) in rows.items()}
     base = max(clocks, key=lambda topic: (len(clocks[topic]), topic))
     time, notes = clocks[base], []
@@ -246,6 +247,7 @@ def _resampled(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[
     numbers = values.astype(float)
     if same:
         return numbers
+    # Messages may be stored out of order.
     order = np.argsort(own, kind="stable")
     own, numbers = own[order], numbers[order]
     if values.dtype.kind in "bui":

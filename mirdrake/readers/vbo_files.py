@@ -46,6 +46,7 @@ def read_vbo(request: Request) -> Table:
         if len(cells := lines[at].split()) != len(names):
             raise ConfigError(f"{name}:{at + 1}: has {len(cells)} cells, but there are {len(names)} column names")
     units: dict[str, str] = {}
+    # The header of some files has further lines, which are not titles.
     if len(titles) == len(names):
         names = [title if title in requested else short for title, short in zip(titles, names, strict=True)]
         units = {

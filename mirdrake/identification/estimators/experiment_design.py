@@ -100,6 +100,7 @@ def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[s
         inputs = {name: channels[name] for name in model.inputs}
         outputs = {name: channels.get(name, np.zeros(many)) for name in model.outputs}
         drives.append(Segment("plan", "train", 0.0, STEP, inputs, outputs))
+    # All plans are simulated side by side, padded to the longest.
     longest = max(drive.size for drive in drives)
     inputs_of = [model.input_signals(values, drive, drive.time) for drive in drives]
     u = np.stack([np.pad(one, ((0, 0), (0, longest - one.shape[1])), "edge") for one in inputs_of], axis=-1)

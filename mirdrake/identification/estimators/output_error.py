@@ -132,6 +132,7 @@ def summarise(
     )
     values_ = np.linalg.eigvalsh(correlation)
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
+    # Residuals that are far from white show an error of the model.
     channels, traces = evaluate_logs(data, solution)
     error = any(one.part == "train" and one.whiteness_p is not None and one.whiteness_p < 1e-3 for one in channels)
     judged = judge(model, unknowns, values, Uncertainty(sigmas, correlation, solution.bound, effects, error))

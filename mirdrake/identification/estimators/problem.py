@@ -49,6 +49,7 @@ class Problem:
         self._shots = [make_shots(self.model, drive, guess) for drive in self.drives]
         self._starts = [shots.nodes[:, 0].copy() for shots in self._shots]
         self.logs = list(dict.fromkeys(drive.log for drive in self.drives))
+        # Each log has its own offsets, as sensors are zeroed between logs.
         self.sensors = [
             (log, i)
             for log in self.logs
@@ -254,6 +255,7 @@ class Problem:
                 (trace[i] - seen[i])[mask[i]]
                 for trace, seen, mask in zip(traces, self._measured, self.masks, strict=True)
             ])  # fmt: skip
+            # Outliers are limited, so that glitches do not inflate the noise.
             away = np.abs(off)
             most = 6.0 * float(np.median(away)) if len(off) else 1.0
             found[name] = float(np.sqrt(np.mean(np.minimum(away, most) ** 2))) or 1e-9

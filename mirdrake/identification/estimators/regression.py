@@ -54,6 +54,7 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
     n, p = X.shape
     if n < max(3 * p, _LEAST_ROWS):
         raise ConfigError(f"regression: {n} rows for {p} parameters; record longer")
+    # Columns are scaled to unit length, so that rank and condition do not depend on units.
     size = np.linalg.norm(X, axis=0)
     if np.any(size == 0.0) or np.linalg.matrix_rank(X / np.maximum(size, 1e-300), tol=1e-9) < p:
         raise ConfigError("regression: the columns are not independent; vary speed and steering")
@@ -72,6 +73,7 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
     if not robust:
         weights = np.ones(n)
     rest = y - X @ values
+    # The covariance allows for autocorrelated residuals.
     inside = (X * weights[:, None]).T @ X
     inverse = np.linalg.inv(inside / np.outer(size, size)) / np.outer(size, size)
     pulls, there = (weights * rest)[:, None], np.ones((n, 1), dtype=bool)
@@ -170,6 +172,7 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
     found = regress(np.concatenate(ys), np.concatenate(xs), groups)
     ratio = found.values[0]
     # K = b1 / b0 and the bias at the wheels = b2 / b0, by the delta method.
+    # K = b1 / b0 and the bias at the wheels = b2 / b0 follow by the delta method.
     turn = np.array(
         [
             [1.0, 0.0, 0.0],

@@ -87,6 +87,7 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
         tightest = max(tightest, found[2])
     if not rows:
         return None
+    # The model is linear in gain, zero, understeer and gyro bias.
     v, c, r = np.concatenate(rows, axis=1)
     if len(v) < FEWEST or np.ptp(c) == 0.0 or np.ptp(r) == 0.0:
         return None
@@ -121,6 +122,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
     late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # a cause precedes
     index = np.arange(float(len(angle)))
     angle = np.interp(index - late / grid.step, index, angle)
+    # At low lateral acceleration the tyres have little slip, whatever the vehicle.
     calm = moving & (np.abs(speed * rate) < CALM)
     if not calm.any():
         return None

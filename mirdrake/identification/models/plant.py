@@ -217,6 +217,7 @@ class PlantModel(SimulatedModel):
         # Samples while the car settles do not count.
         log = assembly.taps["plant_state"].sink.FindLog(context)
         times, x = np.array(log.sample_times()) - begin, np.array(log.data())
+        # The speeds are set at the end of settling, so the sample at that time has the old ones.
         keep = times > -0.4 * self._step if begin == 0.0 else times > 0.4 * self._step
         seen = self._sensor_readings(p, x[:, keep])
         samples = drive.step * np.arange(drive.size)
@@ -295,6 +296,7 @@ class PlantModel(SimulatedModel):
         positions = plant.num_positions()
         pose = x[part.base.floating_positions_start() :][:7, None]
         place = positions + part.base.floating_velocities_start_in_v()
+        # The settled pose gives the directions; wheels spin up with the vehicle.
         state = vehicle_states(pose, x[place : place + 6, None])[:, 0]
         yaw, now = state[5], state[6]
         turn, side = state[11], state[7]
@@ -320,6 +322,7 @@ class PlantModel(SimulatedModel):
         vx, vy, turn = state[6], state[7], state[11]
         ahead = float(self._whole.com[0])
         slopes = [np.gradient(values, self._step) for values in (vx, vy, turn)]
+        # Sensor positions are relative to the file's centre of mass, states to the rear axle.
         there, tilt = ahead + p["accelerometer_ahead"], p["accelerometer_tilt"]
         return {
             "vx": vx,

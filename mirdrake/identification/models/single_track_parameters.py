@@ -114,6 +114,7 @@ def _size(known: Mapping[str, float], wheelbase: float | None) -> _Size:
 def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collection[str], steer: str) -> list[Parameter]:
     """Return mass, lengths, stiffnesses, inertias, steering, sensor positions and longitudinal forces."""
     m, length, per = size.mass, size.length, size.per
+    # Guesses and bounds scale with the vehicle, so that they suit a model car as well as a truck.
     loads = {"front": m * GRAVITY * size.rear / length, "rear": m * GRAVITY * size.front / length}
     stiffness, inertia = size.unit("N/rad", "N/(rad kg)"), size.unit("kg m^2", "m^2")
     gyration = m * size.front * size.rear  # yaw inertia of a car, nearly

@@ -110,12 +110,14 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
         vehicle: with a suspension.
         momentum: angular momentum of the wheels over the speed [kg m]; yawing at ay / vx, they roll the body.
     """
+    # Static roll: gravity reduces the stiffness, and the tyres take the lateral force at the road.
     p = estimate_parameters(vehicle, roll=True)
     arm = p.roll_mass * p.roll_height
     righting = p.roll_stiffness - arm * GRAVITY
     inertia = p.roll_inertia + p.roll_mass * p.roll_height**2 - arm * arm / p.mass
     frequency = math.sqrt(righting / inertia)
     damping = 0.5 * p.roll_damping / (frequency * inertia)
+    # Dynamic roll: the response of body and unsprung masses at several frequencies, fitted by the model.
     rates = frequency * np.linspace(*_ROLL_FREQUENCIES)
     swings = [estimate_parameters(vehicle, roll=True, roll_frequency=float(rate)) for rate in rates]
     resisting = np.array([
@@ -160,6 +162,7 @@ def _wheel_values(vehicle: Vehicle) -> dict[str, float]:
         momentum += inertia / radius
         rotor = rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
         resisting += (inertia + rotor) * (0.5 * track / radius) ** 2  # outer wheels turn faster
+    # The diagonal of the mass matrix has the inertia of everything that a steering joint moves.
     inertias = plant.CalcMassMatrix(plant.CreateDefaultContext()).diagonal()
     steered = sum(float(inertias[plant.GetJointByName(name).velocity_start()]) for name in spec.joints.steering.names())
     return {"wheel_momentum": momentum, "spin_inertia": resisting, "steering_inertia": steered}
