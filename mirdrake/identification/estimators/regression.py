@@ -171,7 +171,6 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
         at += len(rows)
     found = regress(np.concatenate(ys), np.concatenate(xs), groups)
     ratio = found.values[0]
-    # K = b1 / b0 and the bias at the wheels = b2 / b0, by the delta method.
     # K = b1 / b0 and the bias at the wheels = b2 / b0 follow by the delta method.
     turn = np.array(
         [
