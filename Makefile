@@ -11,7 +11,8 @@ RUN := $(VENV)/bin
 WORKERS ?= 2
 INSTALL = $(RUN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 # One thread per process: the tests already use every core, and linear algebra here is small.
-PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
+# A process that dies fails the run at once: with a new one in its place pytest-xdist can wait for ever.
+PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0
 ARGS ?=
 
 .PHONY: help drive test test-all check fuzz docs bench clean

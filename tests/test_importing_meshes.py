@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from pydrake.geometry import Box, Convex, Meshcat, MeshcatParams, MeshcatVisualizer
+from pydrake.geometry import Box, Convex, MeshcatVisualizer
 from pydrake.geometry import Mesh as DrakeMesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -23,6 +23,7 @@ from mirdrake.core.paths import cache_folder
 from mirdrake.importing.vehicles.mesh_convex import CutTime
 from mirdrake.importing.vehicles.meshes import MeshError, convert_collision, convert_visual, mesh_bounds
 from mirdrake.importing.vehicles.model import Shape
+from mirdrake.viewer.private_meshcat import make_private_meshcat
 from tests.mesh_rigs import CORNERS, QUADS, TEXTURED, add_eye, box, flat, write_dae, write_stl
 
 
@@ -495,7 +496,7 @@ def test_the_camera_sees_vertex_colours_and_the_outside_of_mirrored_meshes(tmp_p
 def test_meshcat_takes_the_gltf_with_its_texture(tmp_path):
     Image.new("RGB", (8, 8), (255, 0, 0)).save(tmp_path / "pic.png")
     shape, _, _ = converted(mesh(write_dae(tmp_path / "t.dae", looks=[("skin", TEXTURED)])), tmp_path)
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    meshcat, _ = make_private_meshcat()
     builder = DiagramBuilder()
     plant, scene = AddMultibodyPlantSceneGraph(builder, 0.01)
     plant.RegisterVisualGeometry(plant.world_body(), RigidTransform(), DrakeMesh(str(shape.mesh)), "s", [1, 1, 1, 1])

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Meshcat, MeshcatParams
+from pydrake.geometry import Box, Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
@@ -12,13 +12,14 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.errors import ConfigError
 from mirdrake.sensors import LaserScanner, Lidar
 from mirdrake.sensors.perception import DistanceEstimator, add_cloud_overlays, nearest_return, show_points
+from mirdrake.viewer.private_meshcat import make_private_meshcat
 from tests.ranging_rigs import ABOVE, Room, lidar, scanner
 from tests.sensor_rigs import held
 
 
 @pytest.fixture
 def meshcat() -> Meshcat:
-    return Meshcat(MeshcatParams(host="localhost", port=0))
+    return make_private_meshcat()[0]
 
 
 def test_the_nearest_return_of_the_sector_counts() -> None:

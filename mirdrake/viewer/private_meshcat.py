@@ -34,6 +34,10 @@ from mirdrake.core.errors import RunError
 BLOCKED_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 4190, 4045, 5060, 5061, 3659, 2049, 1723)
 """Ports that no web page may use, by the Fetch standard's list of bad ports."""
 
+_MADE: list[Meshcat] = []
+"""Every Meshcat of this process. Drake ends the process when a Meshcat is destroyed on another thread than the one that
+made it, and Python's garbage collector runs on whichever thread allocates, for example one of the page server."""
+
 _READ = 0x001  # EPOLLIN
 _ADD = 1  # EPOLL_CTL_ADD
 _ENTRY = re.compile(r"^tfd:\s*(\d+) events:\s*[0-9a-f]+ data:\s*([0-9a-f]+)", re.MULTILINE)
@@ -118,7 +122,8 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
 
 def _make(*, host: str, port: int, url: str) -> Meshcat:
     with _quietly():
-        return Meshcat(MeshcatParams(host=host, port=port, web_url_pattern=url, show_stats_plot=False))
+        _MADE.append(Meshcat(MeshcatParams(host=host, port=port, web_url_pattern=url, show_stats_plot=False)))
+    return _MADE[-1]
 
 
 def _replace_listener(port: int) -> int:
