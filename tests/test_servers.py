@@ -141,14 +141,6 @@ def test_the_page_works_and_its_port_is_closed_with_it(meshcat):
     assert wait_for(lambda: meshcat.GetNumActiveConnections() == 0)
 
 
-def test_a_deleted_meshcat_closes_its_page():
-    meshcat = make_meshcat(port=0)
-    url = meshcat.web_url()
-    del meshcat
-    with pytest.raises(ConnectionRefusedError):
-        get(url)
-
-
 @pytest.mark.parametrize(
     "headers",
     [

@@ -233,6 +233,30 @@ def test_a_folder_that_is_no_result_is_told_so(tmp_path: Path, make: Any, messag
     assert message in str(caught.value)
 
 
+def _whole_result() -> dict[str, Any]:
+    return {
+        "mirdrake": "tuning-result/1",
+        "name": "n",
+        "loop": {"gains": {"kp": {"path": "speed.kp"}}},
+        "candidates": [{"name": "a", "gains": {"kp": 1.0}}],
+        "baseline": "a",
+        "best": "a",
+    }
+
+
+@pytest.mark.parametrize("value", [3, "text", [1], {"a": [2]}, None], ids=repr)
+@pytest.mark.parametrize("key", ["name", "loop", "candidates", "baseline", "best", "schedule", "robustness"])
+def test_a_damaged_value_is_one_line_that_names_the_key(tmp_path: Path, key: str, value: Any) -> None:
+    (tmp_path / "tuning.json").write_text(json.dumps(_whole_result() | {key: value}))
+    try:
+        read_result(tmp_path)
+    except ConfigError as error:
+        assert f"tuning.json: {key}" in str(error)
+        assert "\n" not in str(error)
+    else:
+        assert value is None or key in {"name", "baseline", "best"}
+
+
 def test_failures_of_the_monte_carlo_and_unmet_criteria_are_told(tmp_path: Path, vehicle: Path) -> None:
     spread = {"runs": 40, "candidates": {"searched": {"failures": 3, "figures": {}, "low": 0.01, "high": 0.2}}}
     unmet = [{"what": "Ms", "value": 1.7, "limit": 1.6, "met": False}]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import RunError
+from mirdrake.core.json_io import parse_json
 from mirdrake.core.recording.files import told
 
 Record = dict[str, Any]
@@ -63,7 +64,7 @@ class Journal:
 
     def _read(self, lines: list[str]) -> None:
         try:
-            head, *entries = [json.loads(line) for line in lines]
+            head, *entries = [parse_json(line) for line in lines]
             purpose = head["purpose"]
             self.records = {entry.pop("key"): entry for entry in entries}
         except (ValueError, KeyError, TypeError, AttributeError):

@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.json_io import parse_json
 from mirdrake.core.recording.files import told, write_file
 from mirdrake.core.recording.parts import read_part
 
@@ -125,7 +126,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not file.is_file():
         raise ConfigError(f"{folder}: not the folder of a study (it has no {STUDY_FILE})")
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = parse_json(file.read_text(encoding="utf-8"))
         if not isinstance(data, dict):
             raise ValueError("no mapping")
     except ValueError as error:

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import parse_json
 from mirdrake.runs.logs import write_file
 
 Array = NDArray[np.float64]
@@ -209,7 +210,7 @@ def load_fit(folder: Path | str) -> Fit:
     """
     file = Path(folder) / "fit.json"
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = parse_json(file.read_text(encoding="utf-8"))
         tables = {name: pd.read_parquet(file.parent / f"{name}.parquet") for name in ("traces", "profiles")}
     except OSError as error:
         raise ConfigError(f"{file}: no saved fit ({error.strerror or error}); run the study again") from None

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from mirdrake.assembly.scene import Scene, read_scene, write_scene
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.json_io import parse_json
 from mirdrake.core.recording.arrays import RunArrays
 from mirdrake.core.recording.files import reading, told
 from mirdrake.core.recording.files import write_file as write_file  # with `as`: also public here
@@ -135,7 +136,7 @@ def load_run(folder: Path | str) -> Run:
     summary: dict[str, Any] = {"stop_reason": "killed"}
     with reading(folder / SUMMARY):
         if (folder / SUMMARY).exists():
-            summary = _mapping(json.loads((folder / SUMMARY).read_text(encoding="utf-8")))
+            summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")))
     with reading(folder / SIGNALS):
         schema = _stored_schema(folder)
         units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
@@ -205,7 +206,7 @@ def _read_events(folder: Path) -> list[dict[str, Any]]:
     if not (folder / EVENTS).is_file():
         return []
     lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
-    return [json.loads(line) for line in lines if line.endswith("\n")]
+    return [parse_json(line) for line in lines if line.endswith("\n")]
 
 
 def spec_hash(spec: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.json_io import parse_json
 from mirdrake.runs.logs import write_file
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.pool import Pool
@@ -118,7 +119,7 @@ def load_suite(folder: Path | str) -> Suite:
     if not file.is_file():
         raise ConfigError(f"{folder}: not the folder of a suite (it has no {CASES_FILE})")
     try:
-        cases = [_case(data) for data in json.loads(file.read_text(encoding="utf-8"))["cases"]]
+        cases = [_case(data) for data in parse_json(file.read_text(encoding="utf-8"))["cases"]]
     except (ValueError, TypeError, KeyError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
     done = _known(cases, _read_results(folder))
@@ -163,7 +164,7 @@ def _read_results(folder: Path) -> list[Result]:
     for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
         if line.endswith("\n"):
             try:
-                results.append(Result(**json.loads(line)))
+                results.append(Result(**parse_json(line)))
             except (ValueError, TypeError) as error:
                 raise ConfigError(f"{path}: cannot be read: {error}") from None
     return results

@@ -106,13 +106,7 @@ def _values(result: TuningResult, chosen: dict[str, Any]) -> Values:
     """What to write, by dotted path in control.yaml: settings that the gains need, then the gains."""
     values: Values = dict(result.loop.get("settings") or {})
     for gain, value in chosen["gains"].items():
-        path = result.loop["gains"].get(gain, {}).get("path")
-        if not path:
-            raise ConfigError(
-                f"{_place(result)}: loop.gains.{gain}: has no place in control.yaml (a loop of a diagram?); "
-                "write the gains into the diagram by hand"
-            )
-        values[path] = _digits(value, f"{_place(result)}: candidate '{chosen['name']}': {gain}")
+        values[_path(result, gain)] = _digits(value, f"{_place(result)}: candidate '{chosen['name']}': {gain}")
     return values
 
 
@@ -121,13 +115,24 @@ def _schedule_values(result: TuningResult, rows: list[dict[str, Any]]) -> Values
     if not rows:
         return {}
     place, values = f"{_place(result)}: schedule", Values()
-    for gain, entry in result.loop["gains"].items():
-        section, _, name = entry["path"].rpartition(".")
+    for gain in result.loop["gains"]:
+        section, _, name = _path(result, gain).rpartition(".")
         values[f"{section}.schedule.speeds"] = tuple(_digits(row["speed"], f"{place}: speed") for row in rows)
         values[f"{section}.schedule.{name}"] = tuple(
             _digits(row["gains"].get(gain), f"{place}: {gain} at {row['speed']:g} m/s") for row in rows
         )
     return values
+
+
+def _path(result: TuningResult, gain: str) -> str:
+    """Dotted path of a gain in control.yaml."""
+    path = result.loop["gains"].get(gain, {}).get("path")
+    if not path:
+        raise ConfigError(
+            f"{_place(result)}: loop.gains.{gain}: has no place in control.yaml (a loop of a diagram?); "
+            "write the gains into the diagram by hand"
+        )
+    return str(path)
 
 
 def _digits(value: Any, what: str) -> float:

@@ -3,16 +3,78 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.json_io import parse_json
 from mirdrake.core.yaml_io import read_text, shown
 
 FORMAT = "tuning-result/1"
 TABLES = ("responses", "trials", "frequency", "map", "monte_carlo")
-_NEEDED = ("name", "loop", "candidates", "baseline", "best")
+
+
+class _Part(BaseModel):
+    """A mapping of tuning.json; only what is read back for writing gains is checked."""
+
+    model_config = ConfigDict(strict=True, extra="ignore")
+
+
+ControlPath = Annotated[str, Field(pattern=r"^(\w+(\.\w+)+)?$")]
+"""A dotted path in control.yaml; empty for a gain that has no place there."""
+
+
+class _Gain(_Part):
+    path: ControlPath | None = None
+
+
+class _Loop(_Part):
+    gains: dict[str, _Gain]
+    settings: dict[ControlPath, float | str] | None = None
+
+
+class _Candidate(_Part):
+    name: str
+    gains: dict[str, float | None]
+    status: str = "ok"
+    feasible: bool = False
+    cost: float | None = None
+    reason: str | None = None
+
+
+class _ScheduleRow(_Part):
+    speed: float
+    gains: dict[str, float | None]
+
+
+class _Acceptance(_Part):
+    what: str
+    met: bool | None = None
+
+
+class _Spread(_Part):
+    failures: int | None = None
+
+
+class _Robustness(_Part):
+    runs: int
+    candidates: dict[str, _Spread] | None = None
+
+
+class _File(_Part):
+    name: str
+    loop: _Loop
+    candidates: list[_Candidate]
+    baseline: str | None
+    best: str | None
+    vehicle: str | None = None
+    spec: dict[str, Any] | None = None
+    spec_sha256: str | None = None
+    schedule: list[_ScheduleRow] | None = None
+    acceptance: list[_Acceptance] | None = None
+    robustness: _Robustness | None = None
 
 
 @dataclass(frozen=True)
@@ -92,18 +154,19 @@ def read_result(folder: Path | str) -> TuningResult:
     if not path.is_file():
         raise ConfigError(f"{shown(folder)}: not a tuning result (it has no tuning.json); is the study finished?")
     try:
-        data = json.loads(read_text(path))
+        data = parse_json(read_text(path))
     except json.JSONDecodeError as error:
         raise ConfigError(f"{place}:{error.lineno}: not valid JSON: {error.msg}; run the study again") from None
+    except ValueError as error:
+        raise ConfigError(f"{place}: {error}; run the study again") from None
     if not isinstance(data, dict) or data.get("mirdrake") != FORMAT:
         given = data.get("mirdrake") if isinstance(data, dict) else None
         raise ConfigError(f"{place}: mirdrake: is {given!r}; '{FORMAT}' is expected")
-    for key in _NEEDED:
-        if key not in data:
-            raise ConfigError(f"{place}: {key}: is missing; run the study again")
-    if not isinstance(data["loop"], dict) or not isinstance(data["loop"].get("gains"), dict):
-        raise ConfigError(f"{place}: loop.gains: a mapping is expected; run the study again")
-    for number, one in enumerate(data["candidates"]):
-        if not (isinstance(one, dict) and isinstance(one.get("name"), str) and isinstance(one.get("gains"), dict)):
-            raise ConfigError(f"{place}: candidates.{number}: needs a name and gains; run the study again")
+    try:
+        _File.model_validate(data)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"])[:80]
+        message = "is missing" if fault["type"] == "missing" else str(fault["msg"]).removeprefix("Input ").lower()
+        raise ConfigError(f"{place}: {key}: {message}; run the study again") from None
     return TuningResult(folder, data)

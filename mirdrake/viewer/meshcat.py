@@ -21,8 +21,8 @@ WORLD_PATH, LIGHTS_PATH = "/drake", "/Lights"
 def make_meshcat(*, port: int | None = None, world: World | None = None) -> Meshcat:
     """Return a Meshcat with a page on localhost; its ``web_url()`` is the address of the page, with a token.
 
-    Meshcat itself has no port: see :mod:`mirdrake.viewer.server`. The page is served as long as the returned object
-    lives.
+    Meshcat itself has no port: see :mod:`mirdrake.viewer.server`. The page is served until the process
+    ends.
 
     Args:
         port: None takes the first free one from 7000 on, 0 any free one; otherwise a free port from 1024 on.
