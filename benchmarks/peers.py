@@ -174,7 +174,7 @@ class BulletCar:
 
     def __init__(self, *, slope: float = 0.0, held: bool = False) -> None:
         import pybullet
-        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+        from pybullet_utils.bullet_client import BulletClient
 
         self._pb, self._slope, self._held = pybullet, slope, held
         self._client = BulletClient(pybullet.DIRECT)

@@ -181,7 +181,7 @@ def _mujoco_geom(thing: dict[str, Any]) -> str:
 def bullet_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
     """PyBullet's pictures, by its plugin eglRenderer; colours and depths are of one call."""
     import pybullet
-    from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+    from pybullet_utils.bullet_client import BulletClient
 
     client = BulletClient(pybullet.DIRECT)
     try:

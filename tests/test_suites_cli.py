@@ -325,3 +325,13 @@ def test_a_case_changes_with_the_files_it_is_made_of(tmp_path: Path) -> None:
     (tmp_path / "drivers.py").write_text(DRIVERS + "\n")
     after = {case.name: case.digest() for case in collect_cases([path])}
     assert {name for name in before if before[name] != after[name]} == {"own#1", "own#2", "own#3"}
+
+
+@pytest.mark.parametrize("seeds", ["[1, two]", "[[1]]", "[1.5]", "[true]"])
+def test_a_seed_that_is_no_whole_number_is_one_line_with_its_place(tmp_path: Path, seeds: str) -> None:
+    world = WORLD.replace("variations: {speed: [2, 6, 4]}", f"variations: {{seed: {seeds}}}")
+    (tmp_path / "w.yaml").write_text(world)
+    with pytest.raises(ConfigError) as caught:
+        collect_cases([tmp_path / "w.yaml"])
+    assert "w.yaml:" in str(caught.value)
+    assert "seed: whole numbers are expected" in str(caught.value)

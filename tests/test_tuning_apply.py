@@ -244,17 +244,24 @@ def _whole_result() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("value", [3, "text", [1], {"a": [2]}, None], ids=repr)
-@pytest.mark.parametrize("key", ["name", "loop", "candidates", "baseline", "best", "schedule", "robustness"])
+@pytest.mark.parametrize("value", [3, "text", [1], {"a": [2]}], ids=repr)
+@pytest.mark.parametrize("key", ["loop", "candidates", "schedule", "robustness"])
 def test_a_damaged_value_is_one_line_that_names_the_key(tmp_path: Path, key: str, value: Any) -> None:
     (tmp_path / "tuning.json").write_text(json.dumps(_whole_result() | {key: value}))
-    try:
+    with pytest.raises(ConfigError) as caught:
         read_result(tmp_path)
-    except ConfigError as error:
-        assert f"tuning.json: {key}" in str(error)
-        assert "\n" not in str(error)
-    else:
-        assert value is None or key in {"name", "baseline", "best"}
+    assert f"tuning.json: {key}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [3, [1], {"a": [2]}], ids=repr)
+@pytest.mark.parametrize("key", ["name", "baseline", "best"])
+def test_a_name_that_is_no_text_is_one_line_that_names_the_key(tmp_path: Path, key: str, value: Any) -> None:
+    (tmp_path / "tuning.json").write_text(json.dumps(_whole_result() | {key: value}))
+    with pytest.raises(ConfigError) as caught:
+        read_result(tmp_path)
+    assert f"tuning.json: {key}" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_failures_of_the_monte_carlo_and_unmet_criteria_are_told(tmp_path: Path, vehicle: Path) -> None:

@@ -5,6 +5,7 @@ import sys
 import time
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import numpy as np
 import pytest
@@ -304,7 +305,7 @@ POSTS = tuple((Cylinder(0.4, 2.0), (x, 0.0, 1.0)) for x in (0.0, 0.9))
     ],
 )  # fmt: skip
 def test_the_depth_of_an_overlap_agrees_with_closed_forms(
-    one: list[tuple], other: list[tuple], depth: float, turned: tuple[float, float, float]
+    one: list[tuple[Any, ...]], other: list[tuple[Any, ...]], depth: float, turned: tuple[float, float, float]
 ) -> None:
     X_WP = RigidTransform(RollPitchYaw(*turned), [50.0, -20.0, 3.0])
     found = separate(placed(*one, X_WP=X_WP), placed(*other, X_WP=X_WP))
@@ -325,7 +326,7 @@ def test_the_bounds_of_the_depth_of_unions_hold_the_truth_of_all_corners(seed: i
 
     def is_free(t: np.ndarray) -> np.ndarray:
         """Whether no two boxes along the axes overlap after translations (n, 3)."""
-        return (np.abs(apart - t[:, None, None]) >= reach - 1e-5).any(axis=-1).all(axis=(1, 2))
+        return np.asarray((np.abs(apart - t[:, None, None]) >= reach - 1e-5).any(axis=-1).all(axis=(1, 2)))
 
     # The nearest free translation has each coordinate at 0 or at a side of a difference of two boxes.
     levels = [
@@ -517,7 +518,7 @@ def test_the_ground_ends_a_way() -> None:
     assert check(wide + DRIVABLE) == []
 
 
-CORNER = """
+TURN = """
 ground: {{size: [80, 80]}}
 params: {{w: {width}}}
 start:
@@ -537,22 +538,22 @@ rules:
 
 
 def test_a_corner_that_the_car_cannot_turn_is_no_way_though_it_is_wide_enough() -> None:
-    (fault,) = check(CORNER.format(width=2.4))
+    (fault,) = check(TURN.format(width=2.4))
     assert texts([fault]) == [("way", "w.yaml:15")]
     assert "cannot turn" in fault.text
     assert "turning radius 4.5 m" in fault.text
-    found = examine(write(CORNER.format(width=5.0)))
+    found = examine(write(TURN.format(width=5.0)))
     assert found.faults == []
     assert len(found.ways) == 1
 
 
 def test_the_robot_turns_where_the_car_cannot() -> None:
-    world = CORNER.format(width=2.4).replace("from: gate,", "vehicle: unior, from: gate,")
+    world = TURN.format(width=2.4).replace("from: gate,", "vehicle: unior, from: gate,")
     assert check(world) == []
 
 
 def test_a_search_that_is_given_up_is_told_as_that() -> None:
-    (fault,) = check(CORNER.format(width=5.0), patience=0.0)
+    (fault,) = check(TURN.format(width=5.0), patience=0.0)
     assert "was found within 0 s of computing" in fault.text
 
 

@@ -87,7 +87,7 @@ class Wiring:
     ) -> tuple[str, str | None]:
         """The port that a name in `connect` means, and the element of it, if it names one."""
         port = _port_of(name, ports)
-        if port == name:
+        if port and port == name:
             return port, None
         if port:
             element, contents = name.removeprefix(f"{port}."), ports[port][1]

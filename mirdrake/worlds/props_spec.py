@@ -354,6 +354,11 @@ class SearchSpec(Schema):
         return over
 
 
+def is_seed(value: Any) -> bool:
+    """Whether a value can be a seed: a whole number."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 class CaseSpec(Schema):
     """A test: a vehicle with a behaviour, and what is required of it."""
 
@@ -380,4 +385,6 @@ class CaseSpec(Schema):
                 raise ValueError(f"{name}: the list is empty")
             if isinstance(values, int) and (name != "seed" or not 1 <= values <= 10_000):
                 raise ValueError(f"{name}: a list of values is expected; seed may be a number of seeds")
+            if name == "seed" and isinstance(values, list) and not all(map(is_seed, values)):
+                raise ValueError("seed: whole numbers are expected")
         return variations
