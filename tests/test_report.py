@@ -20,7 +20,7 @@ from mirdrake.report.figures import thin
 from mirdrake.report.run_report import render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import middle_tangent
-from mirdrake.report.words import clock, lasting, spoken, tell
+from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.timing import reference_seconds
@@ -444,15 +444,15 @@ def test_the_middle_wheel_of_ackermann_steering_turns_about_the_same_point():
      (0.0, "s", "0 s"), (float("nan"), "m", "–"), (21.84, "°", "21.8°"), (3.2, "×", "3.20×"), (2e-5, "m", "2e−05 m")],
 )  # fmt: skip
 def test_numbers_are_told_with_three_digits_and_their_unit(value, unit, text):
-    assert tell(value, unit).replace("\u00a0", " ") == text
+    assert format_quantity(value, unit).replace("\u00a0", " ") == text
 
 
 def test_times_and_names_read_like_prose():
-    assert clock(83.21) == "83.2\u00a0s"
-    assert clock(1000.0) == "16\u00a0min 40\u00a0s"
-    assert lasting(200.0) == "200\u00a0s"
-    assert lasting(3600.0) == "60.0\u00a0min"
-    assert spoken("cat_vehicle") == "Cat vehicle"
+    assert format_time(83.21) == "83.2\u00a0s"
+    assert format_time(1000.0) == "16\u00a0min 40\u00a0s"
+    assert format_duration(200.0) == "200\u00a0s"
+    assert format_duration(3600.0) == "60.0\u00a0min"
+    assert title_case("cat_vehicle") == "Cat vehicle"
 
 
 def test_the_map_shows_what_stands_in_the_world(tmp_path):

@@ -19,7 +19,7 @@ from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, 
 from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.report.drive import load_roads
 from mirdrake.report.vehicle_charts import VehicleSignals, make_charts
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 from mirdrake.runs.simulation import Simulation
 from mirdrake.worlds import Track, World, load_world
 from mirdrake.worlds.scenery import scenery
@@ -294,8 +294,8 @@ def test_the_chart_of_the_lateral_error_shows_edges_that_vary():
     edges = (2.0 + 0.1 * time, np.full(50, -3.0))
     (chart,) = make_charts(VehicleSignals(frame, "ego"), "a-", road_width=6.0, road_edges=edges)
     expected = min((edges[0] - frame["ego.lateral_error"]).min(), (frame["ego.lateral_error"] + 3.0).min())
-    least = tell(expected, "m", digits=2)
-    assert f"Dashed: the edges of the road; the middle of the car is {least} from one at least." in chart.caption
+    least = format_quantity(expected, "m", digits=2)
+    assert f"Dashed: the edges of the road; the middle of the car is at least {least} from them." in chart.caption
 
 
 # --- patches ------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.report.tuning import FIGURES, render_tuning, write_tuning_report
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 from mirdrake.tuning.result_folder import TABLES, TuningResult, read_result
 from tests.tuning_sample import result_data, write_sample
 
@@ -80,7 +80,7 @@ def test_every_candidate_is_in_the_table_with_all_its_figures(sample: Path, page
         if one["status"] == "ok":
             wanted = [one["gains"][name] for name in ("kp", "ki", "kd")] + [one["cost"]]
             wanted += [one["figures"][name] for name in FIGURES]
-            assert row[3:] == ["–" if value is None else tell(value) for value in wanted]
+            assert row[3:] == ["–" if value is None else format_quantity(value) for value in wanted]
         else:
             assert row[2] == "unstable"
             assert set(row[6:]) == {"–"}
@@ -94,7 +94,9 @@ def test_the_robustness_table_has_the_figures_of_the_study(sample: Path, page: s
         assert row[1] == f"{one['failures']} of 20"
         assert row[2] == f"{100.0 * one['low']:.1f} to {100.0 * one['high']:.1f} %"
         iae = one["figures"]["iae"]
-        assert row[3:6] == ["–" if iae[key] is None else tell(iae[key]) for key in ("median", "p95", "worst")]
+        assert row[3:6] == [
+            "–" if iae[key] is None else format_quantity(iae[key]) for key in ("median", "p95", "worst")
+        ]
     assert [row[0] for row in table[2:]] == list(data["robustness"]["candidates"])
     assert table[3][1:3] == ["20 of 20", "83.2 to 100.0 %"]  # published gains: (0.025)^(1/20) = 0.8316
 

@@ -11,7 +11,7 @@ from mirdrake.report.figures import Array
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.track_map import Line, Place, Road, draw_map, draw_place
 from mirdrake.report.vehicle_charts import VehicleSignals
-from mirdrake.report.words import clock, tell
+from mirdrake.report.words import format_quantity, format_time
 from mirdrake.worlds import World
 
 VEHICLE_COLOURS = ("main", "own1", "own2", "own3", "own4")
@@ -99,7 +99,11 @@ def _colour_classes(vehicle: VehicleSignals) -> tuple[Any, dict[str, str]]:
         return None, {}
     share = np.nan_to_num((values - low) / (high - low))
     classes = np.clip((share * SCALE_STEPS).astype(np.intp), 0, SCALE_STEPS - 1)
-    return classes, {"what": what, "low": tell(low, unit, digits=2), "high": tell(high, unit, digits=2)}
+    return classes, {
+        "what": what,
+        "low": format_quantity(low, unit, digits=2),
+        "high": format_quantity(high, unit, digits=2),
+    }
 
 
 def _worst_places(
@@ -117,10 +121,11 @@ def _worst_places(
     while len(places) < count and size.max() > 1e-3:
         worst = int(size.argmax())
         caption = f"{vehicle.name}: " if count == 1 else ""
-        caption += f"{tell(abs(float(error[worst])), 'm', digits=2)} to the {'left' if error[worst] > 0.0 else 'right'}"
-        caption += f" at {clock(vehicle.time[worst])}"
+        side = "left" if error[worst] > 0.0 else "right"
+        caption += f"{format_quantity(abs(float(error[worst])), 'm', digits=2)} to the {side}"
+        caption += f" at {format_time(vehicle.time[worst])}"
         if vehicle.has("progress"):
-            caption += f", {tell(float(vehicle['progress'][worst]), 'm')} along the track"
+            caption += f", {format_quantity(float(vehicle['progress'][worst]), 'm')} along the track"
         places.append((Place(float(x[worst]), float(y[worst]), reach), caption + "."))
         size[np.hypot(x - x[worst], y - y[worst]) < 3.0 * reach] = 0.0
         if size.max() < 0.5 * abs(float(error[worst])):

@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 
 Array = NDArray[np.float64]
 
@@ -267,7 +267,7 @@ def _limits(panel: Panel) -> tuple[float, float, str]:
         if high - low > 3.0 * reach > 0.0:
             peak = max(high, low, key=lambda end: max(end - ceiling, bottom - end))
             low, high = max(low, bottom - 0.3 * reach), min(high, ceiling + 0.3 * reach)
-            note = f"peaks to {tell(peak, panel.unit)} cut off"
+            note = f"peaks to {format_quantity(peak, panel.unit)} cut off"
     if panel.zero:
         low, high = min(low, 0.0), max(high, 0.0)
     room = max(0.06 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)

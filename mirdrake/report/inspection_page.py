@@ -14,7 +14,7 @@ from mirdrake.report.page import render_page
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
-from mirdrake.report.words import spoken
+from mirdrake.report.words import title_case
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.figures import Inspection, SensorFigures
 from mirdrake.viewer.portrait import try_portrait
@@ -37,7 +37,7 @@ def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool =
     graph, graph_note = _graph(figures)
     return render_page(
         _TEMPLATE,
-        filters={"figure": _figure, "axis": axis_name, "limits": limits_of, "spoken": spoken},
+        filters={"figure": _figure, "axis": axis_name, "limits": limits_of, "title_case": title_case},
         figures=figures,
         grade=_GRADES[figures.grade],
         portrait=_portrait(vehicle) if portrait else None,

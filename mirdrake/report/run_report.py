@@ -23,7 +23,7 @@ from mirdrake.report.page import render_page
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.track_map import Road, scale_colours
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
-from mirdrake.report.words import clock, lasting, spoken, tell
+from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.vehicles import Vehicle
 
 _TEMPLATE = "run_report.html.jinja"
@@ -143,7 +143,7 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         vehicles=vehicles,
         drive=drive,
         events=[
-            (clock(_number(event.get("time"))), event.get("kind", ""), event.get("text", ""))
+            (format_time(_number(event.get("time"))), event.get("kind", ""), event.get("text", ""))
             for event in events[:_MOST_EVENTS]
         ],
         more_events=max(0, len(events) - _MOST_EVENTS),
@@ -236,19 +236,19 @@ def _sentence(figures: Mapping[str, float]) -> str:
     """What follows "The Bolt": the drive of one vehicle without its world and duration."""
     parts = []
     if "max_abs_lateral_error_m" in figures:
-        parts.append(f"largest lateral error {tell(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
+        parts.append(f"largest lateral error {format_quantity(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
     if "mean_speed_error_percent" in figures:
-        parts.append(f"speed {tell(abs(figures['mean_speed_error_percent']), digits=1)}\u00a0% off")
+        parts.append(f"speed {format_quantity(abs(figures['mean_speed_error_percent']), digits=1)}\u00a0% off")
     if figures.get("off_road_s"):
-        parts.append(f"{lasting(figures['off_road_s'])} off the road")
+        parts.append(f"{format_duration(figures['off_road_s'])} off the road")
     return ", ".join(parts)
 
 
 def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> tuple[str, list[str]]:
     """What happened, in a sentence, and with several vehicles one more sentence for each."""
-    during = f" in {lasting(simulated)}" if math.isfinite(simulated) else ""
+    during = f" in {format_duration(simulated)}" if math.isfinite(simulated) else ""
     if not vehicles:
-        return (f"{lasting(simulated)} of {world or 'simulation'}" if during else "A run without signals"), []
+        return (f"{format_duration(simulated)} of {world or 'simulation'}" if during else "A run without signals"), []
     several = len(vehicles) > 1
     sentences = []
     for page in vehicles:
@@ -259,12 +259,12 @@ def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> 
             drove = f"{laps}\u00a0lap{'' if laps == '1.00' else 's'}" + (f" of {world}" if world else "") + during
         else:
             drove = f"{way}{during}" + (f" on {world}" if world else "")
-        who = f"{page.name}, the {spoken(page.model)}," if several else f"The {spoken(page.model)}"
+        who = f"{page.name}, the {title_case(page.model)}," if several else f"The {title_case(page.model)}"
         sentence = f"{who} drove {drove}" if laps or way else f"{who} left no signals"
         sentences.append(sentence + (f"; {page.sentence}" if page.sentence else ""))
     if not several:
         return sentences[0], []
-    during = f" for {lasting(simulated)}" if math.isfinite(simulated) else ""
+    during = f" for {format_duration(simulated)}" if math.isfinite(simulated) else ""
     return f"{len(vehicles)} vehicles drove" + (f" on {world}" if world else "") + during, sentences
 
 
@@ -273,17 +273,23 @@ def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
     if "laps" in figures:
         tiles.append(Tile("Laps", f"{figures['laps']:.2f}"))
     if "distance_m" in figures:
-        tiles.append(Tile("Distance", tell(figures["distance_m"], "m")))
+        tiles.append(Tile("Distance", format_quantity(figures["distance_m"], "m")))
     if "max_abs_lateral_error_m" in figures:
-        tiles.append(Tile("Largest lateral error", tell(figures["max_abs_lateral_error_m"], "m", digits=2)))
+        tiles.append(Tile("Largest lateral error", format_quantity(figures["max_abs_lateral_error_m"], "m", digits=2)))
     if "mean_speed_error_percent" in figures:
-        tiles.append(Tile("Mean speed error", tell(figures["mean_speed_error_percent"], digits=2) + "\u00a0%"))
+        tiles.append(
+            Tile("Mean speed error", format_quantity(figures["mean_speed_error_percent"], digits=2) + "\u00a0%")
+        )
     if "max_speed_mps" in figures:
         tiles.append(
-            Tile("Top speed", tell(figures["max_speed_mps"], "m/s"), tell(3.6 * figures["max_speed_mps"], "km/h"))
+            Tile(
+                "Top speed",
+                format_quantity(figures["max_speed_mps"], "m/s"),
+                format_quantity(3.6 * figures["max_speed_mps"], "km/h"),
+            )
         )
     if "off_road_s" in figures:
-        tiles.append(Tile("Off the road", tell(figures["off_road_s"], "s", digits=2)))
+        tiles.append(Tile("Off the road", format_quantity(figures["off_road_s"], "s", digits=2)))
     return tiles
 
 
@@ -291,12 +297,14 @@ def _run_tiles(summary: Mapping[str, Any], simulated: float, rows: int) -> list[
     tiles = []
     wall, factor = _number(summary.get("wall_s")), _number(summary.get("real_time_factor"))
     if math.isfinite(simulated):
-        tiles.append(Tile("Simulated", lasting(simulated), f"{rows:,} samples".replace(",", "\u202f")))
+        tiles.append(Tile("Simulated", format_duration(simulated), f"{rows:,} samples".replace(",", "\u202f")))
     if math.isfinite(factor):
         pace = "faster than real time" if factor > 1.0 else "slower than real time"
         tiles.append(
             Tile(
-                "Real-time factor", tell(factor, "×"), f"{lasting(wall)} of computing" if math.isfinite(wall) else pace
+                "Real-time factor",
+                format_quantity(factor, "×"),
+                f"{format_duration(wall)} of computing" if math.isfinite(wall) else pace,
             )
         )
     return tiles

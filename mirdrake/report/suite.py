@@ -15,7 +15,7 @@ from markupsafe import Markup
 from mirdrake.core.yaml_io import shown
 from mirdrake.report.page import render_page
 from mirdrake.report.suite_pictures import draw_bar, draw_curve, draw_plan
-from mirdrake.report.words import lasting, tell
+from mirdrake.report.words import format_duration, format_quantity
 from mirdrake.runs.logs import write_file
 from mirdrake.suites import Case, Result, Suite
 from mirdrake.suites.worker import SKETCHES
@@ -111,7 +111,7 @@ def render_suite(suite: Suite) -> str:
         counts=suite.counts,
         total=len(suite.cases),
         missing=len(suite.cases) - len(suite.results),
-        simulated=lasting(simulated),
+        simulated=format_duration(simulated),
         matrices=_matrices(suite),
         rows=rows[:_MOST_ROWS],
         more_rows=max(0, len(rows) - _MOST_ROWS),
@@ -234,7 +234,7 @@ def _margin(finding: dict[str, Any] | None) -> str:
         return ""
     if finding["margin"] is None:
         return "unbounded"
-    return ("+" if finding["margin"] > 0.0 else "") + tell(finding["margin"], finding["unit"])
+    return ("+" if finding["margin"] > 0.0 else "") + format_quantity(finding["margin"], finding["unit"])
 
 
 def _value(value: Any) -> str:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from markupsafe import Markup, escape
 
 from mirdrake.report.track_map import round_down
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 
 Point = Sequence[float]
 
@@ -189,7 +189,7 @@ def _ticks(low: float, high: float, count: int) -> list[float]:
 
 
 def _number(value: float) -> str:
-    return tell(value, digits=2) if value % 1.0 else f"{value:.0f}".replace("-", "−")
+    return format_quantity(value, digits=2) if value % 1.0 else f"{value:.0f}".replace("-", "−")
 
 
 def _svg(name: str, width: float, height: float, label: str, parts: Sequence[str]) -> Markup:

@@ -20,7 +20,7 @@ from mirdrake.report.tuning_charts import (
 from mirdrake.report.tuning_tables import Tables, labelled
 from mirdrake.report.tuning_trials import draw_front, draw_parallel
 from mirdrake.report.tuning_words import FIGURES, Words
-from mirdrake.report.words import spoken
+from mirdrake.report.words import title_case
 from mirdrake.runs.logs import write_file
 from mirdrake.tuning.result_folder import TuningResult, read_result
 
@@ -54,7 +54,7 @@ def render_tuning(result: TuningResult) -> str:
     data = result.data
     return render_page(
         _TEMPLATE,
-        name=spoken(result.name),
+        name=title_case(result.name),
         over=" · ".join(
             str(part) for part in (data.get("vehicle"), f"loop {result.loop.get('name', '')}", "tuning report") if part
         ),

@@ -27,7 +27,7 @@ from mirdrake.report.tuning_axes import (
     make_log,
     new_figure,
 )
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 
 _POINTS = 600
 _CELL: dict[str, Any] = {"edgecolors": "face", "linewidth": 0.6}  # closes the seams between cells
@@ -307,5 +307,5 @@ def _scale_bar(figure: Figure, bounds: Array) -> None:
     axes.set_xticks([])
     axes.spines["bottom"].set_visible(False)
     axes.yaxis.tick_right()
-    axes.set_yticks(range(SCALE_STEPS + 1), [tell(float(value)) for value in bounds])
+    axes.set_yticks(range(SCALE_STEPS + 1), [format_quantity(float(value)) for value in bounds])
     axes.set_title("Cost", fontsize=12.0, color=THEME["muted"], loc="left")

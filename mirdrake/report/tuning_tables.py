@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mirdrake.report.tuning_words import FIGURES, Words
-from mirdrake.report.words import spoken, tell
+from mirdrake.report.words import format_quantity, title_case
 
 _KINDS = {
     "baseline": "baseline",
@@ -91,9 +91,9 @@ class Tables:
         found = []
         for one in self.data.get("models") or []:
             parameters = "; ".join(
-                f"{spoken(name).lower()} {tell(float(value[0]), self.unit_told(str(value[1] or '')))}"
+                f"{title_case(name).lower()} {format_quantity(float(value[0]), self.unit_told(str(value[1] or '')))}"
                 if isinstance(value, list | tuple) and isinstance(value[0], int | float)
-                else f"{spoken(name).lower()} {value}"
+                else f"{title_case(name).lower()} {value}"
                 for name, value in (one.get("parameters") or {}).items()
             )
             fit = one.get("fit_percent")
@@ -132,7 +132,7 @@ class Tables:
         ranges = self.data["robustness"].get("ranges") or {}
         return {
             "runs": runs,
-            "ranges": "; ".join(f"{spoken(name).lower()} {_range(value)}" for name, value in ranges.items()),
+            "ranges": "; ".join(f"{title_case(name).lower()} {_range(value)}" for name, value in ranges.items()),
             "figures": [self.words.figure(name) for name in chosen],
             "rows": rows,
             "corners": any(row[4] is not None for row in rows),
@@ -168,7 +168,7 @@ class Tables:
         """Speed and gains."""
         gains = self.result.loop["gains"]
         return [
-            (tell(float(row["speed"]), "m/s"), [_number(row["gains"].get(name)) for name in gains])
+            (format_quantity(float(row["speed"]), "m/s"), [_number(row["gains"].get(name)) for name in gains])
             for row in self.data.get("schedule") or []
         ]
 
@@ -179,7 +179,7 @@ class Tables:
             rows.setdefault(float(one["speed"]), []).append(one)
         return [
             (
-                tell(speed, "m/s"),
+                format_quantity(speed, "m/s"),
                 str(tried[0]["where"]),
                 [(str(one["gains"]), _number(one["cost"]), _verdict(one)) for one in tried],
             )
@@ -202,7 +202,7 @@ def _number(value: Any) -> str:
         return value
     if value is None or not isinstance(value, int | float) or not math.isfinite(value):
         return "–"
-    return tell(float(value)) if not isinstance(value, bool) else str(value).lower()
+    return format_quantity(float(value)) if not isinstance(value, bool) else str(value).lower()
 
 
 def _sortable(value: Any) -> str:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from mirdrake.report.svg import SCALE_STEPS, THEME
 from mirdrake.report.tuning_axes import HALF, SCALE, Array, Shown, add_axes, colour_bounds, embed, label, new_figure
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 from mirdrake.studies.fronts import find_knee, pareto_front
 
 
@@ -77,7 +77,10 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
         ends = (10.0**low, 10.0**high) if log else (low, high)
         more = "≥ " if not log and float(inside.max()) > high else ""
         axes.plot([place, place], [0.0, 1.0], color=THEME["muted"], linewidth=1.0)
-        for height, text, where in ((-0.03, tell(ends[0]), "top"), (1.03, more + tell(ends[1]), "bottom")):
+        for height, text, where in (
+            (-0.03, format_quantity(ends[0]), "top"),
+            (1.03, more + format_quantity(ends[1]), "bottom"),
+        ):
             axes.text(place, height, text, ha="center", va=where, color=THEME["muted"], fontsize=11.0)
         axes.text(place, -0.14, title, ha="center", va="top", fontsize=12.0)
     lines = np.array(scaled).T

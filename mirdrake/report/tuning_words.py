@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mirdrake.report.tuning_axes import Shown
-from mirdrake.report.words import clock, spoken, tell
+from mirdrake.report.words import format_quantity, format_time, title_case
 from mirdrake.tuning.result_folder import TuningResult
 
 FIGURES: dict[str, tuple[str, str]] = {
@@ -72,7 +72,7 @@ class Words:
 
     def figure(self, name: str) -> tuple[str, str]:
         """Label and unit of a figure."""
-        label, unit = FIGURES.get(name, (spoken(name), ""))
+        label, unit = FIGURES.get(name, (title_case(name), ""))
         per_second = self.y.removesuffix("/s") if self.y.endswith("/s") else ""
         integrals = (per_second, f"{per_second} s") if per_second else (f"{self.y} s", f"{self.y} s²")
         second = f"{per_second}/s³" if per_second else f"{self.y}/s²"
@@ -82,7 +82,7 @@ class Words:
         """A figure with its unit; a margin that is not finite is none at all."""
         if value is None or not isinstance(value, int | float) or not math.isfinite(value):
             return "none" if name in {"gain_margin", "delay_margin_s", "phase_margin_deg"} and value is None else "–"
-        return tell(float(value), self.figure(name)[1])
+        return format_quantity(float(value), self.figure(name)[1])
 
     def headline(self) -> str:
         """The verdict in a sentence."""
@@ -114,7 +114,7 @@ class Words:
         base, rule = self.baseline.get("figures") or {}, self.best_rule.get("figures") or {}
         gains = self.result.loop["gains"]
         tiles = [
-            (name, tell(value), str(gains.get(name, {}).get("unit") or ""))
+            (name, format_quantity(value), str(gains.get(name, {}).get("unit") or ""))
             for name, value in best["gains"].items()
             if value
         ][:4]
@@ -165,7 +165,7 @@ class Words:
             for text in (
                 f"seed {data['seed']}" if data.get("seed") is not None else "",
                 f"SHA-256 of the study {str(data.get('spec_sha256'))[:16]}" if data.get("spec_sha256") else "",
-                f"took {clock(float(data['wall_s']))}" if data.get("wall_s") is not None else "",
+                f"took {format_time(float(data['wall_s']))}" if data.get("wall_s") is not None else "",
                 versions,
             )
             if text

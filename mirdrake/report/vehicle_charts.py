@@ -10,7 +10,7 @@ import pandas
 from markupsafe import Markup
 
 from mirdrake.report.figures import Array, Curve, Panel, draw_chart
-from mirdrake.report.words import clock, tell
+from mirdrake.report.words import format_quantity, format_time
 
 _AXLES = ("front", "rear")
 _NO_ERROR = 1e-3  # [m]: below this a lateral error is not worth a close look
@@ -122,14 +122,18 @@ def _plan_speed(signals: VehicleSignals) -> Plan | None:
         speed = np.hypot(speed, np.nan_to_num(signals["vy"])) * np.where(speed < 0.0, -1.0, 1.0)
     curves = [Curve("driven", speed, "main")]
     panels = [Panel("Speed", "m/s", curves, zero=True)]
-    low, high, mean = (tell(float(value), "m/s") for value in (np.nanmin(speed), np.nanmax(speed), np.nanmean(speed)))
+    low, high, mean = (
+        format_quantity(float(value), "m/s") for value in (np.nanmin(speed), np.nanmax(speed), np.nanmean(speed))
+    )
     caption = f"Between {low} and {high}, {mean} on average"
     if signals.has("speed_command"):
         command = signals["speed_command"]
         curves.append(Curve("set-point", command, "ink", dashed=True))
         gap = np.abs(speed - command)
         if np.isfinite(gap).any():
-            caption += f"; half of the time within {tell(np.nanmedian(gap), 'm/s', digits=2)} of the set-point"
+            caption += (
+                f"; half of the time within {format_quantity(np.nanmedian(gap), 'm/s', digits=2)} of the set-point"
+            )
             error = Curve("speed − set-point", speed - command, "main")
             panels.append(Panel("Speed minus set-point", "m/s", [error], zero=True, trim=3.0, relative_height=0.62))
     return "speed", "Speed and set-point", panels, caption + "."
@@ -146,7 +150,7 @@ def _plan_steering(signals: VehicleSignals) -> Plan | None:
     if not curves:
         return None
     furthest = max(float(np.nanmax(np.abs(curve.values))) for curve in curves)
-    caption = f"Positive is to the left; the furthest is {tell(furthest, '°')}. "
+    caption = f"Positive is to the left; the furthest is {format_quantity(furthest, '°')}. "
     caption += "The command is the angle of a single wheel at the middle of the front axle."
     return "steering", "Steering", [Panel("Steering angle", "°", curves, zero=True)], caption
 
@@ -165,19 +169,19 @@ def _plan_lateral_error(
     side = "left" if error[worst] > 0.0 else "right"
     caption = "Positive is to the left of the line. "
     if size < _NO_ERROR:
-        caption += f"Below {tell(1e3 * _NO_ERROR, 'mm', digits=1)} throughout."
+        caption += f"Below {format_quantity(1e3 * _NO_ERROR, 'mm', digits=1)} throughout."
     else:
-        caption += f"Largest: {tell(size, 'm', digits=2)} to the {side} at {clock(float(signals.time[worst]))}; "
-        caption += f"root mean square {tell(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
+        largest = format_quantity(size, "m", digits=2)
+        caption += f"Largest: {largest} to the {side} at {format_time(float(signals.time[worst]))}; "
+        caption += f"root mean square {format_quantity(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
     curve = Curve("lateral error", error, "main")
     if road_edges is not None:
         edges = [
             Curve(f"{side} edge", values, "ink", dashed=True) for side, values in zip(_SIDES, road_edges, strict=True)
         ]
         room = float(np.nanmin([road_edges[0] - error, error - road_edges[1]]))
-        caption += (
-            f" Dashed: the edges of the road; the middle of the car is {tell(room, 'm', digits=2)} from one at least."
-        )
+        least = format_quantity(room, "m", digits=2)
+        caption += f" Dashed: the edges of the road; the middle of the car is at least {least} from them."
         across = Panel("The same across the road", "m", [curve, *edges], zero=True, relative_height=0.62)
         return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), across], caption
     if not road_width:
@@ -188,8 +192,9 @@ def _plan_lateral_error(
     bands = [(limit, 2.0 * top, colour) for limit in sorted({room, edge})] + [
         (-2.0 * top, -limit, colour) for limit in sorted({room, edge})
     ]
-    middle = f"beyond {tell(edge, 'm')} the middle of the car leaves the {tell(road_width, 'm')} wide road."
-    caption += f" Shaded: beyond {tell(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
+    width = format_quantity(road_width, "m")
+    middle = f"beyond {format_quantity(edge, 'm')} the middle of the car leaves the {width} wide road."
+    caption += f" Shaded: beyond {format_quantity(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
     caption += middle
     on_road = Panel("The same across the road", "m", [curve], limits=(-top, top), bands=bands, relative_height=0.62)
     if size > 0.5 * room or size < _NO_ERROR:
@@ -207,7 +212,7 @@ def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | N
         return None
     rate = np.degrees(signals["wz"])
     curves = [Curve("measured", rate, "main")]
-    caption = f"Up to {tell(float(np.nanmax(np.abs(rate))), '°/s')}."
+    caption = f"Up to {format_quantity(float(np.nanmax(np.abs(rate))), '°/s')}."
     if wheelbase and signals.has("vx", "steering_angle.left", "steering_angle.right"):
         tangent = middle_tangent(signals["steering_angle.left"], signals["steering_angle.right"])
         curves.append(Curve("v·tan δ / L", np.degrees(signals["vx"] * tangent / wheelbase), "ink", dashed=True))
@@ -234,10 +239,10 @@ def _plan_wheels(
         highest = max(float(np.nanmax(curve.values)) for curve in curves)
         panel = Panel(f"{axle.capitalize()} {what}", unit, curves, zero=True, trim=0.5, relative_height=0.8)
         if lowest == highest:
-            told.append(f"{axle} {tell(lowest, unit)} throughout")
+            told.append(f"{axle} {format_quantity(lowest, unit)} throughout")
             constant.append(panel)
         else:
-            told.append(f"{axle} {tell(lowest)} to {tell(highest, unit)}")
+            told.append(f"{axle} {format_quantity(lowest)} to {format_quantity(highest, unit)}")
             panels.append(panel)
     panels = panels or constant[:1]
     if not panels:

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from mirdrake.report.surfaces import Surface, picture_of
-from mirdrake.report.words import tell
+from mirdrake.report.words import format_quantity
 from mirdrake.vehicles.figures import Inspection, SensorFigures
 
 WIDTH = 1000.0
@@ -164,7 +164,7 @@ def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surf
     for x, load, share in ((figures.wheelbase, front, figures.front_share), (0.0, rear, 1.0 - figures.front_share)):
         u, _ = sheet.at(x, 0.0)
         sheet.add(f'<path class="load" d="M{u:.1f} {ground + 10:.1f}l-7 12h5v16h4v-16h5z"/>')
-        sheet.text(u + 14.0, ground + 34.0, tell(load, "N", digits=4), kind="force", anchor="start")
+        sheet.text(u + 14.0, ground + 34.0, format_quantity(load, "N", digits=4), kind="force", anchor="start")
         sheet.text(u - 14.0, ground + 34.0, f"{100.0 * share:.0f} %", kind="force", anchor="end")
     sheet.across(0.0, figures.wheelbase, ground + 82.0, f"wheelbase {figures.wheelbase:.3f} m", touch=0.0)
     solids = _points(solid or seen)

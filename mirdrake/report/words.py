@@ -1,10 +1,16 @@
-"""Numbers and names as a reader wants them."""
+"""Numbers, durations and names as texts for a reader."""
 
 import math
 
 
-def tell(value: float, unit: str = "", *, digits: int = 3) -> str:
-    """A number to so many significant digits, with its unit: ``0.124 m``, ``965 m``, ``12 340 N``, ``–`` for none."""
+def format_quantity(value: float | None, unit: str = "", *, digits: int = 3) -> str:
+    """Return a number with its unit: ``0.124 m``, ``965 m``, ``12 340 N``; ``–`` for a missing or non-finite one.
+
+    Args:
+        value: the number.
+        unit: its unit; powers are written as superscripts (``kg m^2`` becomes ``kg m²``).
+        digits: significant digits, at most four decimals.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0.0 or abs(value) < 1e-6:
@@ -16,11 +22,16 @@ def tell(value: float, unit: str = "", *, digits: int = 3) -> str:
             text = f"{value:.1g}".replace("-", "−")
     if not unit:
         return text
-    return f"{text}{unit}" if unit in {"°", "×"} else f"{text}\u00a0{unit}"
+    return f"{text}{unit}" if unit in {"°", "×"} else f"{text}\u00a0{format_unit(unit)}"
 
 
-def clock(seconds: float) -> str:
-    """A time of the run: ``83.2 s``, above ten minutes ``16 min 40 s``."""
+def format_unit(unit: str) -> str:
+    """Return a unit with superscripts: ``kg m^2`` → ``kg m²``."""
+    return unit.replace("^2", "²").replace("^3", "³")
+
+
+def format_time(seconds: float) -> str:
+    """Return a time of a run: ``83.2 s``; from ten minutes on ``16 min 40 s``."""
     if not math.isfinite(seconds):
         return "–"
     if seconds < 600.0:
@@ -29,12 +40,12 @@ def clock(seconds: float) -> str:
     return f"{minutes}\u00a0min {rest:02d}\u00a0s"
 
 
-def lasting(seconds: float) -> str:
-    """A duration, rounded: ``0.50 s``, ``200 s``, ``60 min``."""
-    return tell(seconds, "s") if seconds < 600.0 else f"{tell(seconds / 60.0)}\u00a0min"
+def format_duration(seconds: float) -> str:
+    """Return a rounded duration: ``0.50 s``, ``200 s``, ``60 min``."""
+    return format_quantity(seconds, "s") if seconds < 600.0 else f"{format_quantity(seconds / 60.0)}\u00a0min"
 
 
-def spoken(name: str) -> str:
-    """A file name as a name: ``cat_vehicle`` → ``Cat vehicle``."""
+def title_case(name: str) -> str:
+    """Return the name of a file or key as a title: ``cat_vehicle`` → ``Cat vehicle``."""
     text = name.replace("_", " ").strip()
     return text[:1].upper() + text[1:]
