@@ -47,7 +47,7 @@ fuzz: $(VENV)/ready-dev
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(RUN)/python -m tests.fuzz_files $(ARGS)
 
 docs: $(VENV)/ready-dev
-	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m tests.api_page docs/reference
+	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m tools.api_page docs/reference
 	@echo "docs/reference/index.html"
 
 bench: $(VENV)/ready-bench

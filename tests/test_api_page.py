@@ -6,14 +6,14 @@ import pytest
 
 import mirdrake
 import mirdrake.gym  # here, as Gymnasium sets an environment variable when it is imported
-from tests.api_page import MODULES, ROOT, names_of_mirdrake, public_names, summary, write_page
+from tools.api_page import MODULES, ROOT, names_of_mirdrake, public_names, summary, write_page
 
 PAGE = ROOT / "docs" / "api.md"
 
 
 def test_the_page_is_that_of_the_docstrings():
     text = PAGE.read_text(encoding="utf-8")
-    assert write_page(text) == text, "python -m tests.api_page docs/api.md writes it anew"
+    assert write_page(text) == text, "python -m tools.api_page docs/api.md writes it anew"
 
 
 def test_all_public_names_of_the_package_are_there_with_their_meaning():

@@ -1,4 +1,4 @@
-"""Generates the visual meshes of the Avrora Unior: ``body.gltf`` and ``wheel.gltf`` (with ``.bin`` files).
+"""Generate the visual meshes of the Avrora Unior: ``body.gltf`` and ``wheel.gltf`` (with ``.bin`` files).
 
 The robot is drawn from scratch: a dark chassis, an angular shell with a cover plate on top, a laser on the nose, a
 Kinect on a mast behind it, a GPS antenna at the rear, sonar in both bumpers. Its outer size and its tyres are the
@@ -6,7 +6,7 @@ paper's, the sensors stand at the frames of sensors.xacro; all else is invented.
 z up; metres). The origin of the body is on the ground below the centre of the rear axle; that of the wheel is at its
 centre, spinning about y.
 
-Usage: ``python generate.py`` (it is deterministic and writes next to itself).
+Usage: ``python -m tools.meshes.unior`` writes them into ``models/unior/meshes``; the result is deterministic.
 """
 
 from __future__ import annotations
@@ -425,9 +425,14 @@ def build_wheel() -> Mesh:
     return mesh
 
 
-if __name__ == "__main__":
-    here = Path(__file__).resolve().parent
+def write(folder: Path) -> dict[str, Mesh]:
+    """Write both meshes into a folder; return them by name."""
     meshes = {"wheel": build_wheel(), "body": build_body()}
-    write_meshes(here, meshes, materials=MATERIALS, generator="mirdrake models/unior/meshes/generate.py")
-    for line in describe(here, meshes):
+    write_meshes(folder, meshes, materials=MATERIALS, generator="mirdrake tools/meshes/unior.py")
+    return meshes
+
+
+if __name__ == "__main__":
+    target = Path(__file__).resolve().parents[2] / "models" / "unior" / "meshes"
+    for line in describe(target, write(target)):
         print(line)

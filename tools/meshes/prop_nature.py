@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from prop_shapes import Field, ball, joined, limb, soft
 
 from mirdrake.vehicles.bodywork.curves import Array
 from mirdrake.vehicles.bodywork.gltf import Mesh
+from tools.meshes.prop_shapes import Field, ball, joined, limb, soft
 
 
 def _pair(field: Field) -> Field:

@@ -1,10 +1,10 @@
-"""Generates the visual meshes of the Lincoln MKZ 2017: ``body.gltf`` and ``wheel.gltf`` (with their ``.bin`` files).
+"""Generate the visual meshes of the Lincoln MKZ 2017: ``body.gltf`` and ``wheel.gltf`` (with their ``.bin`` files).
 
 The car is modelled from scratch: the outlines below are all there is of it; ``mirdrake.vehicles.bodywork`` makes the
 meshes of them. Frames are ISO 8855 (x forward, y left, z up; metres). The origin of the body is on the ground below the
 centre of the rear axle; that of the wheel is at its centre, spinning about y.
 
-Usage: ``python generate.py`` (it is deterministic and writes next to itself).
+Usage: ``python -m tools.meshes.mkz`` writes them into ``models/mkz/meshes``; the result is deterministic.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from shapely.geometry import LineString, Point
 from mirdrake.vehicles.bodywork.car import CarOutline, describe, write_outline
 from mirdrake.vehicles.bodywork.curves import curve, smooth_line
 from mirdrake.vehicles.bodywork.drawing import Drawing
-from mirdrake.vehicles.bodywork.gltf import Material
+from mirdrake.vehicles.bodywork.gltf import Material, Mesh
 from mirdrake.vehicles.bodywork.parts import Part
 from mirdrake.vehicles.bodywork.regions import (
     ABOVE,
@@ -190,7 +190,7 @@ def place_parts() -> tuple[Part, ...]:
     frame = shapely.box(-0.032, -0.058, 0.032, 0.058).difference(shapely.box(-0.021, -0.047, 0.021, 0.047))
     bar = shapely.box(-0.006, -0.058, 0.006, 0.058)
     badge = prism("chrome", bar, 0.012)
-    for ring in frame.difference(shapely.box(-1, -0.004, 1, 0.004)).geoms:
+    for ring in shapely.get_parts(frame.difference(shapely.box(-1, -0.004, 1, 0.004))):
         badge.add_mesh(prism("chrome", ring, 0.014))
     flip = rot_z(np.pi)
     parts += [
@@ -214,7 +214,12 @@ CAR = CarOutline(
 )
 
 
+def write(folder: Path) -> dict[str, Mesh]:
+    """Write both meshes into a folder; return them by name."""
+    return write_outline(folder, CAR, generator="mirdrake tools/meshes/mkz.py")
+
+
 if __name__ == "__main__":
-    here = Path(__file__).resolve().parent
-    for line in describe(here, write_outline(here, CAR, generator="mirdrake models/mkz/meshes/generate.py")):
+    target = Path(__file__).resolve().parents[2] / "models" / "mkz" / "meshes"
+    for line in describe(target, write(target)):
         print(line)

@@ -1,10 +1,10 @@
-"""Generates the visual meshes of the Chevrolet Bolt EV: ``body.gltf`` and ``wheel.gltf`` (with their ``.bin`` files).
+"""Generate the visual meshes of the Chevrolet Bolt EV: ``body.gltf`` and ``wheel.gltf`` (with their ``.bin`` files).
 
 The car is modelled from scratch: the outlines below are all there is of it; ``mirdrake.vehicles.bodywork`` makes the
 meshes of them. Frames are ISO 8855 (x forward, y left, z up; metres). The origin of the body is on the ground below the
 centre of the rear axle; that of the wheel is at its centre, spinning about y.
 
-Usage: ``python generate.py`` (it is deterministic and writes next to itself).
+Usage: ``python -m tools.meshes.bolt`` writes them into ``models/bolt/meshes``; the result is deterministic.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.vehicles.bodywork.car import CarOutline, describe, write_outline
 from mirdrake.vehicles.bodywork.curves import curve, smooth_line
-from mirdrake.vehicles.bodywork.gltf import Material
+from mirdrake.vehicles.bodywork.gltf import Material, Mesh
 from mirdrake.vehicles.bodywork.parts import Part, Spoiler
 from mirdrake.vehicles.bodywork.regions import (
     BELOW,
@@ -222,7 +222,12 @@ CAR = CarOutline(
 )  # fmt: skip
 
 
+def write(folder: Path) -> dict[str, Mesh]:
+    """Write both meshes into a folder; return them by name."""
+    return write_outline(folder, CAR, generator="mirdrake tools/meshes/bolt.py")
+
+
 if __name__ == "__main__":
-    here = Path(__file__).resolve().parent
-    for line in describe(here, write_outline(here, CAR, generator="mirdrake models/bolt/meshes/generate.py")):
+    target = Path(__file__).resolve().parents[2] / "models" / "bolt" / "meshes"
+    for line in describe(target, write(target)):
         print(line)

@@ -1,11 +1,11 @@
-"""Generates the props: in each folder ``prop.yaml``, ``<name>.gltf`` with its ``.bin``, and solids as ``.obj``.
+"""Generate the props: in each folder ``prop.yaml``, ``<name>.gltf`` with its ``.bin``, and solids as ``.obj``.
 
 All shapes are made here and in the modules beside it; nothing is taken from elsewhere. The frame of a prop lies on the
 ground below the centre of the box around it: x ahead, y left, z up. What has a front looks along x; a barrier, a wall
 and a building are long along x.
 
-Usage: ``python generate.py`` writes all props, ``python generate.py cone van`` some (it is deterministic and writes
-beside itself).
+Usage: ``python -m tools.meshes.props`` writes all props into ``models/props``, and with names
+(``python -m tools.meshes.props cone van``) only those; the result is deterministic.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import prop_buildings as buildings
-import prop_cars as cars
-import prop_nature as nature
-import prop_street as street
 from scipy.spatial import ConvexHull
 
 from mirdrake.vehicles.bodywork.curves import Array
 from mirdrake.vehicles.bodywork.gltf import MATERIALS, Material, Mesh
+from tools.meshes import prop_buildings as buildings
+from tools.meshes import prop_cars as cars
+from tools.meshes import prop_nature as nature
+from tools.meshes import prop_street as street
 
 COLOURS: dict[str, Material] = {
     "aluminium": Material((0.66, 0.67, 0.68), 0.55, 0.1),
@@ -462,4 +462,4 @@ def write_prop(folder: Path, name: str) -> str:
 
 if __name__ == "__main__":
     for chosen in sys.argv[1:] or PROPS:
-        print(write_prop(Path(__file__).resolve().parent, chosen))
+        print(write_prop(Path(__file__).resolve().parents[2] / "models" / "props", chosen))

@@ -1,4 +1,4 @@
-"""Figure of docs/tyres.md: ``python -m tests.tyre_figure docs/tyres.png``."""
+"""Figure of docs/tyres.md: ``python -m tools.tyre_figure docs/tyres.png``."""
 
 import sys
 from math import degrees, radians, tan

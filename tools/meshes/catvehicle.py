@@ -1,10 +1,10 @@
-"""Generates the visual meshes of the Ford Escape Hybrid 2008: ``body.gltf`` and ``wheel.gltf`` (with ``.bin`` files).
+"""Generate the visual meshes of the Ford Escape Hybrid 2008: ``body.gltf`` and ``wheel.gltf`` (with ``.bin`` files).
 
 The car is modelled from scratch: the outlines below are all there is of it; ``mirdrake.vehicles.bodywork`` makes the
 meshes of them. Frames are ISO 8855 (x forward, y left, z up; metres). The origin of the body is on the ground below the
 centre of the rear axle; that of the wheel is at its centre, spinning about y.
 
-Usage: ``python generate.py`` (it is deterministic and writes next to itself).
+Usage: ``python -m tools.meshes.catvehicle`` writes them into ``models/catvehicle/meshes``; the result is deterministic.
 """
 
 from __future__ import annotations
@@ -211,7 +211,12 @@ CAR = CarOutline(
 )
 
 
+def write(folder: Path) -> dict[str, Mesh]:
+    """Write both meshes into a folder; return them by name."""
+    return write_outline(folder, CAR, generator="mirdrake tools/meshes/catvehicle.py")
+
+
 if __name__ == "__main__":
-    here = Path(__file__).resolve().parent
-    for line in describe(here, write_outline(here, CAR, generator="mirdrake models/catvehicle/meshes/generate.py")):
+    target = Path(__file__).resolve().parents[2] / "models" / "catvehicle" / "meshes"
+    for line in describe(target, write(target)):
         print(line)

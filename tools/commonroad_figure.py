@@ -1,4 +1,4 @@
-"""Overlays and table of docs/validation.md: ``python -m tests.commonroad_figure docs/multibody.png``."""
+"""Overlays and table of docs/validation.md: ``python -m tools.commonroad_figure docs/multibody.png``."""
 
 import sys
 import tempfile

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from prop_shapes import Layer, box, drawn, extrude, lettering, turned, window, with_holes
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.vehicles.bodywork.gltf import Mesh
+from tools.meshes.prop_shapes import Layer, box, drawn, extrude, lettering, turned, window, with_holes
 
 Rect = tuple[float, float, float, float]
 

@@ -2,8 +2,8 @@
 
 ::
 
-    python -m tests.api_page docs/api.md            writes the lists anew
-    python -m tests.api_page docs/reference         writes the reference, one page a module
+    python -m tools.api_page docs/api.md            writes the lists anew
+    python -m tools.api_page docs/reference         writes the reference, one page a module
 """
 
 import ast

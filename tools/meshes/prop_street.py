@@ -6,7 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from prop_shapes import (
+from shapely.geometry import Point, Polygon
+
+from mirdrake.vehicles.bodywork.curves import Array
+from mirdrake.vehicles.bodywork.gltf import Mesh
+from mirdrake.vehicles.bodywork.solids import tube
+from tools.meshes.prop_shapes import (
     Layer,
     box,
     drawn,
@@ -17,11 +22,6 @@ from prop_shapes import (
     turned,
     turned_ahead,
 )
-from shapely.geometry import Point, Polygon
-
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.solids import tube
 
 INCH = 0.0254  # [m]
 
