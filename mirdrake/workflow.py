@@ -10,7 +10,8 @@ from mirdrake.assembly.diagram import DiagramSpec, assemble
 from mirdrake.assembly.drawing import draw_svg, write_dot
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import MissingDependencyError
-from mirdrake.runs.logs import Run, write_file
+from mirdrake.core.files import write_file
+from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Progress, Report, Simulation, default_folder
 from mirdrake.viewer import FollowCamera, write_recording
 

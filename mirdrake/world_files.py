@@ -1,14 +1,10 @@
 """A world as files for others: lock file, SDF world with its meshes, plan from above."""
 
-import os
 import re
-import shutil
-import tempfile
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirdrake.core.errors import RunError
+from mirdrake.core.files import staging, write_errors
 from mirdrake.core.yaml_io import shown
 from mirdrake.report.plan import Overlap, draw_world, find_overlaps
 from mirdrake.worlds import World
@@ -75,30 +71,12 @@ def file_name(name: str) -> str:
 
 def _write_all(folder: Path, files: dict[str, bytes]) -> None:
     """Write all files or none: into a folder beside them first, then each renamed."""
-    needed = {folder, *(above for name in files for above in (folder / name).parents if folder in above.parents)}
-    missing = [path for path in (*folder.parents, *needed) if not path.exists()]
-    staging: Path | None = None
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with write_errors(Path(shown(folder))):
         for name in files:
             if (folder / name).is_dir():
                 raise IsADirectoryError(0, f"{name} is a folder")
-        staging = Path(tempfile.mkdtemp(prefix=".build-", dir=folder))
-        for name, content in files.items():
-            (staging / name).parent.mkdir(parents=True, exist_ok=True)
-            (staging / name).write_bytes(content)
-        for path in needed:
-            path.mkdir(parents=True, exist_ok=True)
-        for name in files:
-            os.replace(staging / name, folder / name)
-    except OSError as error:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)
-        for path in sorted(missing, key=lambda path: -len(path.parts)):  # those that were made, if they are empty
-            with suppress(OSError):
-                path.rmdir()
-        reason = error.strerror or str(error).splitlines()[0]
-        raise RunError(f"{shown(folder)}: cannot be written: {reason}; choose another folder with -o") from None
-    finally:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)
+        with staging(folder) as stage:
+            for name, content in files.items():
+                (stage.path / name).parent.mkdir(parents=True, exist_ok=True)
+                (stage.path / name).write_bytes(content)
+            stage.publish(merge=True)

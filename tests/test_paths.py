@@ -1,8 +1,5 @@
 """Names of models, worlds and diagrams become files: a path, MIRDRAKE_PATH, the working directory, the shipped data."""
 
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -108,92 +105,6 @@ def test_a_name_that_no_file_can_have_is_an_ordinary_mistake(name: str) -> None:
     for kind in ("models", "worlds", "diagrams"):
         with pytest.raises(ConfigError):
             paths.find(kind, name)
-
-
-# --- staging -----------------------------------------------------------------------------------------------------
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from mirdrake.core.paths import staging
-
-left, real = int(sys.argv[2]), Path.rename
-
-def rename(self, target):
-    global left
-    left -= 1
-    if left < 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return real(self, target)
-
-Path.rename = rename
-with staging(Path(sys.argv[1])) as stage:
-    (stage.path / "car").mkdir()
-    (stage.path / "car" / "vehicle.yaml").write_text("new")
-    (stage.path / "car.yaml").write_text("new")
-    if left == 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    stage.publish()
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="folders are locked on POSIX only")
-@pytest.mark.parametrize("before", [False, True])
-def test_a_killed_process_leaves_nothing_that_is_listed_and_the_next_one_clears_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: bool
-) -> None:
-    """Killed before each of its renames: afterwards all is as before, or all is new once it was complete."""
-    monkeypatch.setenv("MIRDRAKE_PATH", str(tmp_path))
-    folder, steps = tmp_path / "models", 5 if before else 3
-    files = (folder / "car" / "vehicle.yaml", folder / "car.yaml")
-    for renames in range(steps + 1):
-        for file in files if before else ():
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text("old")
-        done = subprocess.run([sys.executable, "-c", KILLED, str(folder), str(renames)], check=False)
-        assert done.returncode == -signal.SIGKILL
-        assert [path.name[:10] for path in folder.glob(".*")] == [".mirdrake-"]
-        assert not any(name.startswith(".") or name == "new" for name in paths.names("models"))
-        with paths.staging(folder):
-            pass
-        assert list(folder.glob(".*")) == []
-        found = [file.read_text() for file in files if file.is_file()]
-        assert found == (["new"] * 2 if renames == steps else ["old"] * 2 if before else []), renames
-
-
-def test_staging_that_goes_on_is_left_alone_and_publishes_everything_or_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "deep" / "models"
-    with paths.staging(folder) as first:
-        (first.path / "a.yaml").write_text("a")
-        with paths.staging(folder) as second:
-            assert first.path.is_dir()
-            (second.path / "b.yaml").write_text("b")
-            second.publish()
-        first.publish()
-    assert sorted(path.name for path in folder.iterdir()) == ["a.yaml", "b.yaml"]
-    real = Path.rename
-
-    def rename(path: Path, target: Path) -> Path:
-        if target == folder / "b.yaml" and "new" in path.parts:
-            raise OSError("no room")
-        return real(path, target)
-
-    with paths.staging(folder) as third, monkeypatch.context() as patch:
-        (third.path / "a.yaml").write_text("new")
-        (third.path / "b.yaml").write_text("new")
-        patch.setattr(Path, "rename", rename)
-        with pytest.raises(OSError, match="no room"):
-            third.publish()
-    assert {path.name: path.read_text() for path in folder.iterdir()} == {"a.yaml": "a", "b.yaml": "b"}
-
-
-def test_a_folder_that_was_made_for_nothing_goes_again(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="stop"), paths.staging(tmp_path / "a" / "b"):
-        raise ValueError("stop")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_hidden_vehicles_worlds_and_props_have_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

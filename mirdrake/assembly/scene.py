@@ -16,7 +16,6 @@ the world, the vehicles and the mounted sensors as they were, even if their file
 Only meshes are read from where they are; :attr:`Scene.changes` lists those that have changed or gone.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -30,9 +29,10 @@ from xml.parsers.expat import ExpatError
 from pydrake.geometry import Convex
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.core.digest import digest
 from mirdrake.core.errors import MirdrakeError, RunError
+from mirdrake.core.files import write_file
 from mirdrake.core.paths import data_root
-from mirdrake.core.recording.files import write_file
 from mirdrake.core.yaml_io import Source, shown, validate, where
 from mirdrake.core.yaml_tree import lay_over
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -196,21 +196,21 @@ def changed_files(scene: Scene, folder: Path) -> list[str]:
     try:
         lock = (place / LOCK).read_text(encoding="utf-8")
         meshes = dict(json.loads((place / FILE).read_text(encoding="utf-8"))["meshes"])
-        paths = {_resolve(reference): digest for reference, digest in meshes.items()}
+        paths = {_resolve(reference): recorded for reference, recorded in meshes.items()}
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return []
-    changed = [path for path, digest in paths.items() if not path.is_file() or _digest_of(path) != digest]
+    changed = [path for path, recorded in paths.items() if not path.is_file() or _digest_of(path) != recorded]
     return ["the world"] * (lock != lock_text(scene.world)) + [shown(path) for path in changed]
 
 
 def _read(data: Mapping[str, Any], place: Path) -> Scene:
     changes = []
-    for reference, digest in data["meshes"].items():
+    for reference, recorded in data["meshes"].items():
         mesh = _resolve(reference)
         now = _digest_of(mesh) if mesh.is_file() else None
         if now is None:
             changes.append(f"{shown(mesh)}: is missing; the run is shown without it")
-        elif now != digest:
+        elif now != recorded:
             changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
     world = read_world(data["world"], _find, place=shown(place / FILE))
     world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
@@ -290,4 +290,4 @@ def _digest_of(path: Path) -> str:
 
 @lru_cache(maxsize=4096)
 def _digest(path: Path, _changed: int, _size: int) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return digest(path.read_bytes())

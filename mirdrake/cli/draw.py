@@ -33,8 +33,8 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.assembly.diagram import assemble, load_diagram
     from mirdrake.assembly.diagram_spec import without_user_systems
     from mirdrake.assembly.drawing import draw_svg, write_dot
+    from mirdrake.core.files import write_file
     from mirdrake.core.user_modules import without_own_code
-    from mirdrake.runs.logs import write_file
 
     spec = load_diagram(options.diagram, overrides=options.set)
     skipped: list[str] = []

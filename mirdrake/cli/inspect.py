@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Inspect."""
+    from mirdrake.core.files import write_file
     from mirdrake.report.inspection import describe, draw_links, write_links_dot
-    from mirdrake.runs.logs import write_file
     from mirdrake.vehicles import load_vehicle
     from mirdrake.vehicles.inspection import inspect_vehicle
 

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print or write."""
-    from mirdrake.runs.logs import write_file
+    from mirdrake.core.files import write_file
     from mirdrake.schemas import KINDS, make_schema
 
     if options.out is None and options.kind is None:

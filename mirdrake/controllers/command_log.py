@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from mirdrake.controllers.schedule import Interpolation
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.recording.files import reading
+from mirdrake.core.files import read_errors
 from mirdrake.core.recording.parts import read_groups, stored
 from mirdrake.core.recording.pictures import picture_time
 from mirdrake.core.yaml_io import read_text, shown, to_si
@@ -172,7 +172,7 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
     parts = stored(table)
     if not parts:
         raise ConfigError(f"{shown(folder)}: is no run folder with signals; give one, a table or a driving_log.txt")
-    with reading(parts[0]):
+    with read_errors(parts[0]):
         known = pq.read_schema(parts[0]).names
     drivers = [name.removesuffix(".steering_command") for name in known if name.endswith(".steering_command")]
     if vehicle not in drivers and len(drivers) == 1:
@@ -182,7 +182,7 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
         raise ConfigError(f"{shown(folder)}: no commands of '{vehicle}' were recorded; {words}")
     keys = ["time", f"{vehicle}.speed_command", f"{vehicle}.steering_command"]
     rows: list[Row] = []
-    with reading(table):
+    with read_errors(table):
         for group in read_groups(table, keys):
             rows += zip(*(map(float, group[key].to_pylist()) for key in keys), strict=True)
     if _kind(folder, vehicle) not in {"constant", "schedule"} and len(rows) > 1:
@@ -195,6 +195,6 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
 def _kind(folder: Path, vehicle: str) -> Any:
     import yaml
 
-    with reading(folder / "spec.yaml"):
+    with read_errors(folder / "spec.yaml"):
         spec = yaml.safe_load(read_text(folder / "spec.yaml"))
         return spec.get("control", {}).get(vehicle, {}).get("kind")

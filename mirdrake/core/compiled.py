@@ -12,7 +12,6 @@ be written, until one of the source files changes.
 [1] S. K. Lam, A. Pitrou, S. Seibert, Numba: a LLVM-based Python JIT compiler, LLVM-HPC 2015.
 """
 
-import hashlib
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -23,6 +22,8 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
+
+from mirdrake.core.digest import digest
 
 Records = npt.NDArray[np.void]
 """An array of records; machine code reads and writes their fields with dots."""
@@ -110,7 +111,5 @@ def _register(function: Callable[..., Any], register: Callable[..., Any]) -> Non
 
 def _version(functions: Iterable[Callable[..., Any]]) -> int:
     """A number that is another one when a source file of the functions, or a library below, is another one."""
-    digest = hashlib.sha256(f"{sys.version} {np.__version__}".encode())
-    for name in sorted({inspect.getsourcefile(function) or "" for function in functions}):
-        digest.update(Path(name).read_bytes())
-    return int.from_bytes(digest.digest()[:7], "big")
+    files = sorted({inspect.getsourcefile(function) or "" for function in functions})
+    return int(digest(f"{sys.version} {np.__version__}", *(Path(file).read_bytes() for file in files))[:14], 16)

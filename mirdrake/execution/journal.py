@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import RunError
+from mirdrake.core.files import write_errors
 from mirdrake.core.json_io import parse_json
-from mirdrake.core.recording.files import told
 
 Record = dict[str, Any]
 
@@ -33,17 +33,17 @@ class Journal:
         self._purpose = json.loads(json.dumps(purpose, sort_keys=True))
         if self.file is None:
             return
-        with told(self.file):
+        with write_errors(self.file):
             self.file.parent.mkdir(parents=True, exist_ok=True)
             text = self.file.read_bytes() if self.file.is_file() else b""
         whole = text[: text.rfind(b"\n") + 1]  # a kill may have left half a line
         if whole:
             self._read(whole.decode(errors="replace").splitlines())
             if len(whole) < len(text):
-                with told(self.file):
+                with write_errors(self.file):
                     os.truncate(self.file, len(whole))
         else:
-            with told(self.file), self.file.open("wb") as stream:
+            with write_errors(self.file), self.file.open("wb") as stream:
                 stream.write(self._line({"purpose": self._purpose}))
 
     def __contains__(self, key: object) -> bool:
@@ -59,7 +59,7 @@ class Journal:
         """Add a record; plain data."""
         self.records[str(key)] = record
         if self.file is not None:
-            with told(self.file), self.file.open("ab") as stream:
+            with write_errors(self.file), self.file.open("ab") as stream:
                 stream.write(self._line({"key": str(key), **record}))
 
     def _read(self, lines: list[str]) -> None:

@@ -21,8 +21,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.json_io import parse_json
-from mirdrake.core.recording.files import told, write_file
 from mirdrake.core.recording.parts import read_part
 
 STUDY_FILE, RESULTS_FILE, PARTS = "study.json", "results.parquet", "parts"
@@ -57,7 +57,7 @@ class Store:
         """
         if self.folder is None:
             return
-        with told(self.folder):
+        with write_errors(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             used = any(self.folder.iterdir())
         if used and not resume:
@@ -93,7 +93,7 @@ class Store:
         if self.folder is None or not self._pending:
             return
         parts = self.folder / PARTS
-        with told(parts):
+        with write_errors(parts):
             parts.mkdir(exist_ok=True)
         _write(parts / f"part-{self._next:06d}.parquet", self._table(self._pending))
         self._next += 1
@@ -174,6 +174,6 @@ def _parts(folder: Path) -> list[Path]:
 def _write(path: Path, table: pa.Table) -> None:
     """A whole Parquet file or none."""
     temporary = path.with_name(f".{path.name}.tmp")
-    with told(path):
+    with write_errors(path):
         pq.write_table(table, temporary)
         os.replace(temporary, path)

@@ -24,10 +24,8 @@ Times are those of the recording, counted from the start time of the run: 1970-0
 import heapq
 import json
 import math
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,8 +33,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mirdrake.core.errors import MissingDependencyError
+from mirdrake.core.files import replacing
 from mirdrake.core.recording.arrays import Samples
-from mirdrake.core.recording.files import told
 from mirdrake.core.recording.parts import read_groups, stored
 from mirdrake.core.recording.pictures import EPOCH, Picture
 from mirdrake.export.frames import Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
@@ -82,26 +80,19 @@ def write_mcap(run: Run, path: Path) -> dict[str, int]:
     """
     writing = _import("mcap.writer")
     streams = _Streams(run)
-    temporary = path.with_name(f".{path.name}.tmp")
     counts: Counter[str] = Counter()
     channels: dict[str, int] = {}
-    try:
-        with told(path):
-            with temporary.open("wb") as file:
-                writer = writing.Writer(file)
-                writer.start("", library="mirdrake")
-                for message in heapq.merge(*streams.all(), key=lambda entry: entry[:2]):
-                    topic = message.topic
-                    if topic not in channels:
-                        channels[topic] = _register(writer, message, streams.schemas.get(topic))
-                    data = _bytes(message.content)
-                    writer.add_message(channels[topic], message.time, data, message.time, counts[topic])
-                    counts[topic] += 1
-                writer.finish()
-            os.replace(temporary, path)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        writer = writing.Writer(file)
+        writer.start("", library="mirdrake")
+        for message in heapq.merge(*streams.all(), key=lambda entry: entry[:2]):
+            topic = message.topic
+            if topic not in channels:
+                channels[topic] = _register(writer, message, streams.schemas.get(topic))
+            data = _bytes(message.content)
+            writer.add_message(channels[topic], message.time, data, message.time, counts[topic])
+            counts[topic] += 1
+        writer.finish()
     return dict(counts)
 
 

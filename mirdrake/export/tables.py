@@ -8,14 +8,13 @@ each was taken.
 
 import csv
 import math
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pyarrow.parquet as pq
 
 from mirdrake.core.errors import RunError
-from mirdrake.core.recording.files import told
+from mirdrake.core.files import replacing
 from mirdrake.core.recording.parts import read_groups, stored
 from mirdrake.runs.logs import SIGNALS, Run, reads_run
 
@@ -50,15 +49,13 @@ def write_csv(run: Run, path: Path) -> dict[Path, int]:
 
 def _write_table(table: Path, path: Path, units: Mapping[str, str]) -> int:
     names = pq.read_schema(stored(table)[0]).names
-    temporary, count = path.with_name(f".{path.name}.tmp"), 0
-    with told(path):
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([title(name, units) for name in names])
-            for row in _rows(table):
-                writer.writerow(row)
-                count += 1
-        os.replace(temporary, path)
+    count = 0
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([title(name, units) for name in names])
+        for row in _rows(table):
+            writer.writerow(row)
+            count += 1
     return count
 
 

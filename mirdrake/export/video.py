@@ -1,7 +1,5 @@
 """The pictures of a camera as a video: MP4 with H.264, each frame at the time it was taken."""
 
-import os
-from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mirdrake.core.errors import MissingDependencyError, RunError
-from mirdrake.core.recording.files import told
+from mirdrake.core.files import replacing
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
 
@@ -60,25 +58,19 @@ def write_video(pictures: list[Picture], path: Path) -> int:
     av = _import_av()
     gaps = np.diff([picture.time for picture in pictures])
     rate = Fraction(round(1.0 / float(np.median(gaps)))) if gaps.size else Fraction(1)
-    temporary = path.with_name(f".{path.name}")
-    try:
-        with told(path):
-            with av.open(str(temporary), "w", format="mp4", options={"video_track_timescale": str(TICKS)}) as container:
-                stream = container.add_stream("libx264", rate=max(rate, Fraction(1)))
-                height, width = pictures[0].pixels.shape[:2]
-                stream.width, stream.height, stream.pix_fmt = width // 2 * 2, height // 2 * 2, "yuv420p"
-                stream.options = {"crf": str(QUALITY), "preset": "veryfast"}
-                stream.codec_context.time_base = Fraction(1, TICKS)
-                for picture in pictures:
-                    pixels = picture.pixels[: stream.height, : stream.width]
-                    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
-                    frame.time_base, frame.pts = Fraction(1, TICKS), round(TICKS * (picture.time - pictures[0].time))
-                    container.mux(stream.encode(frame))
-                container.mux(stream.encode())
-            os.replace(temporary, path)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    options = {"video_track_timescale": str(TICKS)}
+    with replacing(path) as temporary, av.open(str(temporary), "w", format="mp4", options=options) as container:
+        stream = container.add_stream("libx264", rate=max(rate, Fraction(1)))
+        height, width = pictures[0].pixels.shape[:2]
+        stream.width, stream.height, stream.pix_fmt = width // 2 * 2, height // 2 * 2, "yuv420p"
+        stream.options = {"crf": str(QUALITY), "preset": "veryfast"}
+        stream.codec_context.time_base = Fraction(1, TICKS)
+        for picture in pictures:
+            pixels = picture.pixels[: stream.height, : stream.width]
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
+            frame.time_base, frame.pts = Fraction(1, TICKS), round(TICKS * (picture.time - pictures[0].time))
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
     return len(pictures)
 
 

@@ -1,6 +1,5 @@
 """Recorded logs of one vehicle as a data set: channels in SI units with canonical names."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import load_yaml, shown, where
 from mirdrake.identification.channels import channel
@@ -71,11 +71,12 @@ class DataSet:
     digest: str = field(init=False)
 
     def __post_init__(self) -> None:
-        code = hashlib.sha256()
-        for log in self.logs:
-            for name, values in (("time", log.time), *log.channels.items()):
-                code.update(f"{log.name}/{log.use}/{name}/".encode() + np.ascontiguousarray(values).tobytes())
-        object.__setattr__(self, "digest", code.hexdigest())
+        contents = [
+            f"{log.name}/{log.use}/{name}/".encode() + np.ascontiguousarray(values).tobytes()
+            for log in self.logs
+            for name, values in (("time", log.time), *log.channels.items())
+        ]
+        object.__setattr__(self, "digest", digest(*contents))
 
     @property
     def train(self) -> tuple[Log, ...]:

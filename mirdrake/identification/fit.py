@@ -12,8 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.files import write_file
 from mirdrake.core.json_io import parse_json
-from mirdrake.runs.logs import write_file
 
 Array = NDArray[np.float64]
 Verdict = Literal["identified", "weakly identified", "not identifiable", "contradicts the given value", "fixed"]

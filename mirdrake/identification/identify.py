@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import Source, to_si, where
 from mirdrake.identification.check import check_data
 from mirdrake.identification.data import DataSet, load_data, make_data
@@ -23,7 +24,6 @@ from mirdrake.identification.plausibility import STANDSTILL, STEERING
 from mirdrake.identification.rejection import reject_faults
 from mirdrake.identification.study import ParameterSpec, StudySpec, Value, embedded_data, locate_in_study
 from mirdrake.identification.validation_split import split_validation
-from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import load_vehicle
 
 Progress = Callable[[str], None]

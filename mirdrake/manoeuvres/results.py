@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import STATUS, Metric, Outcome, Used
 from mirdrake.manoeuvres.facts import Facts
-from mirdrake.runs.logs import write_file
 
 RESULTS, METRICS = "results.json", "metrics.csv"
 

@@ -19,11 +19,12 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.drivers import OwnDriverSpec
 from mirdrake.core.errors import RunError
+from mirdrake.core.files import write_file
 from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres.base import Diverged
 from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.record import Record, bicycle_angles
-from mirdrake.runs.logs import RunWriter, write_file
+from mirdrake.runs.logs import RunWriter
 from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import SingleTrack, SingleTrackControl
 from mirdrake.single_track.dynamics import Variant

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
+from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import Schema
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.facts import Facts, find_facts
@@ -19,7 +20,6 @@ from mirdrake.manoeuvres.results import number_told
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.validation_runs import Reading, run_figures
 from mirdrake.plant.plant import PlantSpec
-from mirdrake.runs.logs import write_file
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.vehicle import VARIANT_MARK
 

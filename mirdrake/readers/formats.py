@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.recording.files import reading
+from mirdrake.core.files import read_errors
 from mirdrake.core.recording.parts import read_part, stored
 from mirdrake.readers.bags import read_bag
 from mirdrake.readers.csv_files import read_csv
@@ -53,7 +53,7 @@ def read_run(request: Request) -> Table:
     file = request.path / _SIGNALS
     if not (request.path / "spec.yaml").is_file():
         raise ConfigError(f"{request.name}: is a folder, but not a run folder (it has no spec.yaml)")
-    with reading(file):
+    with read_errors(file):
         parts = stored(file)
         if not parts:
             raise ConfigError(f"{request.name}/{_SIGNALS}: has no samples")

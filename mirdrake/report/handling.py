@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import Chart, Outcome
 from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.runs.logs import write_file
 
 _TEMPLATE = "handling.html.jinja"
 _COLOURS = ("main", "own1", "edge", "own2", "own3")

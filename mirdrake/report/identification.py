@@ -11,6 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from mirdrake.core.files import write_file
 from mirdrake.identification.channels import channel as known_channel
 from mirdrake.identification.channels import quantity
 from mirdrake.identification.data import DataSet, Log
@@ -20,7 +21,6 @@ from mirdrake.identification.identify import Identification
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.runs.logs import write_file
 
 _TEMPLATE = "identification.html.jinja"
 _LEVEL = 3.84  # rise of the cost at the ends of a 95 % interval

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirdrake.assembly.drawing import run_dot
 from mirdrake.core.constants import GRAVITY
-from mirdrake.runs.logs import write_file
+from mirdrake.core.files import write_file
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
 

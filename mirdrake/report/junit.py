@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import shown
-from mirdrake.runs.logs import write_file
 from mirdrake.suites import Case, Result, Suite
 
 _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import MirdrakeError, RunError
-from mirdrake.core.recording.files import write_file
+from mirdrake.core.files import write_file
 from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, outlines
 from mirdrake.report.figures import drawing_style
 from mirdrake.report.page import render_page

@@ -12,11 +12,11 @@ from typing import Any
 
 from markupsafe import Markup
 
+from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import shown
 from mirdrake.report.page import render_page
 from mirdrake.report.suite_pictures import draw_bar, draw_curve, draw_plan
 from mirdrake.report.words import format_duration, format_quantity
-from mirdrake.runs.logs import write_file
 from mirdrake.suites import Case, Result, Suite
 from mirdrake.suites.worker import SKETCHES
 

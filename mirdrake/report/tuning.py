@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 
+from mirdrake.core.files import write_file
 from mirdrake.report.figures import drawing_style
 from mirdrake.report.page import render_page
 from mirdrake.report.tuning_charts import (
@@ -21,7 +22,6 @@ from mirdrake.report.tuning_tables import Tables, labelled
 from mirdrake.report.tuning_trials import draw_front, draw_parallel
 from mirdrake.report.tuning_words import FIGURES, Words
 from mirdrake.report.words import title_case
-from mirdrake.runs.logs import write_file
 from mirdrake.tuning.result_folder import TuningResult, read_result
 
 _TEMPLATE = "tuning.html.jinja"

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
 from mirdrake.manoeuvres.results import number_told, value_told
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, published_told
 from mirdrake.report.page import render_page
-from mirdrake.runs.logs import write_file
 
 _TEMPLATE = "validation.html.jinja"
 _WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 400.0, 80.0, 30.0, 34.0  # of the chart [px]

@@ -17,7 +17,6 @@ While a run goes on, a Parquet table is a folder of finished parts, which pandas
 end, also after Ctrl-C, it becomes one file. Whatever kills the process, all parts written so far can be read.
 """
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,10 +35,9 @@ from numpy.typing import NDArray
 
 from mirdrake.assembly.scene import Scene, read_scene, write_scene
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.files import read_errors, write_errors, write_file
 from mirdrake.core.json_io import parse_json
 from mirdrake.core.recording.arrays import RunArrays
-from mirdrake.core.recording.files import reading, told
-from mirdrake.core.recording.files import write_file as write_file  # with `as`: also public here
 from mirdrake.core.recording.parts import PartedTable, read_part, stored
 from mirdrake.core.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.core.recording.pictures import picture_name as picture_name
@@ -102,7 +100,7 @@ class Run:
     @property
     def start(self) -> datetime:
         """Date and time of the start, which pictures are named after."""
-        with reading((self.folder or Path()) / SPEC):
+        with read_errors((self.folder or Path()) / SPEC):
             return parse_start(_mapping(self.spec.get("record", {})).get("start_time"))
 
     @cached_property
@@ -131,19 +129,19 @@ def load_run(folder: Path | str) -> Run:
     folder = Path(folder)
     if not (folder / SPEC).is_file():
         raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
-    with reading(folder / SPEC):
+    with read_errors(folder / SPEC):
         spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
     summary: dict[str, Any] = {"stop_reason": "killed"}
-    with reading(folder / SUMMARY):
+    with read_errors(folder / SUMMARY):
         if (folder / SUMMARY).exists():
             summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")))
-    with reading(folder / SIGNALS):
+    with read_errors(folder / SIGNALS):
         schema = _stored_schema(folder)
         units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
-    with reading(folder / EVENTS):
+    with read_errors(folder / EVENTS):
         events = [_mapping(event) for event in _read_events(folder)]
     run = Run(folder, spec, summary, units, events)
-    with reading(folder / SIGNALS):
+    with read_errors(folder / SIGNALS):
         if "simulated_s" not in summary and len(run.signals):
             summary["simulated_s"] = float(run.signals.index[-1])
     return run
@@ -156,7 +154,7 @@ def reading_run(folder: Path | None) -> Iterator[None]:
     What cannot be read at all is reported where it is read; this is for values that do not fit one another.
     """
     try:
-        with reading(folder or Path()):
+        with read_errors(folder or Path()):
             yield
     except (RuntimeError, AssertionError, SystemExit) as error:  # of Drake; a failed assertion is a SystemExit
         reason = next(iter(str(error).splitlines()), "")
@@ -187,7 +185,7 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         folder: the run folder; None gives an empty table.
         columns: only these, as far as they exist.
     """
-    with reading((folder or Path()) / SIGNALS):
+    with read_errors((folder or Path()) / SIGNALS):
         parts = stored(folder / SIGNALS) if folder is not None else []
         if not parts:
             return pd.DataFrame(index=pd.Index([], name="time"))
@@ -207,11 +205,6 @@ def _read_events(folder: Path) -> list[dict[str, Any]]:
         return []
     lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
     return [parse_json(line) for line in lines if line.endswith("\n")]
-
-
-def spec_hash(spec: Mapping[str, Any]) -> str:
-    """SHA-256 of a spec as canonical JSON: equal specs, equal hash."""
-    return hashlib.sha256(json.dumps(spec, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 class RunWriter:
@@ -258,7 +251,7 @@ class RunWriter:
     def write_event(self, at: float, kind: str, text: str) -> None:
         """Add a line to events.jsonl."""
         path = self.folder / EVENTS
-        with told(path), path.open("a", encoding="utf-8") as file:
+        with write_errors(path), path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"time": round(at, 6), "kind": kind, "text": text}) + "\n")
 
     def finish(self, summary: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from pydrake.systems.framework import System
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.spec import ScheduleSpec
+from mirdrake.core.digest import digest_data
 from mirdrake.core.paths import installed_version
 from mirdrake.runs.incidents import Incident
-from mirdrake.runs.logs import spec_hash
 from mirdrake.runs.telemetry import Array
 
 VEHICLE_FIGURES = (
@@ -38,12 +38,12 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
     content = scene_hashes(Scene(assembly.parts.world, vehicles))
     for name, driver in assembly.spec.control.items():
         if isinstance(driver, ScheduleSpec) and driver.file is not None:
-            content[f"{name}.commands"] = spec_hash({"rows": driver.schedule().rows})
+            content[f"{name}.commands"] = digest_data({"rows": driver.schedule().rows})
     for name, system in assembly.user_systems().items():
-        content[name] = spec_hash({"source": _source_text(system)})
+        content[name] = digest_data({"source": _source_text(system)})
     versions = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
     versions["python"] = platform.python_version()
-    digest = spec_hash({"spec": data, "content": content})
+    digest = digest_data({"spec": data, "content": content})
     if folder is not None:
         data["folder"] = folder
     data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
@@ -53,7 +53,7 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
 def scene_hashes(scene: Scene) -> dict[str, str]:
     """Return the hashes of what the files of vehicles and world state, by the vehicles' names and ``world``."""
     hashes = {
-        name: spec_hash(
+        name: digest_data(
             {
                 "urdf": vehicle.urdf,
                 "spec": vehicle.spec.model_dump(mode="json"),
@@ -63,7 +63,7 @@ def scene_hashes(scene: Scene) -> dict[str, str]:
         )
         for name, vehicle in scene.vehicles.items()
     }
-    return hashes | {"world": spec_hash(scene.world.spec.model_dump(mode="json"))}
+    return hashes | {"world": digest_data(scene.world.spec.model_dump(mode="json"))}
 
 
 def changed_since(scene: Scene, provenance: Mapping[str, Any] | None) -> list[str]:

@@ -9,13 +9,13 @@ from typing import Any
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import installed_version
 from mirdrake.core.user_modules import load_own_function
 from mirdrake.core.yaml_io import Source, validate, where
 from mirdrake.execution.job import Job, function_of
 from mirdrake.execution.parameters import Knob, find_knobs
-from mirdrake.runs.logs import spec_hash
 from mirdrake.runs.summary import VEHICLE_FIGURES
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
@@ -77,7 +77,7 @@ class Plan:
         versions = {
             name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy", "scipy")
         }
-        digest = spec_hash({"study": study, "content": self.content})
+        digest = digest_data({"study": study, "content": self.content})
         return {
             "runs": len(self.rows),
             "digest": digest,
@@ -114,7 +114,7 @@ def make_plan(spec: StudySpec) -> Plan:
                 raise ConfigError(f"{place}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
     _check_metrics(spec, list(vehicles))
     content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
-    digest = spec_hash({"vehicles": content, "world": world.spec.model_dump(mode="json")})
+    digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json")})
     return Plan(spec, data, knobs, sample(spec), spec.duration or diagram.duration, digest)
 
 

@@ -1,6 +1,5 @@
 """Cases: one variation of one test of a world file, as plain data; and what became of one."""
 
-import hashlib
 import json
 import math
 import shlex
@@ -11,12 +10,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.digest import digest, digest_data
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import read_tree, shown, where
 from mirdrake.requirements import Requirement, parse_requirement
 from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
-from mirdrake.runs.logs import spec_hash
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.props_spec import CaseSpec, SearchSpec
@@ -76,7 +75,7 @@ class Case:
 
     def digest(self) -> str:
         """Equal cases have equal digests."""
-        return spec_hash(self.data())
+        return digest_data(self.data())
 
     def data(self) -> dict[str, Any]:
         """As JSON knows it."""
@@ -242,7 +241,7 @@ def _content(world: World, test: CaseSpec, path: Path) -> str:
     behaviour = test.behaviour if isinstance(test.behaviour, str) else str(test.behaviour.get("kind", ""))
     beside = [*world.spec.use, *([f"{behaviour.split(':')[0].replace('.', '/')}.py"] if ":" in behaviour else [])]
     files = [path, *(path.parent / name for name in beside)]
-    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
+    return digest(b"\0".join(file.read_bytes() for file in files if file.is_file()))
 
 
 def _varies(name: str, path: Path) -> bool:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.files import write_file
 from mirdrake.core.json_io import parse_json
-from mirdrake.runs.logs import write_file
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.pool import Pool
 

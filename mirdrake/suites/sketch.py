@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mirdrake.core.files import write_file
 from mirdrake.requirements import Finding, Observation
 from mirdrake.requirements.observation import Array
-from mirdrake.runs.logs import write_file
 from mirdrake.worlds import World
 
 _POINTS = 240  # of a line or curve

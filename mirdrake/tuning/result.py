@@ -10,20 +10,18 @@ monte_carlo.parquet candidate, run, conditions, figures, status
 ==================  ================================================================================================
 """
 
-import hashlib
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from mirdrake.core.recording.files import told, write_file
+from mirdrake.core.files import replacing, write_errors, write_file
 from mirdrake.tuning.result_folder import FORMAT, TuningResult, read_result
 
-__all__ = ["FORMAT", "TuningResult", "digest", "load_result", "plain", "write_result", "write_table"]
+__all__ = ["FORMAT", "TuningResult", "load_result", "plain", "write_result", "write_table"]
 
 
 def load_result(folder: Path | str) -> TuningResult:
@@ -41,7 +39,7 @@ def write_result(folder: Path, data: Mapping[str, Any], tables: Mapping[str, pd.
     Raises:
         RunError: it cannot be written.
     """
-    with told(folder):
+    with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():
         write_table(folder / f"{name}.parquet", table)
@@ -55,15 +53,8 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
     Raises:
         RunError: it cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
-    with told(path):
+    with replacing(path) as temporary:
         table.to_parquet(temporary, index=False)
-        os.replace(temporary, path)
-
-
-def digest(data: Any) -> str:
-    """SHA-256 of plain data."""
-    return hashlib.sha256(json.dumps(plain(data), sort_keys=True).encode()).hexdigest()
 
 
 def plain(value: Any) -> Any:

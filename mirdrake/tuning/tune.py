@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import RunError
-from mirdrake.core.recording.files import told
+from mirdrake.core.files import write_errors, write_file
 from mirdrake.execution.worker_server import LOOP, start_server
-from mirdrake.runs.logs import write_file
 from mirdrake.tuning.check import check_study
 from mirdrake.tuning.designs import Design, make_designs, softer_designs
 from mirdrake.tuning.identify import Identified, check_identified, identify_loop
@@ -44,7 +44,7 @@ from mirdrake.tuning.outcome import (
     versions,
 )
 from mirdrake.tuning.over_speed import tune_over_speed
-from mirdrake.tuning.result import TuningResult, digest, load_result, plain, write_result
+from mirdrake.tuning.result import TuningResult, load_result, plain, write_result
 from mirdrake.tuning.selection import Selection
 from mirdrake.tuning.space import known_starts, leaders_of, near_the_limits, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
@@ -110,7 +110,7 @@ def tune(
     check_study(spec, loop)
     folder = Path(out)
     data = spec.model_dump(mode="json")
-    key = digest({"study": data, "loop": asdict(loop)})
+    key = digest_data(plain({"study": data, "loop": asdict(loop)}))
     finished = _open(folder, key)
     if finished is not None:
         return finished
@@ -127,7 +127,7 @@ def tune(
 
 def _again(outcome: Outcome, stages: Stages, data: dict[str, Any]) -> Outcome:
     """The same at the finer step at which gains that were found at the usual one have failed, or are other gains."""
-    with told(stages.folder):
+    with write_errors(stages.folder):
         stages.folder.mkdir(exist_ok=True)
     plant = stages.spec.plant.model_copy(update={"time_step": outcome.result["finer"]["steps"][1]})
     stages.spec = stages.spec.model_copy(update={"plant": plant})
@@ -143,7 +143,7 @@ def _open(folder: Path, key: str) -> TuningResult | None:
     Raises:
         RunError: it has something else in it.
     """
-    with told(folder):
+    with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         used = any(not entry.name.startswith(".") for entry in folder.iterdir())  # a kill may leave a file half written
     if not used:
@@ -218,7 +218,7 @@ def _run(stages: Stages, data: dict[str, Any]) -> Outcome:
         "name": spec.name,
         "vehicle": stages.loop.diagram["vehicles"][stages.loop.vehicle]["model"],
         "spec": data,
-        "spec_sha256": digest(data),
+        "spec_sha256": digest_data(plain(data)),
         "seed": spec.seed,
         "versions": versions(),
         "loop": loop_data(stages.loop),

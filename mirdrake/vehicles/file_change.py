@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.paths import resolved
-from mirdrake.core.recording.files import told, write_file
 from mirdrake.core.yaml_edit import Edit, edit_yaml
 from mirdrake.core.yaml_io import read_text, shown
 
@@ -50,7 +50,7 @@ class FileChange:
         if not self.changes:
             return
         path = resolved(self.path)
-        with told(path):
+        with write_errors(path):
             if path.read_bytes() != self.before.encode():
                 raise RunError(f"{shown(self.path)}: has changed in the meantime; run it again")
             mode = path.stat().st_mode

@@ -14,7 +14,8 @@ from typing import Any
 import jinja2
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.paths import search_folders, staging
+from mirdrake.core.files import staging
+from mirdrake.core.paths import search_folders
 from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.bodywork.generic import write_car
 from mirdrake.vehicles.estimates import least_turning_circle

@@ -19,7 +19,7 @@ from pydrake.geometry import Meshcat
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.scene import make_scene
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.recording.files import write_file
+from mirdrake.core.files import write_file
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.viewer.meshcat import make_offline_meshcat

@@ -15,8 +15,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.core.errors import RunError
+from mirdrake.core.files import write_file
 from mirdrake.plant.plant import PlantSpec, make_plant
-from mirdrake.runs.logs import Run, write_file
+from mirdrake.runs.logs import Run
 from mirdrake.vehicles import WHEELS
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_offline_meshcat, place_camera
 from mirdrake.viewer.views import View, make_views, with_views

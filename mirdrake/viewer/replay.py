@@ -15,8 +15,9 @@ import numpy as np
 from PIL import Image
 
 from mirdrake.core.errors import RunError
+from mirdrake.core.files import write_file
 from mirdrake.core.recording.pictures import Picture
-from mirdrake.runs.logs import Run, reads_run, write_file
+from mirdrake.runs.logs import Run, reads_run
 from mirdrake.viewer.meshcat import make_offline_meshcat
 from mirdrake.viewer.recording import draw_run, views_of
 from mirdrake.viewer.server import Answer, PageServer

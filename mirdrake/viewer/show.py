@@ -8,8 +8,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from mirdrake.assembly.diagram import DRAWING_PERIOD, DiagramSpec, assemble
 from mirdrake.assembly.scene import Scene
+from mirdrake.core.files import write_file
 from mirdrake.plant.plant import make_plant
-from mirdrake.runs.logs import write_file
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, overlook, place_camera
 from mirdrake.viewer.vehicle_view import show_vehicle
 from mirdrake.viewer.views import View, with_views

@@ -8,7 +8,6 @@ Every thing has random streams of its own, by its name and what its entry says, 
 where they were, unless it takes their place.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.paths import resolved
 from mirdrake.core.yaml_io import where
@@ -361,7 +361,7 @@ def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]
                 if name not in given:
                     break
             text = json.dumps(entry.model_dump(mode="json", exclude_unset=True), sort_keys=True)
-            key = f"{label}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+            key = f"{label}-{digest(text)[:12]}"
             keys[key] = keys.get(key, 0) + 1
             key = key if keys[key] == 1 else f"{key}-{keys[key]}"
         else:

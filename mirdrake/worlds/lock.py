@@ -7,7 +7,6 @@ every prop has a line of its own, so that a difference of two locks shows what h
 Rules and tests are not in it: they do not change the world.
 """
 
-import hashlib
 import json
 import os
 import re
@@ -23,6 +22,7 @@ from pydrake.geometry import Box, Convex, Cylinder, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
@@ -87,7 +87,7 @@ def content_hash(content: Mapping[str, Any]) -> str:
     has the hash that stands in it.
     """
     rest = {key: value for key, value in content.items() if key not in {"mirdrake", "hash"}}
-    return hashlib.sha256(_canonical(rest).encode()).hexdigest()
+    return digest(_canonical(rest))
 
 
 def lock_content(world: World) -> Content:
@@ -191,9 +191,9 @@ def _solids_hash(prop: Prop) -> str:
             sides = [shape.radius()]
         else:
             assert isinstance(shape, Convex)
-            sides = [hashlib.sha256(read_bytes(Path(shape.source().path()))).hexdigest(), *shape.scale3()]
+            sides = [digest(read_bytes(Path(shape.source().path()))), *shape.scale3()]
         parts.append({"shape": type(shape).__name__, "sides": _rounded(sides), "pose": _pose(solid.X_PS)})
-    return hashlib.sha256(_canonical(parts).encode()).hexdigest()[:16]
+    return digest(_canonical(parts))[:16]
 
 
 def _pose(X: RigidTransform) -> list[float]:
@@ -254,7 +254,7 @@ def _files(world: World) -> dict[str, str]:
         paths = [path for mesh in meshes for path in mesh_files(mesh)]
         paths += {mesh.parent / "prop.yaml" for mesh in meshes if (mesh.parent / "prop.yaml").is_file()}
         found |= {_named(path, folder): path for path in paths}
-    return {name: hashlib.sha256(read_bytes(found[name])).hexdigest() for name in sorted(found)}
+    return {name: digest(read_bytes(found[name])) for name in sorted(found)}
 
 
 def _named(path: Path, folder: Path) -> str:

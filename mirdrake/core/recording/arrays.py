@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.recording.files import reading
+from mirdrake.core.files import read_errors
 from mirdrake.core.recording.parts import PartedTable, read_groups, stored
 
 Array = NDArray[Any]
@@ -112,7 +112,7 @@ class Samples(Mapping[str, Any]):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with reading(path):
+        with read_errors(path):
             self._schema = pq.read_schema(stored(path)[0])
 
     @property
@@ -130,7 +130,7 @@ class Samples(Mapping[str, Any]):
         """One column: an array (n, ...), or a list of arrays where the samples differ in size."""
         if name not in self._schema.names or name == "time":
             raise ConfigError(f"{self.path.stem}: no array '{name}'; {did_you_mean(name, self)}")
-        with reading(self.path):
+        with read_errors(self.path):
             parts = [self._values(table, name) for table in read_groups(self.path, [name])]
         if all(isinstance(part, np.ndarray) for part in parts):
             return np.concatenate(parts)
@@ -154,7 +154,7 @@ class Samples(Mapping[str, Any]):
     def each(self) -> Iterator[tuple[float, dict[str, Array]]]:
         """Sample by sample, few at a time in memory: time [s] and the arrays by name."""
         for table in read_groups(self.path):
-            with reading(self.path):
+            with read_errors(self.path):
                 values = {name: self._values(table, name) for name in self}
                 times = table["time"].to_pylist()
             for row, at in enumerate(times):

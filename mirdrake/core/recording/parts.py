@@ -3,7 +3,6 @@
 pandas and pyarrow read both alike. Whatever kills the process, all parts written so far can be read.
 """
 
-import os
 import shutil
 import time
 from collections.abc import Iterator, Sequence
@@ -14,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.recording.files import reading, told
+from mirdrake.core.files import read_errors, replacing, write_errors
 
 FLUSH_AFTER = 0.25
 """Time for which rows stay in memory before they are written [s]: what a kill can lose."""
@@ -54,11 +53,10 @@ class PartedTable:
         if not self._pending:
             return
         part = self.path / f"part-{self._parts:06d}.parquet"
-        temporary = self.path / f".{part.name}.tmp"
-        with told(part):
+        with write_errors(part):
             self.path.mkdir(exist_ok=True)
+        with replacing(part) as temporary:
             pq.write_table(pa.concat_tables(self._pending), temporary, **self._options)
-            os.replace(temporary, part)
         self._parts += 1
         self._pending = []
 
@@ -67,14 +65,13 @@ class PartedTable:
         self.flush()
         if not self.path.is_dir():
             return
-        whole, aside = self.path.with_name(f".{self.path.name}.tmp"), _aside(self.path)
-        parts = stored(self.path)
-        with told(self.path):
+        parts, aside = stored(self.path), _aside(self.path)
+        with replacing(self.path) as whole:
             with pq.ParquetWriter(whole, pq.read_schema(parts[0]), **self._options) as writer:
                 for table in _regroup(parts, self._rows):
                     writer.write_table(table)
-            os.replace(self.path, aside)
-            os.replace(whole, self.path)
+            self.path.rename(aside)  # the file takes the name of the folder of parts
+        with write_errors(self.path):
             shutil.rmtree(aside)
 
 
@@ -92,7 +89,7 @@ def stored(path: Path) -> list[Path]:
 
 def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """A Parquet file, read in this thread: the reader's own pool would keep some ten megabytes for good."""
-    with reading(path), pq.ParquetFile(path) as file:
+    with read_errors(path), pq.ParquetFile(path) as file:
         return file.read(columns=columns, use_threads=False)
 
 
@@ -104,11 +101,11 @@ def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa
         columns: only these.
     """
     for part in stored(path):
-        with reading(part):
+        with read_errors(part):
             file = pq.ParquetFile(part)
         with file:
             for index in range(file.num_row_groups):
-                with reading(part):
+                with read_errors(part):
                     group = file.read_row_group(index, columns=columns, use_threads=False)
                     missing = sorted(set(columns or ()) - set(group.column_names))
                     if missing:

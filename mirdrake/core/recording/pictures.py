@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mirdrake.core.recording.files import reading, told, write_file
+from mirdrake.core.files import read_errors, write_errors, write_file
 
 DRIVING_LOG = "driving_log.txt"
 
@@ -91,7 +91,7 @@ class PictureLog:
     def __init__(self, folder: Path, *, pool: ThreadPoolExecutor | None = None, start: datetime = EPOCH) -> None:
         self._folder, self._pool, self._start = folder, pool, start
         self._waiting: deque[tuple[Future[None], str]] = deque()
-        with told(folder):
+        with write_errors(folder):
             folder.mkdir()
             self._log = (folder / DRIVING_LOG).open("ab", buffering=0)
         self.count = 0
@@ -137,7 +137,7 @@ class PictureLog:
             self._say(line)
 
     def _say(self, line: str) -> None:
-        with told(self._folder / DRIVING_LOG):
+        with write_errors(self._folder / DRIVING_LOG):
             self._log.write(line.encode())
 
 
@@ -181,7 +181,7 @@ class Picture:
     @property
     def pixels(self) -> NDArray[Any]:
         """Colours uint8 (height, width, 3), or numbers uint16 (height, width), depths in mm."""
-        with reading(self.path), Image.open(self.path) as image:
+        with read_errors(self.path), Image.open(self.path) as image:
             return np.asarray(image)
 
 
@@ -192,7 +192,7 @@ def read_pictures(folder: Path, start: datetime = EPOCH) -> list[Picture]:
         folder: of one camera.
         start: date and time of the start of the run.
     """
-    with reading(folder / DRIVING_LOG):
+    with read_errors(folder / DRIVING_LOG):
         lines = (folder / DRIVING_LOG).read_bytes().decode().splitlines(keepends=True)
         rows = [line.split() for line in lines if line.endswith("\n")]
         return [

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import get_args
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.paths import staging
+from mirdrake.core.files import staging
 from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.check import check_loads
 from mirdrake.importing.vehicles.mesh_convex import CUT_TIME

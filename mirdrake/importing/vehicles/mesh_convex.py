@@ -1,11 +1,8 @@
 """Solids as a few convex parts. Drake collides a mesh by its convex hull, so that a hollow one needs several."""
 
-import hashlib
 import json
-import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -23,6 +20,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from mirdrake.core.digest import digest
+from mirdrake.core.errors import RunError
+from mirdrake.core.files import write_file
 from mirdrake.core.paths import cache_folder, installed_version
 from mirdrake.importing.vehicles.mesh_cut import SECONDS, settings
 from mirdrake.importing.vehicles.mesh_write import weld
@@ -278,10 +278,8 @@ def _cache_entry(corners: Array, triangles: NDArray[np.int64], how: dict[str, An
     """The file for the parts of a surface: its name is the hash of everything that they depend on."""
     version = installed_version("coacd")
     text = json.dumps([1, version, how, settings(how["bodies"]), corners.shape, triangles.shape], sort_keys=True)
-    digest = hashlib.sha256(text.encode())
-    digest.update(np.ascontiguousarray(corners, dtype="<f8").tobytes())
-    digest.update(np.ascontiguousarray(triangles, dtype="<i8").tobytes())
-    return cache_folder("convex") / f"{digest.hexdigest()}.npz"
+    arrays = np.ascontiguousarray(corners, dtype="<f8"), np.ascontiguousarray(triangles, dtype="<i8")
+    return cache_folder("convex") / f"{digest(text, *(array.tobytes() for array in arrays))}.npz"
 
 
 def _load_parts(entry: Path) -> list[Array] | None:
@@ -306,10 +304,8 @@ def _store(entry: Path, content: bytes) -> None:
     """Write a cache entry whole or not at all; a cache that cannot be written is not used."""
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=entry.parent, suffix=".tmp", delete=False) as file:
-            file.write(content)
-        os.replace(file.name, entry)
-    except OSError:
+        write_file(entry, content)
+    except (OSError, RunError):
         pass
 
 

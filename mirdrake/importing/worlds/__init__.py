@@ -24,7 +24,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
-from mirdrake.core.paths import staging
+from mirdrake.core.files import staging
 from mirdrake.core.yaml_io import shown
 from mirdrake.importing.vehicles.model import Change
 from mirdrake.importing.vehicles.places import Places

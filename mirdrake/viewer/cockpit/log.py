@@ -18,7 +18,8 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.diagram_spec import Place
 from mirdrake.controllers.spec import ScheduleSpec
-from mirdrake.runs.logs import SPEC, Run, RunWriter, read_signals, write_file
+from mirdrake.core.files import write_file
+from mirdrake.runs.logs import SPEC, Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
 from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.runs.telemetry import Telemetry
