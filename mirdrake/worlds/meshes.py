@@ -4,17 +4,16 @@ Follows the Khronos glTF 2.0 specification: buffers embedded as data URIs, y up.
 A glTF texture repeats outside 0 .. 1 by default, both in Meshcat and in Drake's VTK renderer (an OBJ's does not).
 """
 
-import base64
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
+
+from mirdrake.core.meshes import Primitive, gltf_text, pbr_material
 
 Array = NDArray[np.float64]
 
@@ -91,60 +90,15 @@ def skirt(
 
 
 def make_gltf(surfaces: Sequence[Surface]) -> str:
-    """A glTF text with one mesh; textures are named, not embedded, and looked for beside it."""
-    blob = bytearray()
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
+    """Return a glTF text with one mesh; its textures are named, not embedded, and looked for beside it."""
     images = list(dict.fromkeys(surface.texture for surface in surfaces if surface.texture))
-
-    def add(array: NDArray[Any], target: int, kind: str, component: int, **extra: Any) -> int:
-        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes, "target": target})
-        accessors.append(
-            {"bufferView": len(views) - 1, "componentType": component, "count": len(array), "type": kind, **extra}
-        )
-        blob.extend(array.tobytes())
-        return len(accessors) - 1
-
-    primitives, materials = [], []
-    for number, surface in enumerate(surfaces):
-        points, normals = (_y_up(values).astype("<f4") for values in (surface.vertices, surface.normal))
-        limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-        attributes = {
-            "POSITION": add(points, 34962, "VEC3", 5126, **limits),
-            "NORMAL": add(normals, 34962, "VEC3", 5126),
-            "TEXCOORD_0": add((surface.uv * [1.0, -1.0]).astype("<f4"), 34962, "VEC2", 5126),
-        }
-        indices = add(surface.triangles.ravel().astype("<u4"), 34963, "SCALAR", 5125)
-        primitives.append({"attributes": attributes, "indices": indices, "material": number})
-        pbr: dict[str, Any] = {
-            "baseColorFactor": [*surface.color, 1.0],
-            "metallicFactor": 0.0,
-            "roughnessFactor": surface.roughness,
-        }
-        if surface.texture:
-            pbr["baseColorTexture"] = {"index": images.index(surface.texture)}
-        materials.append({"pbrMetallicRoughness": pbr})
-
-    document: dict[str, Any] = {
-        "asset": {"version": "2.0", "generator": "mirdrake"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": primitives}],
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [
-            {"byteLength": len(blob), "uri": "data:application/octet-stream;base64," + base64.b64encode(blob).decode()}
-        ],
-    }
-    if images:
-        document["images"] = [{"uri": Path(name).name} for name in images]
-        document["samplers"] = [
-            {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
-        ]  # mipmaps, repeat
-        document["textures"] = [{"sampler": 0, "source": number} for number in range(len(images))]
-    return json.dumps(document)
+    primitives = []
+    for surface in surfaces:
+        image = images.index(surface.texture) if surface.texture else None
+        material = pbr_material((*surface.color, 1.0), roughness=surface.roughness, texture=image)
+        uv = surface.uv * [1.0, -1.0]
+        primitives.append(Primitive(surface.vertices, surface.normal, surface.triangles, material, uv))
+    return gltf_text(primitives, images=[Path(name).name for name in images])
 
 
 def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]:
@@ -177,8 +131,3 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
         parts = shapely.get_parts(shapely.get_parts(np.concatenate(halves)))
         parts = parts[shapely.area(parts) > 1e-8]
     return np.concatenate(done)
-
-
-def _y_up(vectors: Array) -> Array:
-    """x, y, z with z up as x, z, -y with y up."""
-    return np.column_stack((vectors[:, 0], vectors[:, 2], -vectors[:, 1]))

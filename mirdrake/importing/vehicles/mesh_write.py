@@ -1,6 +1,5 @@
 """Triangles as glTF with pictures beside, and convex parts as OBJ; the same bytes for the same triangles."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from mirdrake.core import meshes
+from mirdrake.core.meshes import Primitive, pbr_material, srgb_to_linear
 from mirdrake.importing.vehicles.mesh_read import Array, Material, Note, Piece
 
 GREY = (0.7, 0.7, 0.7, 1.0)
@@ -39,20 +40,8 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
         what was changed.
     """
     pieces, notes = _within_limit(pieces)
-    blob = bytearray()
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    materials: list[dict[str, Any]] = []
     images: list[str] = []
     pictures: dict[int, int] = {}
-
-    def add(array: NDArray[Any], target: int, kind: str, component: int, **extra: Any) -> int:
-        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes, "target": target})
-        accessors.append(
-            {"bufferView": len(views) - 1, "componentType": component, "count": len(array), "type": kind, **extra}
-        )
-        blob.extend(array.tobytes())
-        return len(accessors) - 1
 
     def texture(picture: Image.Image) -> int:
         if id(picture) not in pictures:
@@ -72,37 +61,15 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
     primitives = []
     for piece in _by_material(pieces):
         points, normals, uv, colors, index = _indexed(piece)
-        limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-        attributes = {
-            "POSITION": add(points, 34962, "VEC3", 5126, **limits),
-            "NORMAL": add(normals, 34962, "VEC3", 5126),
-        }
         look, picture = piece.material, piece.material.picture if uv is not None else None
-        if uv is not None and picture is not None:
-            attributes["TEXCOORD_0"] = add(uv, 34962, "VEC2", 5126)
-        if colors is not None and picture is None:
-            attributes["COLOR_0"] = add(colors, 34962, "VEC4", 5126)
+        material = _material(look, None if picture is None else texture(picture), tinted=colors is not None)
         primitives.append(
-            {"attributes": attributes, "indices": add(index, 34963, "SCALAR", 5125), "material": len(materials)}
-        )
-        materials.append(_material(look, None if picture is None else texture(picture), tinted=colors is not None))
-    document: dict[str, Any] = {
-        "asset": {"version": "2.0", "generator": "mirdrake"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"name": path.stem, "mesh": 0}],
-        "meshes": [{"name": path.stem, "primitives": primitives}],
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(blob), "uri": f"{path.stem}.bin"}],
-    }
-    if images:
-        document["images"] = [{"uri": name} for name in images]
-        document["samplers"] = [{"magFilter": 9729, "minFilter": 9729, "wrapS": 10497, "wrapT": 10497}]
-        document["textures"] = [{"sampler": 0, "source": number} for number in range(len(images))]
-    path.with_suffix(".bin").write_bytes(bytes(blob))
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            Primitive(
+                points, normals, index, material,
+                uv=None if picture is None else uv, colors=colors if picture is None else None,
+            )
+        )  # fmt: skip
+    meshes.write_gltf(path, primitives, images=images)
     return notes
 
 
@@ -115,16 +82,14 @@ def write_obj(points: Array, faces: NDArray[np.int64], path: Path) -> None:
 
 def _material(look: Material, picture: int | None, *, tinted: bool) -> dict[str, Any]:
     rgba = look.rgba or (GREY if picture is None and not tinted else (1.0, 1.0, 1.0, 1.0))
-    pbr: dict[str, Any] = {
-        "baseColorFactor": [*_rounded(to_linear(np.array(rgba[:3]))), round(rgba[3], 5)],
-        "metallicFactor": 0.0,
-        "roughnessFactor": _ROUGHNESS,
+    color = (*_rounded(srgb_to_linear(np.array(rgba[:3]))), round(rgba[3], 5))
+    entry = {
+        "name": look.name,
+        **pbr_material(color, roughness=_ROUGHNESS, texture=picture),
+        "doubleSided": True,
     }
-    if picture is not None:
-        pbr["baseColorTexture"] = {"index": picture}
-    entry: dict[str, Any] = {"name": look.name, "pbrMetallicRoughness": pbr, "doubleSided": True}
     if any(look.emission):
-        entry["emissiveFactor"] = _rounded(to_linear(np.array(look.emission)))
+        entry["emissiveFactor"] = _rounded(srgb_to_linear(np.array(look.emission)))
     if rgba[3] < 1.0:
         entry["alphaMode"] = "BLEND"
     elif picture is not None and look.picture is not None and look.picture.mode == "RGBA":
@@ -134,13 +99,6 @@ def _material(look: Material, picture: int | None, *, tinted: bool) -> dict[str,
 
 def _rounded(values: Array) -> list[float]:
     return [round(float(value), 5) for value in values]
-
-
-def to_linear(srgb: Array) -> Array:
-    """SRGB to linear light (IEC 61966-2-1), in which glTF gives its factors."""
-    c = np.clip(srgb, 0.0, 1.0)
-    result: Array = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    return result
 
 
 def _by_material(pieces: Sequence[Piece]) -> list[Piece]:
@@ -167,13 +125,13 @@ def _indexed(
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any] | None, NDArray[Any]]:
     """Vertices without repetition as glTF wants them, and the index of each corner."""
     assert piece.normals is not None
-    columns = [_y_up(piece.corners.reshape(-1, 3)), _y_up(piece.normals.reshape(-1, 3))]
+    columns = [piece.corners.reshape(-1, 3), piece.normals.reshape(-1, 3)]
     if piece.uv is not None:
         uv = np.nan_to_num(piece.uv.reshape(-1, 2))
         columns.append(np.column_stack((uv[:, 0], 1.0 - uv[:, 1])))
     if piece.colors is not None:
         colors = np.clip(piece.colors.reshape(-1, 4), 0.0, 1.0)
-        columns.append(np.column_stack((to_linear(colors[:, :3]), colors[:, 3])))
+        columns.append(np.column_stack((srgb_to_linear(colors[:, :3]), colors[:, 3])))
     rows = np.ascontiguousarray(np.concatenate(columns, axis=1).astype("<f4") + np.float32(0.0))
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
@@ -186,11 +144,6 @@ def _indexed(
         found_colors = np.ascontiguousarray(vertices[:, at : at + 4])
     points, normals = (np.ascontiguousarray(vertices[:, start : start + 3]) for start in (0, 3))
     return points, normals, found_uv, found_colors, index.ravel().astype("<u4")
-
-
-def _y_up(vectors: Array) -> Array:
-    """x, y, z with z up as x, z, -y with y up."""
-    return np.column_stack((vectors[:, 0], vectors[:, 2], -vectors[:, 1]))
 
 
 def corner_normals(piece: Piece) -> Array:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mirdrake.core.meshes import Primitive, pbr_material, srgb_to_linear, write_gltf
 from mirdrake.vehicles.bodywork.curves import Array
 
 
@@ -21,6 +21,14 @@ class Material:
     roughness: float
     metallic: float = 0.0
     emissive: float = 0.0
+
+    def entry(self, name: str) -> dict[str, Any]:
+        """Return the material in glTF's form."""
+        linear = [round(value, 5) for value in srgb_to_linear(np.array(self.rgb)).tolist()]
+        found = {"name": name, **pbr_material((*linear, 1.0), roughness=self.roughness, metallic=self.metallic)}
+        if self.emissive:
+            found["emissiveFactor"] = [round(value * self.emissive, 5) for value in linear]
+        return found
 
 
 MATERIALS: dict[str, Material] = {
@@ -134,27 +142,7 @@ class Mesh:
         Returns:
             The number of triangles.
         """
-        blob = bytearray()
-        views: list[dict[str, object]] = []
-        accessors: list[dict[str, object]] = []
-        primitives: list[dict[str, object]] = []
-        described: list[dict[str, object]] = []
-        count = 0
-
-        def store(data: NDArray[np.generic], kind: str, component: int, target: int, bounds: bool) -> int:
-            while len(blob) % 4:
-                blob.append(0)
-            raw = data.tobytes()
-            views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(raw), "target": target})
-            entry: dict[str, object] = {
-                "bufferView": len(views) - 1, "componentType": component, "count": len(data), "type": kind,
-            }  # fmt: skip
-            if bounds:
-                entry["min"], entry["max"] = data.min(axis=0).tolist(), data.max(axis=0).tolist()
-            accessors.append(entry)
-            blob.extend(raw)
-            return len(accessors) - 1
-
+        primitives = []
         for name in sorted(self.parts):
             corners = np.concatenate([t for t, _ in self.parts[name]]).reshape(-1, 3)
             normals = np.concatenate([n for _, n in self.parts[name]]).reshape(-1, 3)
@@ -163,44 +151,8 @@ class Mesh:
             _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
             faces = inverse.reshape(-1, 3)
             good = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-            faces = faces[good]
-            if not len(faces):
-                continue
-            count += len(faces)
-            y_up = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # ISO 8855 to glTF: (x, z, −y)
-            p = np.ascontiguousarray((corners[first] @ y_up.T).astype("<f4"))
-            n = np.ascontiguousarray((normals[first] @ y_up.T).astype("<f4"))
-            small = len(p) < 65535
-            index = faces.reshape(-1).astype("<u2" if small else "<u4")
-            attributes = {
-                "POSITION": store(p, "VEC3", 5126, 34962, True),
-                "NORMAL": store(n, "VEC3", 5126, 34962, False),
-            }
-            indices = store(index, "SCALAR", 5123 if small else 5125, 34963, False)
-            primitives.append({"attributes": attributes, "indices": indices, "material": len(described)})
-            m = materials[name]
-            linear = [round(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4, 5) for c in m.rgb]
-            entry: dict[str, object] = {
-                "name": name,
-                "pbrMetallicRoughness": {
-                    "baseColorFactor": [*linear, 1.0], "metallicFactor": m.metallic, "roughnessFactor": m.roughness,
-                },
-            }  # fmt: skip
-            if m.emissive:
-                entry["emissiveFactor"] = [round(c * m.emissive, 5) for c in linear]
-            described.append(entry)
-        name = path.stem
-        document = {
-            "asset": {"version": "2.0", "generator": generator},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"name": name, "mesh": 0}],
-            "meshes": [{"name": name, "primitives": primitives}],
-            "materials": described,
-            "accessors": accessors,
-            "bufferViews": views,
-            "buffers": [{"uri": f"{name}.bin", "byteLength": len(blob)}],
-        }
-        path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-        path.with_suffix(".bin").write_bytes(bytes(blob))
-        return count
+            faces = faces[good].astype(np.uint16 if len(first) < 65535 else np.uint32)
+            if len(faces):
+                primitives.append(Primitive(corners[first], normals[first], faces, materials[name].entry(name)))
+        write_gltf(path, primitives, generator=generator)
+        return sum(len(primitive.triangles) for primitive in primitives)
