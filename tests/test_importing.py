@@ -404,6 +404,13 @@ def test_transmissions_without_interface_count_if_they_are_not_on_all_wheels():
     assert recognise(model).drive_source == ""
 
 
+def test_a_plugin_of_four_driven_wheels_drives_both_axles():
+    model = car()
+    names = {f"wheel_{index}_joint": joint for index, joint in enumerate(EXPECTED.values())}
+    model.plugins.append(Plugin("gz::sim::systems::FourwidsDrive", "gz-sim-fourwids-drive-system", names))
+    assert recognise(model).drive == "all"
+
+
 @pytest.mark.parametrize(("front", "back", "drive"), [("800", "0", "front"), ("0", "300.5", "rear"), ("4", "4", "all")])
 def test_torques_of_a_plugin_say_what_is_driven(front, back, drive):
     model = car()

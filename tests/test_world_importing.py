@@ -529,6 +529,20 @@ def test_a_circuit_as_a_mesh_is_a_road(tmp_path, seed):
     assert len(world.spec.scenery) == (0 if seed == 1 else 1)
 
 
+@pytest.mark.parametrize("named_by", ["g", "o", "usemtl"])
+def test_a_road_is_found_in_the_mesh_of_a_whole_town(tmp_path, named_by):
+    _, world = imported(traps.town(tmp_path, 60.0, 8.0, named_by=named_by), tmp_path / "worlds")
+    track = next(iter(world.tracks.values()))
+    assert track.closed
+    assert track.length == pytest.approx(2.0 * np.pi * 60.0, rel=0.02)
+    assert track.width == pytest.approx(8.0, rel=0.1)
+    assert drive_along(world)
+    assert next(iter(world.starts.values())).track is not None
+    (town,) = world.props
+    assert town.top == pytest.approx(9.0, abs=0.02)
+    assert min(world.spec.ground.size) >= 200.0
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_roads_of_points_are_tracks(tmp_path, seed):
     chance = random.Random(seed)

@@ -3,6 +3,7 @@
 Each function writes one world below a folder and returns its file. Lengths are metres, angles radians.
 """
 
+import itertools
 import re
 
 import numpy as np
@@ -376,3 +377,28 @@ def mesh_circuit(folder, radius, width, *, seen_only=False, walls=0.0, rise=0.0,
         "</link></model>"
     )
     return world(folder, inside, **({"plane": ""} if rise else {}))
+
+
+def town(folder, radius, width, *, named_by):
+    """One mesh of level ground, a ring road and two houses; the parts are told apart by OBJ groups or by materials."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 81)
+    ring = []
+    for a, b in itertools.pairwise(turn):
+        corners = [(r * np.cos(t), r * np.sin(t), 0.01) for t in (a, b) for r in (radius - width / 2, radius + width / 2)]
+        ring += [[corners[0], corners[1], corners[3]], [corners[0], corners[3], corners[2]]]
+    side = radius + 40.0
+    square = [(-side, -side, 0.0), (side, -side, 0.0), (side, side, 0.0), (-side, side, 0.0)]
+    parts = {
+        "grass": [square[:3], [square[0], square[2], square[3]]],
+        "MainStreet_asphalt": ring,
+        "houses": [*box((-20, -5, 0), (-8, 8, 7)), *box((8, -5, 0), (20, 8, 9))],
+    }
+    lines, count = [], 0
+    for name, triangles in parts.items():
+        lines.append(f"{named_by} {name}")
+        for triangle in triangles:
+            lines += [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in triangle]
+            lines.append(f"f {count + 1} {count + 2} {count + 3}")
+            count += 3
+    (folder / "town.obj").write_text("\n".join(lines) + "\n")
+    return world(folder, model("town", "mesh", "town.obj"), plane="")

@@ -9,6 +9,7 @@ from mirdrake.importing.vehicles.model import Change, Plugin, SourceModel
 from mirdrake.vehicles.spec import Drive
 
 _MOVES = ("drive", "ackermann", "steer", "control", "motor", "wheel")
+_DRIVES_ALL = ("fourwid", "four_wheel", "4wd", "4wid")
 _READS = ("state", "odom", "encoder", "slip")
 _TORQUE = re.compile("(?<!feed)(front|rear|back).*torque", re.IGNORECASE)
 _OTHER_TORQUE = re.compile("brak|steer", re.IGNORECASE)
@@ -101,6 +102,8 @@ def _moved_by(plugin: Plugin, joints: Iterable[str]) -> list[str]:
             if joint in value.replace(",", " ").split() and "steer" not in leaf:
                 named[joint] = leaf
     if len(named) < len(known):
+        return list(named)
+    if any(word in label for word in _DRIVES_ALL):
         return list(named)
     # gz-sim's Ackermann plugin lists what it drives, several times the same element: all four are driven then.
     return list(named) if all(leaf in ("left_joint", "right_joint") for leaf in named.values()) else []

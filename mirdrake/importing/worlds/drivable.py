@@ -1,6 +1,7 @@
 """What a car's wheels would roll on: level faces of slabs and meshes that are wide and not far above the ground."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import shapely
 from mirdrake.importing.vehicles.mesh_read import MeshError
 from mirdrake.importing.vehicles.model import Shape
 from mirdrake.importing.worlds.model import Array, Thing
-from mirdrake.importing.worlds.prop_folder import as_mesh
+from mirdrake.importing.worlds.prop_folder import as_mesh, pieces_of
 from mirdrake.importing.worlds.surfaces import FLAT, corners_of, kind_of, outline, seen_from_above, tops_at
 
 HIGHEST = 0.45
@@ -23,6 +24,10 @@ _SMALLEST_RAISED, _NARROWEST_RAISED = 12.0, 1.5  # [m²], [m] of what lies above
 _OBSTACLES = ("kerb", "curb", "sidewalk", "pavement_edge", "barrier", "wall", "platform", "stage", "step", "stair",
               "bump", "table", "pallet", "bed", "container", "trailer", "roof")  # fmt: skip
 _MOST_TRIANGLES = 60_000
+ROAD_WORDS = ("asphalt", "road", "street", "track", "circuit", "highway", "tarmac")
+"""Parts of names by which models, materials and parts of a mesh are recognised as roads."""
+
+_NOT_ROAD = (*_OBSTACLES, "sign", "light", "lamp", "mark", "line", "bridge", "building", "house", "fence", "tree")
 
 
 @dataclass
@@ -71,24 +76,22 @@ def surfaces_of(thing: Thing, *, seen: bool = False) -> list[Surface]:
     shapes = thing.visuals if seen else thing.collisions
     words = " ".join([thing.name, thing.kind, *(shape.address for shape in thing.visuals)])
     found: list[Surface] = []
+    roads: list[Surface] = []
     for shape in shapes:
         try:
             corners = corners_in_world(shape, thing)
         except MeshError:
             continue
         upper, whole = _upper_faces(corners, shape)
+        road = _road_in_mesh(shape, thing, whole=whole)
+        if road is not None:
+            roads.append(road)
         if not len(upper):
             continue
-        polygons = outline(seen_from_above(upper))
-        heights = upper[:, :, 2]
+        surface = _surface(thing, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=words)
         level = abs(float((thing.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
-        box = shape if shape.kind in {"box", "plane"} and level else None
-        top, rise = float(np.median(heights)), float(np.ptp(heights))
-        if rise <= FLAT:
-            top = float(heights.max())
-        thickness = float(heights.max() - corners[:, :, 2].min())
-        area = sum(polygon.area for polygon in polygons)
-        surface = Surface(thing, [shape], upper, polygons, area, top, rise, thickness, box, whole, words)
+        surface.box = shape if shape.kind in {"box", "plane"} and level else None
+        top, polygons = surface.top, surface.polygons
         same = next((other for other in found if abs(other.top - top) <= FLAT), None)
         if same is None:
             found.append(surface)
@@ -97,9 +100,55 @@ def surfaces_of(thing: Thing, *, seen: bool = False) -> list[Surface]:
         same.shapes.append(shape)
         same.triangles, same.polygons = np.concatenate((same.triangles, upper)), merged
         same.area, same.top = sum(polygon.area for polygon in merged), max(same.top, top)
-        same.rise, same.thickness = max(same.rise, rise), max(same.thickness, thickness)
+        same.rise, same.thickness = max(same.rise, surface.rise), max(same.thickness, surface.thickness)
         same.box, same.whole = None, same.whole and whole
-    return sorted((surface for surface in found if surface.polygons), key=lambda surface: surface.top)
+    return sorted((surface for surface in (*found, *roads) if surface.polygons), key=lambda surface: surface.top)
+
+
+def _surface(thing: Thing, shape: Shape, upper: Array, lowest: float, *, whole: bool, words: str) -> Surface:
+    """Return the surface of the upper faces of one shape, whose lowest point is given in W [m]."""
+    heights = upper[:, :, 2]
+    polygons = outline(seen_from_above(upper))
+    rise = float(np.ptp(heights))
+    top = float(heights.max()) if rise <= FLAT else float(np.median(heights))
+    area = sum(polygon.area for polygon in polygons)
+    thickness = float(heights.max()) - lowest
+    return Surface(thing, [shape], upper, polygons, area, top, rise, thickness, None, whole, words)
+
+
+def _road_in_mesh(shape: Shape, thing: Thing, *, whole: bool) -> Surface | None:
+    """Return the road in a mesh that holds a whole town or circuit, by the names of its parts and materials.
+
+    None if no part is named as a road, or all parts are: the surface of the mesh is the road then.
+    """
+    if shape.kind != "mesh":
+        return None
+    pieces, _ = pieces_of(shape)
+    roads = [piece for piece in pieces if _names_a_road((*piece.names, piece.material.name))]
+    if not roads or len(roads) == len(pieces):
+        return None
+    X = thing.X_WM @ shape.X_LG
+    corners = np.concatenate([piece.corners for piece in roads]) @ X.rotation().matrix().T + X.translation()
+    if len(corners) > _MOST_TRIANGLES or not np.isfinite(corners).all():
+        return None
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    upper = corners[np.abs(normal[:, 2]) > _GENTLE * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)]
+    if not len(upper):
+        return None
+    words = " ".join(dict.fromkeys(name for piece in roads for name in (*piece.names, piece.material.name)))
+    return _surface(thing, shape, upper, float(upper[:, :, 2].min()), whole=whole, words=words)
+
+
+def _names_a_road(names: Sequence[str]) -> bool:
+    """Return whether a name of a part of a mesh means a road, and none an obstacle or a marking."""
+    roads = others = False
+    for name in names:
+        rest = name.lower()
+        for word in ROAD_WORDS:
+            roads |= word in rest
+            rest = rest.replace(word, " ")  # "street" holds "tree"
+        others |= any(word in rest for word in _NOT_ROAD)
+    return roads and not others
 
 
 def is_ground(surface: Surface, height: float) -> bool:

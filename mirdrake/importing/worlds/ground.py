@@ -15,14 +15,14 @@ from pydrake.math import RigidTransform
 
 from mirdrake.importing.vehicles.mesh_read import MeshError
 from mirdrake.importing.vehicles.model import Change, Shape
-from mirdrake.importing.worlds.drivable import Surface, corners_in_world, heights_below, is_ground, surfaces_of, without
+from mirdrake.importing.worlds.drivable import ROAD_WORDS, Surface, corners_in_world, heights_below, is_ground, surfaces_of, without
 from mirdrake.importing.worlds.entry import degrees, is_word, number
 from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Thing
 from mirdrake.importing.worlds.routes import Route, route_in_area, route_of_line
 from mirdrake.importing.worlds.surfaces import FLAT, outline
 
 _WORDS = (
-    ("asphalt", ("asphalt", "road", "street", "track", "circuit", "highway", "tarmac")),
+    ("asphalt", ROAD_WORDS),
     ("grass", ("grass", "lawn", "field")),
     ("gravel", ("gravel", "dirt", "sand", "mud", "soil")), ("ice", ("ice", "snow")),
     ("concrete", ("concrete", "floor", "pavement", "sidewalk", "cement", "tile", "ground", "grey", "gray", "plane")),
@@ -98,7 +98,7 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
 
     # Slabs and sheets, what is only seen, and roads; then what stands on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
-    roads = _lay_down(world, ground, [surface for surface in accepted if surface not in floors], say)
+    roads = _lay_down(world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], say)
     _take_out(world, ground, accepted, say)
     roads += _lay_down(world, ground, _take_seen(world, ground, say), say)
     for road in world.roads:
@@ -149,9 +149,9 @@ def _take_floor(ground: GroundText, floor: Surface, say: Callable[[Change], None
     ground.surface = _surface_of(floor) or "concrete"
     was = f"no plane, but a floor of {floor.area:.4g} m² at z = {floor.top:.4g} m"
     rect = _rect_of(floor)
+    reach = np.abs(np.concatenate([np.array(polygon.exterior.coords) for polygon in floor.polygons])).max(axis=0)
+    ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
     if rect and "yaw" not in rect:
-        reach = np.abs(np.concatenate([np.array(polygon.exterior.coords) for polygon in floor.polygons])).max(axis=0)
-        ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
         ground.mu = _mu(thing)
         became = f"ground of {ground.surface}, {ground.size[0]:g} m x {ground.size[1]:g} m"
         say(Change(thing.where, f"model '{thing.name}'", was, became, "a world has a base plane"))
