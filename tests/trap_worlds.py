@@ -384,7 +384,9 @@ def town(folder, radius, width, *, named_by):
     turn = np.linspace(0.0, 2.0 * np.pi, 81)
     ring = []
     for a, b in itertools.pairwise(turn):
-        corners = [(r * np.cos(t), r * np.sin(t), 0.01) for t in (a, b) for r in (radius - width / 2, radius + width / 2)]
+        corners = [
+            (r * np.cos(t), r * np.sin(t), 0.01) for t in (a, b) for r in (radius - width / 2, radius + width / 2)
+        ]
         ring += [[corners[0], corners[1], corners[3]], [corners[0], corners[3], corners[2]]]
     side = radius + 40.0
     square = [(-side, -side, 0.0), (side, -side, 0.0), (side, side, 0.0), (-side, side, 0.0)]

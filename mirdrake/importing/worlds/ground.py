@@ -15,7 +15,15 @@ from pydrake.math import RigidTransform
 
 from mirdrake.importing.vehicles.mesh_read import MeshError
 from mirdrake.importing.vehicles.model import Change, Shape
-from mirdrake.importing.worlds.drivable import ROAD_WORDS, Surface, corners_in_world, heights_below, is_ground, surfaces_of, without
+from mirdrake.importing.worlds.drivable import (
+    ROAD_WORDS,
+    Surface,
+    corners_in_world,
+    heights_below,
+    is_ground,
+    surfaces_of,
+    without,
+)
 from mirdrake.importing.worlds.entry import degrees, is_word, number
 from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Thing
 from mirdrake.importing.worlds.routes import Route, route_in_area, route_of_line
@@ -98,7 +106,9 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
 
     # Slabs and sheets, what is only seen, and roads; then what stands on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
-    roads = _lay_down(world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], say)
+    roads = _lay_down(
+        world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], say
+    )
     _take_out(world, ground, accepted, say)
     roads += _lay_down(world, ground, _take_seen(world, ground, say), say)
     for road in world.roads:
