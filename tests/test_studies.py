@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from mirdrake.assembly.diagram import assemble
@@ -23,11 +21,11 @@ from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.execution.job import run_job
-from mirdrake.execution.store import PARTS, RESULTS_FILE, Store, make_schema, read_rows
 from mirdrake.execution.workers import WorkerLostError
 from mirdrake.runs.simulation import Simulation
 from mirdrake.studies import Workers, find_knobs, load_results, load_study, make_study, run_study
 from mirdrake.studies import run as study_run
+from mirdrake.studies.folder import JOURNAL_FILE, RESULTS_FILE, read_rows
 from mirdrake.studies.plan import make_plan
 from mirdrake.studies.sampling import sample
 
@@ -74,7 +72,7 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     assert len(files) == 1
     assert load_results(tmp_path / "1").arrow.equals(results[2].arrow)
     assert results[0].table.attrs["units"]["ego.mass_scale"] == "1"
-    assert not (tmp_path / "2" / PARTS).exists()
+    assert not (tmp_path / "2" / JOURNAL_FILE).exists()
 
 
 def test_a_foreign_executor_gives_the_same_rows() -> None:
@@ -219,22 +217,38 @@ def test_workers_outlive_what_they_are_given() -> None:
         workers.shutdown(cancel_futures=True)
 
 
-def _build_much() -> int:
-    """As if this process had built as many diagrams as one may; its number."""
-    from mirdrake.execution import job, workers
+def _leak() -> int:
+    """Gain more memory than a worker may; the number of its process."""
+    from mirdrake.execution import workers
 
-    job._here.builds = workers.MOST_BUILDS
+    workers._leaked = bytearray(b"1") * (workers.MEMORY_GROWTH + 2**20)  # type: ignore[attr-defined]
     return os.getpid()
 
 
-def test_a_worker_that_has_built_much_makes_room_for_another() -> None:
+def test_a_worker_that_has_gained_much_memory_is_replaced() -> None:
     workers = Workers(1, limit=60.0)
     try:
-        calls = (os.getpid, _build_much, os.getpid)
+        calls = (os.getpid, _leak, os.getpid)
         first, second, third = (workers.submit(call).result(timeout=300) for call in calls)
         assert first == second != third
     finally:
         workers.shutdown(cancel_futures=True)
+
+
+def test_a_worker_has_the_present_environment_and_a_time_limit_per_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MIRDRAKE_PATH", "changed after the server of the workers has started")
+    workers = Workers(1, limit=lambda *given: float(given[0]) if given and given[0] == 1.0 else 60.0)
+    try:
+        assert workers.submit(os.getenv, "MIRDRAKE_PATH").result(timeout=300) == os.environ["MIRDRAKE_PATH"]
+        with pytest.raises(WorkerLostError, match="no end after 1 s") as caught:
+            workers.submit(_sleep, 1.0).result(timeout=300)
+        assert caught.value.seconds >= 1.0
+    finally:
+        workers.shutdown(cancel_futures=True)
+
+
+def _sleep(_: float) -> None:
+    time.sleep(60.0)
 
 
 # --- killed and resumed ---
@@ -249,9 +263,9 @@ run_study(json.load(open(sys.argv[1])), out=sys.argv[2], workers=2, resume=True)
 def _kill(given: Path, out: Path, *, after: float) -> None:
     """Run a study in a process of its own, and kill it so long [s] after it has written rows."""
     command = [sys.executable, "-c", _SCRIPT, str(given), str(out)]
-    before = set((out / PARTS).glob("part-*"))
+    before = len(read_rows(out))
     with subprocess.Popen(command, cwd=Path(__file__).parents[1]) as process:
-        while set((out / PARTS).glob("part-*")) <= before:
+        while len(read_rows(out)) <= before:
             assert process.poll() is None, "the study ended before it could be killed"
             time.sleep(0.01)
         time.sleep(after)
@@ -302,19 +316,20 @@ def test_a_folder_takes_one_study_only(tmp_path: Path) -> None:
 
 
 def test_rows_of_a_folder_survive_between_all_steps_of_writing(tmp_path: Path) -> None:
-    schema = make_schema({"a": ""}, ["m"])
-    row = {"run": 0, "a": 1.0, "status": "ok", "reason": "", "simulated": 1.0, "m": 2.0}
-    store = Store(tmp_path, schema, 2)
-    store.add(row | {"run": 1})
-    store.flush()
-    (tmp_path / PARTS / ".part-000001.parquet.tmp").write_bytes(b"half a file")
-    assert [entry["run"] for entry in read_rows(tmp_path)] == [1]
-    store.add(row)
-    store.finish()
-    (tmp_path / PARTS).mkdir()  # killed while the parts were removed
-    pq.write_table(pa.Table.from_pylist([row], schema=schema), tmp_path / PARTS / "part-000000.parquet")
-    assert sorted(entry["run"] for entry in read_rows(tmp_path)) == [0, 1]
-    assert pq.read_table(tmp_path / RESULTS_FILE).column("run").to_pylist() == [0, 1]
+    given = study(sampling={"kind": "sobol", "runs": 2})
+    whole = run_study(given, out=tmp_path, workers=0).arrow
+    rows = read_rows(tmp_path)
+    journal = tmp_path / JOURNAL_FILE
+    assert not journal.exists()
+    journal.write_text(json.dumps(rows["0"] | {"run": "0"}) + "\n")  # killed before the journal was removed
+    assert load_results(tmp_path).arrow.equals(whole)
+
+    (tmp_path / RESULTS_FILE).unlink()
+    journal.write_text(journal.read_text() + '{"run": "1", "sta')  # killed while a row was written
+    assert list(read_rows(tmp_path)) == ["0"]
+    assert load_results(tmp_path).arrow.equals(whole[:1])
+    assert run_study(given, out=tmp_path, resume=True, workers=0).arrow.equals(whole)
+    assert not journal.exists()
 
 
 # --- knobs ---

@@ -194,13 +194,10 @@ def test_a_script_needs_no_guard_and_its_workers_end_with_it(tmp_path: Path) -> 
         f"case = {case!r}\n"
         "print('begin', flush=True)\n"
         "print(run_suite([case], timeout=1.0).results[0].reason, flush=True)\n"
-        "import os, multiprocessing\n"
-        "from mirdrake.suites import Pool\n"
-        "with Pool(1) as pool:\n"
-        "    pool._workers.append(pool._start())\n"
-        "    print(pool._workers[0].process.pid, flush=True)\n"
-        "    pool._workers[0].pipe.recv()\n"
-        "    os.kill(os.getpid(), 9)\n"
+        "import os\n"
+        "from mirdrake.studies import Workers\n"
+        "print(Workers(1, limit=60.0).submit(os.getpid).result(), flush=True)\n"
+        "os.kill(os.getpid(), 9)\n"
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
     lines = done.stdout.splitlines()

@@ -68,7 +68,7 @@ def test_a_journal_goes_on_with_more_runs_and_candidates(tmp_path: Path) -> None
     assert more.table.equals(monte_carlo(LOOP, CANDIDATES, RANGES, runs=10).table)
     with pytest.raises(RunError, match="has other gains for trial calm 0"):
         monte_carlo(loop, {"calm": {"kp": 2.0}}, RANGES, runs=2, store=store)
-    with pytest.raises(RunError, match="begun for something else"):
+    with pytest.raises(RunError, match="begun for another purpose"):
         monte_carlo(loop, CANDIDATES, RANGES, runs=2, seed=5, store=store)
 
 

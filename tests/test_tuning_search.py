@@ -108,12 +108,12 @@ def test_a_search_killed_five_times_ends_as_one_that_was_not(method: str, tmp_pa
 def test_a_journal_takes_one_search_only(tmp_path: Path) -> None:
     store = tmp_path / "journal.jsonl"
     look(trials=4, store=store, purpose={"loop": "a"})
-    with pytest.raises(RunError, match=r"begun for something else \(search\)"):
+    with pytest.raises(RunError, match=r"begun for another purpose \(search\)"):
         look(trials=4, store=store, purpose={"loop": "a"}, seed=9)
-    with pytest.raises(RunError, match=r"begun for something else \(loop\)"):
+    with pytest.raises(RunError, match=r"begun for another purpose \(loop\)"):
         look(trials=4, store=store, purpose={"loop": "b"})
     store.write_text("kp,ki\n1,2\n", encoding="utf-8")
-    with pytest.raises(RunError, match="is no journal"):
+    with pytest.raises(ConfigError, match=r"journal\.jsonl: damaged, cannot be read"):
         look(trials=4, store=store)
 
 

@@ -14,24 +14,26 @@ from mirdrake.execution.workers import InProcess, WorkerLostError, Workers
 AHEAD = 256
 """Calls that are handed to a foreign executor before their forerunners have come back."""
 
-LOOK = 0.5
-"""Wall time between two looks at what else there is to do while calls go on [s]."""
+WAIT = 0.5
+"""Longest uninterrupted wait for a result [s], so that Ctrl-C is noticed on every system."""
 
 
 @dataclass(frozen=True)
 class Lost:
-    """A call that gave nothing.
+    """A call without a result.
 
     Attributes:
-        reason: one line: what it raised, or how its process ended.
+        reason: one line: the exception, or how its process ended.
+        seconds: wall time since the call began, if its process was lost [s].
     """
 
     reason: str
+    seconds: float = 0.0
 
 
 @contextmanager
 def open_executor(
-    executor: Executor | None, workers: int | None, *, calls: int, limit: float
+    executor: Executor | None, workers: int | None, *, calls: int, limit: float | Callable[..., float]
 ) -> Iterator[tuple[Executor, int]]:
     """An executor, and how many calls to hand to it ahead; processes of our own end with the block.
 
@@ -39,7 +41,7 @@ def open_executor(
         executor: the user's; it is not shut down.
         workers: number of processes if no executor is given; 0: this process; None: as many as cores.
         calls: number of calls there are to make; no more processes than that are started.
-        limit: wall time that a call may take in processes of our own [s].
+        limit: wall time that a call may take in worker processes [s]; or a function of its arguments that returns it.
 
     Raises:
         ConfigError: a negative number of workers.
@@ -65,7 +67,6 @@ def call_all(
     arguments: Iterable[tuple[Any, ...]],
     *,
     ahead: int,
-    idle: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Any]]:
     """Call a function with each of the arguments; yields position and result, or :class:`Lost`, as they come.
 
@@ -74,7 +75,6 @@ def call_all(
         function: can be pickled, as can its arguments, unless the executor stays in this process.
         arguments: taken one by one, as far ahead as needed.
         ahead: calls that are handed in at a time.
-        idle: called every now and then while calls go on.
 
     Raises:
         RunError: the executor gave up, or worker processes cannot start.
@@ -87,11 +87,9 @@ def call_all(
                 waiting[executor.submit(function, *entry[1])] = entry[0]
             if not waiting:
                 return
-            done, _ = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED)
+            done, _ = wait(waiting, timeout=WAIT, return_when=FIRST_COMPLETED)
             for future in done:
                 yield waiting.pop(future), _result(future)
-            if idle is not None:
-                idle()
     finally:
         for future in waiting:
             future.cancel()
@@ -106,6 +104,6 @@ def _result(future: Future[Any]) -> Any:
     except RunError:  # its processes cannot start
         raise
     except WorkerLostError as error:
-        return Lost(str(error))
+        return Lost(str(error), error.seconds)
     except Exception as error:
         return Lost(one_line(error))

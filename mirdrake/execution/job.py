@@ -84,15 +84,9 @@ class _Here(threading.local):
 
     def __init__(self) -> None:
         self.built: OrderedDict[str, _Built] = OrderedDict()
-        self.builds = 0
 
 
 _here = _Here()
-
-
-def builds() -> int:
-    """Number of diagrams that this thread has built; each leaves a little memory behind in Drake."""
-    return _here.builds
 
 
 def run_job(job: Job) -> Outcome:
@@ -196,7 +190,6 @@ def _built(job: Job, key: str) -> _Built:
         while len(_here.built) >= KEPT:
             _here.built.popitem(last=False)
         assembly = assemble(make_spec(job.diagram))
-        _here.builds += 1
         vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
         built = _Built(Simulation(assembly), find_knobs(vehicles, assembly.parts.world))
     missing = [name for name in job.knobs if name not in built.knobs]

@@ -4,6 +4,7 @@ import faulthandler
 import os
 import re
 import signal
+import sys
 import threading
 import time
 from dataclasses import dataclass, field
@@ -90,8 +91,8 @@ class WorkerProcess:
             return []
 
 
-def settle_in(log: str) -> None:
-    """Make this process a worker: it prints into a file, tells where it hangs when asked, and ends with its parent.
+def initialise_worker(log: str) -> None:
+    """Make this process a worker: it prints to a file, reports where it hangs on SIGUSR1, and ends with its parent.
 
     Args:
         log: file that takes everything that is printed, so that the last words of a crash can be read.
@@ -105,6 +106,24 @@ def settle_in(log: str) -> None:
     if hasattr(signal, "SIGUSR1"):
         faulthandler.register(signal.SIGUSR1, all_threads=False)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def resident_memory() -> int:
+    """Return the resident memory of this process [bytes]; its maximum where the system does not report the present one.
+
+    Zero where neither is known.
+    """
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        pass
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _end_with_parent() -> None:

@@ -1,9 +1,11 @@
 """Worker processes behind the interface of ``concurrent.futures``, which a call may hang or take down with it."""
 
 import gc
+import os
 import queue
 import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import suppress
@@ -13,16 +15,27 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from mirdrake.core.errors import RunError
-from mirdrake.execution.job import builds
-from mirdrake.execution.processes import STARTING, WorkerProcess, settle_in
+from mirdrake.execution.processes import STARTING, WorkerProcess, initialise_worker, resident_memory
 from mirdrake.execution.worker_server import LOOP, METHOD, STUDY, start_server, worker_start
 
-MOST_BUILDS = 64
-"""Diagrams that a process builds before another takes its place: Drake leaves some 0.4 MB of each behind."""
+MEMORY_GROWTH = 400 * 2**20
+"""Resident memory that a worker process may gain before a new one replaces it [bytes].
+
+A block of a user that is derived from pydrake's LeafSystem is never freed, and keeps some 8 MB for each diagram that it
+was part of.
+"""
 
 
 class WorkerLostError(Exception):
-    """A call hung or ended its process; the message says which, and where."""
+    """A call did not end in time, or ended its process; the message states which, and where.
+
+    Attributes:
+        seconds: wall time since the call began [s].
+    """
+
+    def __init__(self, reason: str, seconds: float = 0.0) -> None:
+        super().__init__(reason)
+        self.seconds = seconds
 
 
 class InProcess(Executor):
@@ -46,13 +59,13 @@ class Workers(Executor):
 
     Args:
         count: number of processes; they start at once.
-        limit: wall time a call may take [s].
+        limit: wall time that a call may take [s]; or a function of its arguments that returns it.
     """
 
-    def __init__(self, count: int, *, limit: float) -> None:
-        self.limit = limit
+    def __init__(self, count: int, *, limit: float | Callable[..., float]) -> None:
+        self._limit = limit
         self._calls: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._logs = TemporaryDirectory(prefix="mirdrake-study-")
+        self._logs = TemporaryDirectory(prefix="mirdrake-workers-")
         self._started = 0
         self._closing = False
         self._workers: dict[int, WorkerProcess] = {}
@@ -116,26 +129,25 @@ class Workers(Executor):
         try:
             self._workers[slot] = self._start()
         except Exception as error:
-            return RunError(f"the worker processes of the study cannot start: {error}")
+            return RunError(f"the worker processes cannot start: {error}")
         return None
 
-    def _call(self, slot: int, work: Any) -> tuple[Exception | None, Any]:
-        """What a call gives, or why it gives nothing."""
+    def _call(self, slot: int, work: tuple[Any, Any, Any]) -> tuple[Exception | None, Any]:
+        """Make a call in the process of a slot; return its result, or the error that prevented one."""
         worker = self._workers[slot]
-        worker.begin(self.limit)
         fault: Exception | None
-        spent, result = True, None
+        replace, result = True, None
         try:
+            limit = self._limit(*work[1], **work[2]) if callable(self._limit) else self._limit
+            worker.begin(limit)
             worker.pipe.send(work)
-            connection.wait([worker.pipe, worker.process.sentinel], timeout=self.limit)
-            fault, result, spent = (
-                worker.pipe.recv() if worker.pipe.poll() else (WorkerLostError(worker.why_lost()), None, True)
-            )
+            connection.wait([worker.pipe, worker.process.sentinel], timeout=limit)
+            fault, result, replace = worker.pipe.recv() if worker.pipe.poll() else (_lost(worker), None, True)
         except (EOFError, OSError):
-            fault = WorkerLostError(worker.why_lost())
-        except Exception as error:  # it cannot be pickled, or its result cannot be read
+            fault = _lost(worker)
+        except Exception as error:  # the call cannot be pickled, or its result cannot be read
             fault = error
-        if spent:
+        if replace:
             self._workers.pop(slot).kill()
         return fault, result
 
@@ -147,7 +159,8 @@ class Workers(Executor):
             self._started += 1
             log = Path(self._logs.name) / f"{self._started}.log"
             name = f"mirdrake worker {self._started}"
-            process = context.Process(target=serve, args=(theirs, str(log)), daemon=True, name=name)
+            arguments = (theirs, str(log), dict(os.environ))
+            process = context.Process(target=serve, args=arguments, daemon=True, name=name)
             process.start()
         theirs.close()
         worker = WorkerProcess(process, mine, log)
@@ -164,16 +177,25 @@ class Workers(Executor):
         raise RunError(reason)
 
 
-def serve(pipe: connection.Connection, log: str) -> None:
+def _lost(worker: WorkerProcess) -> WorkerLostError:
+    reason = worker.why_lost()
+    return WorkerLostError(reason, time.monotonic() - worker.since)
+
+
+def serve(pipe: connection.Connection, log: str, environment: dict[str, str]) -> None:
     """Make the calls that come through a pipe until it closes; the body of a worker process.
 
     Args:
-        pipe: calls in; exception, result and whether this process has done enough out.
-        log: file that takes everything that is printed, so that the last words of a crash can be read.
+        pipe: takes calls; returns for each its exception, its result, and whether this process is to be replaced.
+        log: file for everything that is printed, so that the last messages before a crash can be read.
+        environment: environment variables of the main process; the server that workers fork from may have older ones.
     """
-    settle_in(log)
-    gc.freeze()  # what is imported stays; no need to look through it again and again
+    os.environ.clear()
+    os.environ.update(environment)
+    initialise_worker(log)
+    gc.freeze()  # imported objects stay; garbage collection need not visit them again and again
     pipe.send("ready")
+    initial = resident_memory()
     while True:
         try:
             function, arguments, named = pipe.recv()
@@ -184,4 +206,6 @@ def serve(pipe: connection.Connection, log: str) -> None:
             result = function(*arguments, **named)
         except BaseException as error:
             fault = RuntimeError(f"{type(error).__name__}: {error}")
-        pipe.send((fault, result, builds() >= MOST_BUILDS))
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        pipe.send((fault, result, resident_memory() - initial > MEMORY_GROWTH))

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,17 @@ import pyarrow as pa
 from mirdrake.core.errors import ConfigError
 from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.execution.job import Outcome, run_job
-from mirdrake.execution.store import Row, Store, make_schema, read_manifest, read_rows
+from mirdrake.execution.journal import Journal
 from mirdrake.execution.worker_server import STUDY, start_server
+from mirdrake.studies.folder import (
+    Row,
+    make_schema,
+    make_table,
+    open_journal,
+    read_manifest,
+    read_rows,
+    write_results,
+)  # fmt: skip
 from mirdrake.studies.plan import Plan, make_plan
 from mirdrake.studies.spec import StudySpec, make_study
 
@@ -94,21 +103,20 @@ def run_study(
     spec = make_study(study)
     folder = Path(out) if out is not None else None
     plan = make_plan(spec)
-    store = Store(folder, make_schema(plan.units, spec.metrics), len(plan.rows))
-    store.open(plan.manifest(), resume=resume)
-    missing = [index for index in range(store.runs) if index not in store.rows]
+    schema, total = make_schema(plan.units, spec.metrics), len(plan.rows)
+    journal = open_journal(folder, plan.manifest(), resume=resume)
+    missing = [index for index in range(total) if index not in journal]
     with ExitStack() as stack:
         runner, ahead = stack.enter_context(
             open_executor(executor, workers, calls=len(missing), limit=GRACE + plan.limit)
         )
-        told = stack.enter_context(_bar(store.runs, len(store.rows))) if progress is True else progress or None
-        try:
-            _run_all(plan, store, missing, runner, ahead, told)
-        except KeyboardInterrupt:
-            pass  # what is done is kept
-        finally:
-            store.finish()
-    return StudyResult(store.table(), len(plan.rows), folder)
+        report = stack.enter_context(_bar(total, len(journal))) if progress is True else progress or None
+        with suppress(KeyboardInterrupt):  # the finished runs are kept
+            _run_all(plan, journal, missing, runner, ahead, report)
+    result = StudyResult(make_table(journal.records, schema), total, folder)
+    if folder is not None and result.complete:
+        write_results(folder, result.arrow)
+    return result
 
 
 def load_results(folder: Path | str) -> StudyResult:
@@ -123,22 +131,25 @@ def load_results(folder: Path | str) -> StudyResult:
         schema, runs = make_schema(manifest["units"], manifest["study"]["metrics"]), int(manifest["runs"])
     except (KeyError, TypeError, ValueError):
         raise ConfigError(f"{folder}: its study.json is incomplete") from None
-    store = Store(None, schema, runs)
-    store.rows = {row["run"]: row for row in read_rows(folder)}
-    return StudyResult(store.table(), runs, folder)
+    return StudyResult(make_table(read_rows(folder), schema), runs, folder)
 
 
 def _run_all(
-    plan: Plan, store: Store, missing: Sequence[int], executor: Executor, ahead: int, progress: StudyProgress | None
+    plan: Plan,
+    journal: Journal,
+    missing: Sequence[int],
+    executor: Executor,
+    ahead: int,
+    progress: StudyProgress | None,
 ) -> None:
-    """Run what has no row yet."""
+    """Run the jobs that have no row yet, and add their rows to the journal."""
     jobs = ((plan.job(index),) for index in missing)
-    for at, given in call_all(executor, run_job, jobs, ahead=ahead, idle=store.flush_if_due):
-        outcome = Outcome(missing[at], "failed", given.reason) if isinstance(given, Lost) else given
+    for position, result in call_all(executor, run_job, jobs, ahead=ahead):
+        outcome = Outcome(missing[position], "failed", result.reason) if isinstance(result, Lost) else result
         row = _row(plan, outcome)
-        store.add(row)
+        journal.add(row["run"], {key: value for key, value in row.items() if key != "run"})
         if progress is not None:
-            progress(len(store.rows), store.runs, row)
+            progress(len(journal), len(plan.rows), row)
 
 
 def _row(plan: Plan, outcome: Outcome) -> Row:

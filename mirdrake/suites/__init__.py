@@ -11,11 +11,10 @@ or diverged), ``invalid`` (the world cannot be laid out, or breaks its own rules
 """
 
 from mirdrake.suites.cases import Case, Result, Verdict, collect_cases, collect_searches, vary
-from mirdrake.suites.pool import Pool
 from mirdrake.suites.run import Suite, load_suite, run_suite
 from mirdrake.suites.search import SearchResult, Trial, search
 
 __all__ = [
-    "Case", "Pool", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect_cases", "collect_searches",
+    "Case", "Result", "SearchResult", "Suite", "Trial", "Verdict", "collect_cases", "collect_searches",
     "load_suite", "run_suite", "search", "vary",
 ]  # fmt: skip

@@ -1,16 +1,18 @@
 """A suite: all cases in a folder, written down one by one, so that a suite that was killed can go on."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import ConfigError, RunError
-from mirdrake.core.files import write_file
+from mirdrake.core.files import read_errors, write_errors, write_file
 from mirdrake.core.json_io import parse_json
+from mirdrake.execution.journal import Journal, Record, read_records
 from mirdrake.suites.cases import Case, Result
-from mirdrake.suites.pool import Pool
+from mirdrake.suites.worker import open_case_workers
 
 CASES_FILE, RESULTS_FILE = "suite.json", "results.jsonl"
 
@@ -84,28 +86,32 @@ def run_suite(
         RunError: the folder cannot be written, or worker processes cannot start.
     """
     place = Path(folder) if folder is not None else None
-    done: dict[int, Result] = {}
     if place is not None:
-        if resume:
-            done = _known(cases, _read_results(place))
-        elif place.exists() and any(place.iterdir()):
-            raise RunError(f"{place}: is not empty; choose another folder with --out, or go on with --resume")
-        _prepare(place, cases, done)
-    missing = [index for index in range(len(cases)) if index not in done]
-    try:
-        with Pool(min(workers, max(1, len(missing))), folder=place, timeout=timeout, keep_all=keep_all) as pool:
-            for at, result in pool.run([cases[index] for index in missing]):
-                done[missing[at]] = result
-                if place is not None:
-                    _append(place, result)
-                if progress is not None:
-                    progress(len(done), len(cases), result)
-    except KeyboardInterrupt:
-        pass  # what is done is kept
-    results = tuple(done[index] for index in sorted(done))
-    if place is not None:
-        write_file(place / RESULTS_FILE, "".join(_json(result.data()) + "\n" for result in results))
-    return Suite(tuple(cases), results, place)
+        with write_errors(place):
+            place.mkdir(parents=True, exist_ok=True)
+            used = any(place.iterdir())
+        if used and not resume:
+            raise RunError(f"{place}: is not empty; choose another folder with --out, or continue with --resume")
+        write_file(place / CASES_FILE, json.dumps({"cases": [case.data() for case in cases]}, indent=1) + "\n")
+
+    # Results of cases that have changed since are removed from the journal.
+    journal = Journal(place / RESULTS_FILE if place is not None else None, key="digest")
+    digests = [case.digest() for case in cases]
+    journal.keep([digest for digest in digests if digest in journal])
+    missing = [case for case, digest in zip(cases, digests, strict=True) if digest not in journal]
+    with (
+        open_case_workers(workers, cases=len(missing), folder=place, timeout=timeout, keep_all=keep_all) as run_cases,
+        suppress(KeyboardInterrupt),  # the finished cases are kept
+    ):
+        for _, result in run_cases(missing):
+            data = result.data()
+            journal.add(data.pop("digest"), data)
+            if progress is not None:
+                progress(len(journal), len(cases), result)
+
+    # Results are written in the order of the cases, whichever finished first.
+    journal.keep([digest for digest in digests if digest in journal])
+    return Suite(tuple(cases), _results(cases, journal.records, place), place)
 
 
 def load_suite(folder: Path | str) -> Suite:
@@ -118,57 +124,17 @@ def load_suite(folder: Path | str) -> Suite:
     file = folder / CASES_FILE
     if not file.is_file():
         raise ConfigError(f"{folder}: not the folder of a suite (it has no {CASES_FILE})")
-    try:
-        cases = [_case(data) for data in parse_json(file.read_text(encoding="utf-8"))["cases"]]
-    except (ValueError, TypeError, KeyError) as error:
-        raise ConfigError(f"{file}: cannot be read: {error}") from None
-    done = _known(cases, _read_results(folder))
-    return Suite(tuple(cases), tuple(done[index] for index in sorted(done)), folder)
+    with read_errors(file):
+        cases = tuple(_case(data) for data in parse_json(file.read_text(encoding="utf-8"))["cases"])
+    return Suite(cases, _results(cases, read_records(folder / RESULTS_FILE, key="digest"), folder), folder)
 
 
 def _case(data: dict[str, Any]) -> Case:
     return Case(**(data | {"expect": tuple((text, place) for text, place in data["expect"])}))
 
 
-def _known(cases: Sequence[Case], results: Sequence[Result]) -> dict[int, Result]:
-    """The results of these very cases, by their index."""
-    found = {result.digest: result for result in results}
-    digests = [case.digest() for case in cases]
-    return {index: found[digest] for index, digest in enumerate(digests) if digest in found}
-
-
-def _prepare(folder: Path, cases: Sequence[Case], done: dict[int, Result]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(f"{folder}: cannot be made: {error.strerror}; choose another folder with --out") from None
-    write_file(folder / CASES_FILE, json.dumps({"cases": [case.data() for case in cases]}, indent=1) + "\n")
-    write_file(folder / RESULTS_FILE, "".join(_json(done[index].data()) + "\n" for index in sorted(done)))
-
-
-def _append(folder: Path, result: Result) -> None:
-    path = folder / RESULTS_FILE
-    try:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(_json(result.data()) + "\n")
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written: {error.strerror}; choose another folder with --out") from None
-
-
-def _read_results(folder: Path) -> list[Result]:
-    """The results of a folder; a last line that was cut off by a kill does not count."""
-    path = folder / RESULTS_FILE
-    if not path.is_file():
-        return []
-    results = []
-    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
-        if line.endswith("\n"):
-            try:
-                results.append(Result(**parse_json(line)))
-            except (ValueError, TypeError) as error:
-                raise ConfigError(f"{path}: cannot be read: {error}") from None
-    return results
-
-
-def _json(data: dict[str, Any]) -> str:
-    return json.dumps(data, allow_nan=False)
+def _results(cases: Sequence[Case], records: Mapping[str, Record], folder: Path | None) -> tuple[Result, ...]:
+    """Return the results of the cases that have one, in the order of the cases."""
+    with read_errors(folder / RESULTS_FILE if folder is not None else Path(RESULTS_FILE)):
+        digests = [case.digest() for case in cases]
+        return tuple(Result(**records[digest], digest=digest) for digest in digests if digest in records)

@@ -18,7 +18,7 @@ from scipy.stats import qmc
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.suites.cases import Case, Result, vary
-from mirdrake.suites.pool import Pool
+from mirdrake.suites.worker import RunCases, open_case_workers
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -105,7 +105,7 @@ def search(
         budget: number of runs.
         seed: of the points tried.
         workers: number of processes for the first half; one goes on.
-        timeout: wall time a run may take [s]; see :func:`mirdrake.suites.pool.time_limit`.
+        timeout: wall time a run may take [s]; see :func:`mirdrake.suites.worker.time_limit`.
         progress: called with the number of runs done, the budget and the latest trial.
 
     Raises:
@@ -118,13 +118,13 @@ def search(
         raise ConfigError("search: name at least one parameter under over, and a budget of at least one run")
     seeker = _Seeker(case, dict(over), budget, progress)
     first = min(budget, max(budget // 2, 2 * len(over)))
-    with Pool(workers, timeout=timeout) as pool:
+    with open_case_workers(workers, cases=budget, timeout=timeout) as run_cases:
         try:
             points = _halton(len(over), first, seed)
-            seeker.evaluate(pool, points)
+            seeker.evaluate(run_cases, points)
 
             def margin(point: Array) -> float:
-                seeker.evaluate(pool, np.clip(point, 0.0, 1.0)[None])
+                seeker.evaluate(run_cases, np.clip(point, 0.0, 1.0)[None])
                 return seeker.objective(np.clip(point, 0.0, 1.0))
 
             for corner in sorted(points, key=seeker.objective):
@@ -173,7 +173,7 @@ class _Seeker:
         share = self.tried[tuple(self.values(point).values())].share
         return share if math.isfinite(share) else 1e9
 
-    def evaluate(self, pool: Pool, points: Array) -> None:
+    def evaluate(self, run_cases: RunCases, points: Array) -> None:
         """Run the points that were not run yet.
 
         Raises:
@@ -190,7 +190,7 @@ class _Seeker:
         ]
         trials: dict[int, Trial] = {}
         try:
-            for index, result in pool.run(cases):
+            for index, result in run_cases(cases):
                 trials[index] = Trial(list(new.values())[index], result)
                 if self._progress is not None:
                     self._progress(number + len(trials), self._budget, trials[index])

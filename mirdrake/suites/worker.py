@@ -1,13 +1,13 @@
-"""The worker process of a suite: runs one case after the other, and knows nothing of the others."""
+"""Cases of a suite in worker processes; no case depends on those before it."""
 
 import math
 import random
 import shutil
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.errors import MirdrakeError, RunError, WorldError
-from mirdrake.execution.processes import settle_in
+from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.requirements import Finding, Observation, observe, parse_requirement
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import Simulation
@@ -28,30 +28,57 @@ CASES, SKETCHES = "cases", "sketches"
 """Folders of a suite: run folders of what did not pass, and what the report draws."""
 
 
-def serve(pipe: connection.Connection, log: str, folder: Path | None, keep_all: bool) -> None:
-    """Run the cases that come through a pipe until it closes; the body of a worker process.
+def time_limit(case: Case) -> float:
+    """Return the wall time that a case may take unless another limit is given [s]."""
+    return 60.0 + 10.0 * case.duration
+
+
+RunCases = Callable[[Sequence[Case]], Iterator[tuple[int, Result]]]
+"""Runs cases, and yields the index and the result of each as soon as it is finished."""
+
+
+@contextmanager
+def open_case_workers(
+    workers: int, *, cases: int, folder: Path | None = None, timeout: float | None = None, keep_all: bool = False
+) -> Iterator[RunCases]:
+    """Yield a function that runs cases in worker processes, which end with the block.
+
+    A case that hangs or ends its process has the verdict error; a new process continues with the next case. Results do
+    not depend on which process runs which case.
 
     Args:
-        pipe: cases in, results out.
-        log: file that takes everything that is printed, so that the last words of a crash can be read.
-        folder: of the suite; None writes nothing.
-        keep_all: keep the run folders of cases that passed, too.
+        workers: number of processes.
+        cases: number of cases that will be run; no more processes than that are started.
+        folder: of a suite, for the run folders of cases that did not pass; None writes nothing.
+        timeout: wall time that a case may take [s]; :func:`time_limit` if omitted.
+        keep_all: also keep the run folders of cases that passed.
     """
-    settle_in(log)
-    pipe.send("ready")
-    while True:
-        try:
-            case = pipe.recv()
-        except (EOFError, OSError):
-            return
-        if case is None:
-            return
-        before = set(sys.modules)
-        result = run_case(case, folder=folder, keep_all=keep_all)
-        for stream_ in (sys.stdout, sys.stderr):
-            stream_.flush()
-        _forget(before, Path(case.diagram.get("folder") or "."))
-        pipe.send(result)
+
+    def limit(case: Case, *_: object) -> float:
+        return timeout if timeout is not None else time_limit(case)
+
+    with open_executor(None, max(1, workers), calls=cases, limit=limit) as (executor, ahead):
+
+        def run_cases(batch: Sequence[Case]) -> Iterator[tuple[int, Result]]:
+            arguments = ((case, folder, keep_all) for case in batch)
+            for index, result in call_all(executor, run_in_worker, arguments, ahead=ahead):
+                yield index, _lost(batch[index], result, folder) if isinstance(result, Lost) else result
+
+        yield run_cases
+
+
+def _lost(case: Case, lost: Lost, folder: Path | None) -> Result:
+    """Return the result of a case whose process hung or ended."""
+    wall = round(lost.seconds, 3)
+    return Result(case.name, "error", lost.reason, wall=wall, folder=run_folder(case, folder), digest=case.digest())
+
+
+def run_in_worker(case: Case, folder: Path | None, keep_all: bool) -> Result:
+    """Run a case such that it leaves no modules of its user behind for the next one."""
+    before = set(sys.modules)
+    result = run_case(case, folder=folder, keep_all=keep_all)
+    _forget(before, Path(case.diagram.get("folder") or "."))
+    return result
 
 
 def _forget(before: set[str], folder: Path) -> None:

@@ -1,0 +1,130 @@
+"""The folder of a study: a row per run, on disk as soon as the run is finished, and in the end one table.
+
+::
+
+    study.json         the study, its diagram, versions, and the digest of all that
+    results.jsonl      rows in the order in which runs finished, until the study is complete
+    results.parquet    all rows in the order of the runs, when it is complete; equal studies give equal bytes
+
+Whatever kills the process, the rows written until then can be read.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.files import read_errors, replacing, write_errors, write_file
+from mirdrake.core.json_io import parse_json
+from mirdrake.core.recording.parts import read_part
+from mirdrake.execution.journal import Journal, Record, read_records
+
+STUDY_FILE, JOURNAL_FILE, RESULTS_FILE = "study.json", "results.jsonl", "results.parquet"
+
+Row = dict[str, Any]
+"""A row of the table: run, parameters, status, reason, simulated, metrics."""
+
+
+def open_journal(folder: Path | None, manifest: Mapping[str, Any], *, resume: bool) -> Journal:
+    """Create the folder of a study, or continue with the rows that it has.
+
+    Args:
+        folder: None keeps everything in memory.
+        manifest: content of study.json.
+        resume: whether the folder may hold rows of this very study.
+
+    Raises:
+        RunError: the folder cannot be written, or holds something else.
+    """
+    if folder is None:
+        return Journal(None, key="run")
+    with write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        used = any(folder.iterdir())
+    if used and not resume:
+        raise RunError(f"{folder}: is not empty; choose another folder, or resume the study in it")
+    if used:
+        before = read_manifest(folder)
+        if before.get("study") != manifest["study"]:
+            raise RunError(f"{folder}: was begun with another study; it cannot be resumed with this one")
+        for key, name in (("content", "models or worlds"), ("versions", "versions")):
+            if before.get(key) != manifest[key]:
+                raise RunError(f"{folder}: the {name} have changed since the study was begun; choose another folder")
+    else:
+        write_file(folder / STUDY_FILE, json.dumps(manifest, indent=1) + "\n")
+    complete = (folder / RESULTS_FILE).is_file()
+    journal = Journal(None if complete else folder / JOURNAL_FILE, key="run")
+    if complete:
+        journal.records = _read_table(folder / RESULTS_FILE)
+    return journal
+
+
+def write_results(folder: Path, table: pa.Table) -> None:
+    """Write the table of a complete study in place of its journal.
+
+    Raises:
+        RunError: the folder cannot be written.
+    """
+    if not (folder / RESULTS_FILE).is_file():
+        with replacing(folder / RESULTS_FILE) as temporary:
+            pq.write_table(table, temporary)
+    with write_errors(folder):
+        (folder / JOURNAL_FILE).unlink(missing_ok=True)
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the content of study.json.
+
+    Raises:
+        ConfigError: the folder is not that of a study, or the file is damaged.
+    """
+    file = folder / STUDY_FILE
+    if not file.is_file():
+        raise ConfigError(f"{folder}: not the folder of a study (it has no {STUDY_FILE})")
+    with read_errors(file):
+        data = parse_json(file.read_text(encoding="utf-8"))
+        if not isinstance(data, dict):
+            raise ValueError("not a JSON object")
+        return data
+
+
+def read_rows(folder: Path) -> dict[str, Record]:
+    """Return the rows of a study folder by their runs.
+
+    Raises:
+        ConfigError: a file is damaged.
+    """
+    complete = (folder / RESULTS_FILE).is_file()
+    return _read_table(folder / RESULTS_FILE) if complete else read_records(folder / JOURNAL_FILE, key="run")
+
+
+def make_schema(parameters: Mapping[str, str | None], metrics: Iterable[str]) -> pa.Schema:
+    """Return the columns of the table: run, parameters, status, reason, simulated time, metrics.
+
+    Args:
+        parameters: unit by name; None for a parameter whose values are not numbers.
+        metrics: names.
+    """
+    fields = [pa.field("run", pa.int64(), nullable=False)]
+    for name, unit in parameters.items():
+        kind = pa.string() if unit is None else pa.float64()
+        fields.append(pa.field(name, kind, metadata={"unit": unit or ""}))
+    fields += [pa.field("status", pa.string()), pa.field("reason", pa.string())]
+    fields.append(pa.field("simulated", pa.float64(), metadata={"unit": "s"}))
+    fields += [pa.field(name, pa.float64()) for name in metrics]
+    return pa.schema(fields)
+
+
+def make_table(records: Mapping[str, Record], schema: pa.Schema) -> pa.Table:
+    """Return rows in the order of the runs as a table."""
+    rows: list[Row] = [{"run": int(run), **records[run]} for run in sorted(records, key=int)]
+    return pa.Table.from_pylist(rows, schema=schema)
+
+
+def _read_table(file: Path) -> dict[str, Record]:
+    with read_errors(file):
+        return {str(row.pop("run")): row for row in read_part(file).to_pylist()}
