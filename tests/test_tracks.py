@@ -411,3 +411,19 @@ def test_edges_that_do_not_fit_are_refused_in_one_line(edges: tuple[list[float],
     assert message.startswith("track 'loop': edges")
     assert says in message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("gap", [7e-4, -7e-4])
+def test_points_at_the_seam_of_a_track_that_closes_within_a_millimetre_are_projected(gap: float) -> None:
+    half = Piece(5.0 * math.pi, 0.2, 0.2)
+    track = Track([Piece(10.0, 0.0, 0.0), half, Piece(10.0 + gap, 0.0, 0.0), half], closed=True)
+    x = np.linspace(-2e-3, 2e-3, 81)
+    for offset in (-1.0, 0.0, 0.5):
+        s, lateral = track.project(x, np.full_like(x, offset))
+        assert np.minimum(s, track.length - s).max() < 5e-3
+        assert np.abs(lateral - offset).max() < 1e-6
+        for place in x.tolist():
+            for near in (None, 1.0, track.length - 1.0):
+                s_one, lateral_one = track.project(place, offset, near=near)
+                assert min(s_one, track.length - s_one) < 5e-3
+                assert abs(lateral_one - offset) < 1e-6

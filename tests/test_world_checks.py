@@ -268,6 +268,40 @@ def test_five_hundred_props_are_laid_out_and_checked_within_a_second() -> None:
     assert reference_seconds(lambda: check_world(world)) < 0.5  # 0.02 s: nobody asks Drake
 
 
+def test_a_pile_of_props_is_checked_within_limits_and_the_report_states_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(overlaps, "MOST_OVERLAPS", 5)
+    world = "props:\n  - {prop: barrel, grid: {step: [0, 0], count: [30, 1]}}\n"
+    faults = check(world)
+    assert [fault.kind for fault in faults] == ["overlap"] * 5 + ["unchecked"]
+    assert "first 5 overlapping pairs" in faults[-1].text
+    monkeypatch.setattr(overlaps, "MOST_NEIGHBOURS", 20)
+    faults = check(world + "rules:\n  - {allow_overlap: ['*', '*']}\n")
+    assert [fault.kind for fault in faults] == ["unchecked"]
+
+
+@pytest.mark.slow
+def test_two_thousand_props_in_one_place_are_checked_within_half_a_minute() -> None:
+    grid = "{origin: [0, 0], step: [0, 0], count: [2000, 1]}"
+    for more in ("}", ", z: 3}\nrules:\n  - {min_gap: 0.5}\n  - {allow_overlap: ['*', '*']}"):
+        begin = time.process_time()
+        faults = check(f"props:\n  - {{prop: barrel, grid: {grid}{more}\n")
+        assert any(fault.kind == "unchecked" for fault in faults)
+        assert time.process_time() - begin < 30.0
+
+
+def test_the_total_number_of_draws_of_a_world_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mirdrake.worlds import arrange
+
+    entry = "  - {prop: barrel, name: NAME, scatter: {region: {rect: {size: [0.8, 0.8]}}, count: 1}}\n"
+    world = write("props:\n" + "".join(entry.replace("NAME", f"b{i}") for i in range(40)))
+    draws = []
+    true = arrange.draw_in
+    monkeypatch.setattr(arrange, "draw_in", lambda *args, **more: draws.append(1) or true(*args, **more))
+    monkeypatch.setattr(arrange, "MOST_DRAWS", 1000)
+    assert len(load_world(world).homeless) > 35
+    assert len(draws) < 1000 + 400 + 40
+
+
 # --- depth of overlaps --------------------------------------------------------------------------------------------
 
 

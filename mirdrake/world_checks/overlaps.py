@@ -40,6 +40,12 @@ UNCERTAIN = 1e-3
 PATIENCE = 10.0
 """Time that all queries together may take, and 10 ms more for each [s]."""
 
+MOST_NEIGHBOURS = 100_000
+"""Pairs of props whose bounding boxes touch that are examined."""
+
+MOST_OVERLAPS = 200
+"""Pairs of props that are reported as overlapping, or as closer than `min_gap`; the others are counted."""
+
 MOST_DEATHS = 8
 """Queries that may end the process before the rest is given up."""
 
@@ -48,6 +54,8 @@ COMMAND: tuple[str, ...] = (sys.executable, "-P", str(Path(__file__).with_name("
 
 _LIBRARY = re.compile(r"fcl|qhull|QH\d|\.(?:h|cc|cpp|c):|libccd|::", re.IGNORECASE)
 """Words of FCL and Qhull, which name functions and no prop."""
+
+_CHUNK = 256  # props whose neighbours are looked up at once
 
 Pair = tuple[int, int]
 MayOverlap = Callable[[PlacedProp, PlacedProp], bool]
@@ -58,10 +66,14 @@ class Neighbours:
 
     Args:
         props: of the world.
+
+    Attributes:
+        is_crowded: more than `MOST_NEIGHBOURS` pairs are near each other, and only the first ones were returned.
     """
 
     def __init__(self, props: Sequence[PlacedProp]) -> None:
         self.props = props
+        self.is_crowded = False
         self._outlines: dict[int, tuple[Outline, ...]] = {}
         self._bounds = shapely.bounds([prop.footprint for prop in props]).reshape(-1, 4)
         self._heights = np.array([(prop.bottom, prop.top) for prop in props]).reshape(-1, 2)
@@ -77,13 +89,22 @@ class Neighbours:
     def pairs(self, gap: float = 0.0) -> list[Pair]:
         """Pairs of props whose boxes are within a gap [m] in x, y and z, the first one earlier in the file."""
         wide = self._bounds + gap * np.array([-1.0, -1.0, 1.0, 1.0])
-        first, second = self._tree.query(shapely.box(*wide.T))
-        near = (
-            (first < second)
-            & (self._heights[first, 0] <= self._heights[second, 1] + gap)
-            & (self._heights[second, 0] <= self._heights[first, 1] + gap)
-        )
-        return sorted(zip(first[near].tolist(), second[near].tolist(), strict=True))
+        boxes = shapely.box(*wide.T)
+        pairs: list[Pair] = []
+        # In chunks, because the number of pairs grows with the square of the number of props in one place.
+        for begin in range(0, len(boxes), _CHUNK):
+            first, second = self._tree.query(boxes[begin : begin + _CHUNK])
+            first = first + begin
+            near = (
+                (first < second)
+                & (self._heights[first, 0] <= self._heights[second, 1] + gap)
+                & (self._heights[second, 0] <= self._heights[first, 1] + gap)
+            )
+            pairs += sorted(zip(first[near].tolist(), second[near].tolist(), strict=True))
+            if len(pairs) > MOST_NEIGHBOURS:
+                self.is_crowded = True
+                return pairs[:MOST_NEIGHBOURS]
+        return pairs
 
     def at(self, area: BaseGeometry) -> list[int]:
         """The props whose boxes seen from above touch that of an area."""
@@ -110,12 +131,15 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
         may_overlap: whether two may.
     """
     props = near.props
-    questions = [
-        _Question((a, b), solids)
-        for a, b in near.pairs()
-        if not may_overlap(props[a], props[b])
-        for solids in near.colliding(a, b)
-    ]
+    questions: list[_Question] = []
+    suspects = 0
+    for a, b in near.pairs():
+        if may_overlap(props[a], props[b]) or not (solids := list(near.colliding(a, b))):
+            continue
+        suspects += 1
+        if suspects > MOST_OVERLAPS:
+            break
+        questions += [_Question((a, b), pair) for pair in solids]
     answer = _ask(props, questions)
     faults = []
     for (a, b), hit in sorted(answer.hits.items()):
@@ -127,6 +151,14 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
     for (a, b), reason in sorted(answer.failed.items()):
         if (props[a].name, props[b].name) not in told:
             faults.append(_unchecked(props[a], props[b], reason))
+    if suspects > MOST_OVERLAPS or near.is_crowded:
+        faults.append(
+            Fault(
+                "unchecked",
+                f"props: only the first {MOST_OVERLAPS} overlapping pairs, or the first {MOST_NEIGHBOURS} neighbouring "
+                "pairs, of props are examined; correct these, then check again",
+            )
+        )
     return faults
 
 

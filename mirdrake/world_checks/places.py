@@ -13,6 +13,7 @@ from mirdrake.world_checks.ways import goal_area
 from mirdrake.worlds import PlacedProp, World
 from mirdrake.worlds.clearance import Volume, clearance, place_outline
 
+_MOST = 20  # props that are reported at one start
 _HEIGHTS = 0.1, 1.0  # [m] heights between which something is in the way of a vehicle that nobody has named
 
 
@@ -35,6 +36,8 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
     there = np.column_stack(pose)
     covered = shapely.union_all([shapely.Polygon(place_outline(slab.outline, there)[0]) for slab in volume.slabs])
     for number in near.at(covered):
+        if len(faults) > _MOST:
+            break
         prop = near.props[number]
         depth = -float(clearance(volume, there, [prop])[0])
         if depth <= 1e-4:

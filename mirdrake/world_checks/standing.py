@@ -9,7 +9,7 @@ it names, the last one that does so counts. A large one lets a lamp hang in the 
 from collections.abc import Sequence
 
 from mirdrake.world_checks.faults import Fault, amount
-from mirdrake.world_checks.overlaps import LEAST_DEPTH, Neighbours, place_of
+from mirdrake.world_checks.overlaps import LEAST_DEPTH, MOST_OVERLAPS, Neighbours, place_of
 from mirdrake.worlds import PlacedProp
 from mirdrake.worlds.outlines import Outline, gap_between
 from mirdrake.worlds.props_spec import OnGroundSpec
@@ -86,6 +86,8 @@ def find_gaps(near: Neighbours, rules: Rules | None, skip: set[tuple[str, ...]])
                 f"({rules.gap_where.rpartition(': ')[0] or 'rules'}) asks for {amount(rules.min_gap)}"
             )
             faults.append(Fault("gap", text, (one.name, other.name), gap, _middle(one, one.bottom)))
+            if len(faults) == MOST_OVERLAPS:
+                break
     return faults
 
 

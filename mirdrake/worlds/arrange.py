@@ -32,6 +32,12 @@ from mirdrake.worlds.values import is_random
 TRIES = 400
 """Draws of a random thing before there is said to be no place for it."""
 
+MOST_DRAWS = 20_000
+"""Draws of all random things of a world that found no free place, before each of the others is drawn only once.
+
+A number, not a time: the same world file gives the same world on every computer.
+"""
+
 _DEEPEST = 6  # groups in groups
 _Order = tuple[int, ...]
 
@@ -86,6 +92,7 @@ class Arranger:
     ) -> None:
         self._places, self._groups, self._group_names, self._folder = places, groups, group_names, folder
         self._gap, self._allowed, self._may_overlap = min_gap, allowed, may_overlap
+        self._draws_left = MOST_DRAWS
 
     def arrange(self, entries: Sequence[PropEntry], draw: Draw) -> tuple[list[PlacedProp], list[str]]:
         """All props of a world, in the order of the file, and what found no place.
@@ -130,10 +137,11 @@ class Arranger:
 
     def _find_place(self, draft: _Draft, crowd: "_Crowd") -> list[PlacedProp] | None:
         """A random thing where it keeps to the rules and its distance, or None."""
-        for attempt in range(TRIES):
+        for attempt in range(min(TRIES, max(1, self._draws_left))):
             props = draft.make(attempt)
             if all(map(self._allowed, props)) and crowd.has_room(props):
                 return props
+            self._draws_left -= len(props)
         return None
 
     def _drafts(

@@ -240,7 +240,8 @@ class Curve:
                 return self.wrap(s), lateral
             if abs(s - near) > _FAR:
                 return None
-        return None
+        # A point at the seam of a closed track, whose ends may miss each other by up to 1 mm, has no stationary point.
+        return (self.wrap(s), lateral) if self.closed and abs(step) <= 2.0 * self.gap[0] else None
 
     def _project_many(self, x: Array, y: Array, near: ArrayLike | None) -> tuple[Array, Array]:
         """Vectorised :meth:`project`: the same descent for all points at once, the unsettled ones again from afar."""
