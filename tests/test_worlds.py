@@ -499,3 +499,33 @@ def test_many_props_are_laid_out_and_checked_within_a_second(text, tmp_path):
         assert not check_world(crowded)
 
     assert reference_seconds(lay_out_and_check) < 1.0
+
+
+def test_the_drawing_of_a_world_has_each_thing_once_in_the_order_in_which_it_is_drawn() -> None:
+    from mirdrake.worlds.drawing import make_drawing
+
+    world = make_world(
+        {
+            "mirdrake": "world/1",
+            "tracks": {
+                "main": {
+                    "segments": [{"line": 40}], "edges": "grass",
+                    "markings": [{"line": "left"}, {"line": "start", "kind": "dashed"}],
+                }
+            },
+            "ground": {"patches": [{"name": "ice", "disc": {"radius": 2}, "surface": "ice"}]},
+            "goals": {"exit": {"at": [30, 0]}, "line": {"gate": {"track": "main", "s": 20}}},
+            "props": [{"box": [1, 1, 2], "at": [5, 5]}, {"box": [1, 1, 1], "at": [9, 5]}],
+        }
+    )  # fmt: skip
+    drawing = make_drawing(world)
+    assert [(area.layer, area.name) for area in drawing.areas] == [
+        ("ground", ""), ("verge", "main"), ("road", "main"), ("patch", "ice"), ("goal", "exit"),
+        ("prop", "box_2"), ("prop", "box"),
+    ]  # fmt: skip
+    assert [line.layer for line in drawing.lines] == ["marking", "marking", "gate"]
+    left, start, gate = (line.points for line in drawing.lines)
+    assert np.allclose(left[:, 1], 1.4)
+    assert np.allclose(start, [[0, -1.4], [0, 1.4]])
+    assert np.allclose(gate, [[20, -1.5], [20, 1.5]])
+    assert [start.name for start in drawing.starts] == ["origin"]

@@ -89,7 +89,7 @@ class Neighbours:
     def pairs(self, gap: float = 0.0) -> list[Pair]:
         """Pairs of props whose boxes are within a gap [m] in x, y and z, the first one earlier in the file."""
         wide = self._bounds + gap * np.array([-1.0, -1.0, 1.0, 1.0])
-        boxes = shapely.box(*wide.T)
+        boxes = np.asarray(shapely.box(*wide.T))
         pairs: list[Pair] = []
         # In chunks, because the number of pairs grows with the square of the number of props in one place.
         for begin in range(0, len(boxes), _CHUNK):

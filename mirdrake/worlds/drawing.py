@@ -1,0 +1,134 @@
+"""Shapes of a world seen from above: one description for every picture.
+
+Plans, track maps and sketches of suites draw these areas, lines and arrows in their own styles.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.props import Color
+from mirdrake.worlds.spec import MarkingSpec
+from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.world import World, track_mu, verge
+
+EDGE_LINE_INSET = 0.05
+"""Distance from the edge of a road to an edge line [m]."""
+
+AreaLayer = Literal["ground", "verge", "road", "patch", "goal", "prop"]
+LineLayer = Literal["marking", "gate"]
+
+
+@dataclass(frozen=True)
+class DrawnArea:
+    """An area of a world."""
+
+    layer: AreaLayer
+    name: str
+    """name of the track, patch, goal or prop; "" for the ground"""
+    area: BaseGeometry
+    """polygon in W [m]"""
+    surface: str | None = None
+    """surface of the ground, verge, road or patch; None if it has no appearance of its own"""
+    mu: float | None = None
+    """friction coefficient of the ground, road or patch [-]"""
+    color: Color | None = None
+    """red, green, blue of a prop, 0 .. 1"""
+    top: float = 0.0
+    """height of the highest point of a prop [m]"""
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """A line of a world."""
+
+    layer: LineLayer
+    name: str
+    """name of the track of a marking, or of the goal of a gate"""
+    points: Array
+    """(n, 2) in W [m]"""
+    width: float = 0.0
+    """width of the paint of a marking [m]"""
+    dash: tuple[float, float] | None = None
+    """lengths of a dash and of the gap behind it [m]; None for a continuous line"""
+
+
+@dataclass(frozen=True)
+class DrawnStart:
+    """A start: position [m] and heading [rad] in W."""
+
+    name: str
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class WorldDrawing:
+    """A world seen from above; areas and lines that come later lie on top.
+
+    Attributes:
+        name: name of the world.
+        bounds: smallest x and y, largest x and y of the ground [m].
+        areas: ground, verges, roads, patches and goals in this order, then props by height.
+        lines: markings and gates.
+        starts: starts.
+    """
+
+    name: str
+    bounds: tuple[float, float, float, float]
+    areas: tuple[DrawnArea, ...]
+    lines: tuple[DrawnLine, ...]
+    starts: tuple[DrawnStart, ...]
+
+    def layer(self, layer: AreaLayer) -> list[DrawnArea]:
+        """Return the areas of one layer."""
+        return [area for area in self.areas if area.layer == layer]
+
+
+def make_drawing(world: World) -> WorldDrawing:
+    """Return the shapes of a world seen from above."""
+    ground, specs = world.ground, world.spec.tracks
+    areas = [DrawnArea("ground", "", shapely.box(*ground.extent), ground.surface, ground.mu)]
+    lines: list[DrawnLine] = []
+    for name, track in world.roads().items():
+        edges = specs[name].edges
+        if edges is not None and edges != ground.surface:
+            areas.append(DrawnArea("verge", name, verge(track), edges))
+    for name, track in world.roads().items():
+        areas.append(DrawnArea("road", name, track.area, specs[name].surface, track_mu(specs[name])))
+        for marking in specs[name].markings:
+            dash = marking.dash if marking.kind == "dashed" else None
+            lines.append(DrawnLine("marking", name, marking_points(track, marking), marking.width, dash))
+    areas += [DrawnArea("patch", patch.name, patch.area, patch.surface, patch.mu) for patch in world.patches]
+    for name, goal in world.goals.items():
+        if goal.area is not None:
+            areas.append(DrawnArea("goal", name, goal.area))
+        elif goal.gate is not None:
+            lines.append(DrawnLine("gate", name, _gate_points(world.tracks[goal.gate[0]], goal.gate[1])))
+    areas += [
+        DrawnArea("prop", placed.name, placed.footprint, color=placed.color, top=placed.top)
+        for placed in sorted(world.props, key=lambda placed: placed.top)
+    ]
+    starts = tuple(DrawnStart(name, start.x, start.y, start.yaw) for name, start in world.starts.items())
+    return WorldDrawing(world.name, ground.extent, tuple(areas), tuple(lines), starts)
+
+
+def marking_points(track: Track, marking: MarkingSpec) -> Array:
+    """Return the centre line of a marking, (n, 2) in W [m]."""
+    inset = EDGE_LINE_INSET + marking.width / 2.0
+    if marking.line == "start":
+        ends = [inset - float(track.right_width(0.0)), float(track.left_width(0.0)) - inset]
+        return np.column_stack(track.point(0.0, ends))
+    s = np.append(track.stations(), track.length)
+    sides = {"left": track.left_width(s) - inset, "right": inset - track.right_width(s), "center": np.zeros_like(s)}
+    return np.column_stack(track.point(s, sides[marking.line]))
+
+
+def _gate_points(track: Track, s: float) -> Array:
+    """Return the ends of a line across a track, (2, 2) in W [m]."""
+    return np.column_stack(track.point(s, [-float(track.right_width(s)), float(track.left_width(s))]))
