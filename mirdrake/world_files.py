@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mirdrake.core.files import staging, write_errors
 from mirdrake.core.yaml_io import shown
-from mirdrake.report.plan import Overlap, draw_world, find_overlaps
+from mirdrake.report.plan import Overlap, draw_plan, find_overlaps
 from mirdrake.worlds import World
 from mirdrake.worlds.lock import content_hash, content_text, lock_content
 from mirdrake.worlds.sdf_export import export_sdf
@@ -52,7 +52,7 @@ def build_world(world: World, folder: Path | str) -> Build:
     sdf = export_sdf(world, file=f"{name}.sdf")
     overlaps = tuple(find_overlaps(world))
     files = dict(sdf.files)
-    files[f"{name}.svg"] = draw_world(world, overlaps=overlaps).encode()
+    files[f"{name}.svg"] = draw_plan(world, overlaps=overlaps).encode()
     content = lock_content(world)
     files[f"{name}.lock.yaml"] = content_text(content).encode()
     _write_all(folder, files)

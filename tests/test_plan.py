@@ -10,7 +10,7 @@ import pytest
 import shapely
 from PIL import ImageFont
 
-from mirdrake.report.plan import draw_world, find_overlaps
+from mirdrake.report.plan import draw_plan, find_overlaps
 from mirdrake.report.svg import embed_svg
 from mirdrake.worlds import World, load_world, make_world
 
@@ -60,7 +60,7 @@ class Plan:
     """What is in a plan."""
 
     def __init__(self, world: World, **options: Any) -> None:
-        self.text = draw_world(world, **options)
+        self.text = draw_plan(world, **options)
         self.root = ElementTree.fromstring(self.text)
         (self.map,) = [e for e in self.root.iter(f"{SVG}g") if e.get("class") == "map"]
 
@@ -246,6 +246,6 @@ def test_the_same_world_gives_the_same_picture(tmp_path: Path) -> None:
         "mirdrake: world/1\nprops: [{prop: tree, scatter: {region: {disc: {radius: 20}}, count: 9}}]\n",
         encoding="utf-8",
     )
-    first, second = (draw_world(load_world(str(path), overrides=["seed=5"])) for _ in range(2))
+    first, second = (draw_plan(load_world(str(path), overrides=["seed=5"])) for _ in range(2))
     assert first == second
     assert str(tmp_path) not in first

@@ -11,11 +11,12 @@ import matplotlib
 import numpy as np
 import pandas
 import pytest
+import shapely
 
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
-from mirdrake.report.drive import draw_drive, load_roads, outlines
+from mirdrake.report.drive import draw_drive
 from mirdrake.report.figures import thin
 from mirdrake.report.run_report import render_report
 from mirdrake.report.svg import embed_svg
@@ -409,11 +410,15 @@ def test_a_run_that_is_only_in_memory_can_be_rendered_but_not_written():
         write_report(run)
 
 
-def test_the_roads_of_the_test_track_close_and_are_three_metres_wide():
-    (road,) = load_roads(load_world("test_track"))
-    assert road.closed
-    np.testing.assert_allclose(road.left[0], road.left[-1], atol=1e-9)
-    np.testing.assert_allclose(np.hypot(*(road.left - road.right).T), 3.0, atol=1e-9)
+def test_the_close_views_show_the_road_as_a_band_three_metres_wide(lap_page):
+    views = re.findall(r'<svg class="plot place".*?</svg>', lap_page, re.DOTALL)
+    assert len(views) >= 1
+    for view in views:
+        (road,) = re.findall(r'<path d="([^"]*)" class="road"', view)
+        points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", road), dtype=float)
+        band = shapely.Polygon(points)
+        scale = 300.0 / 15.0  # a view is five road widths wide
+        assert 2.0 * band.area / band.length / scale == pytest.approx(3.0, rel=0.15)  # the ends count, too
 
 
 def test_thinning_keeps_the_ends_and_every_peak():
@@ -459,11 +464,16 @@ def test_the_map_shows_what_stands_in_the_world(tmp_path):
     path = tmp_path / "yard.yaml"
     text = "mirdrake: world/1\nparams: {x: 5}\nprops:\n  - {box: [2, 1, 1], at: [$x, 3]}\n"
     path.write_text(text, encoding="utf-8")
-    (outline,) = outlines(load_world(str(path), overrides=["params.x=10"]))
-    assert (outline[:, 0].min(), outline[:, 0].max()) == (9.0, 11.0)
     signals = pandas.DataFrame({"ego.x": [0.0, 20.0], "ego.y": [0.0, 0.0]}, index=pandas.Index([0.0, 1.0], name="time"))
-    bare, full = (draw_drive(["ego"], signals, [], props) for props in ([], [outline]))
+    drive = draw_drive(["ego"], signals, load_world(str(path), overrides=["params.x=10"]))
+    assert drive is not None
+    assert drive.props
+    wide = str(drive.picture).split("</svg>")[0]
+    (prop,) = re.findall(r'<path d="M([^"]*)Z" class="prop"', wide)
+    x = [float(point.split()[0]) for point in prop.split("L")]
+    scale = (960.0 - 2.0 * 26.0) / 20.0  # [px/m] of a drive of 20 m
+    assert [(value - 26.0) / scale for value in (min(x), max(x))] == pytest.approx([9.0, 11.0], abs=0.01)
+    bare = draw_drive(["ego"], signals, None)
     assert bare is not None
-    assert full is not None
-    assert full["props"]
-    assert full["picture"].count("var(--edge)") > bare["picture"].count("var(--edge)")
+    assert not bare.props
+    assert "prop" not in str(bare.picture)

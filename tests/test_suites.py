@@ -131,8 +131,8 @@ def test_what_did_not_pass_leaves_a_run_folder(damaged: Suite) -> None:
     for result in damaged.results:
         assert result.folder == (None if result.verdict == "pass" else f"cases/{result.name.replace('#', '-')}")
     assert len(load_run(damaged.folder / "cases" / "straight-3").signals) > 20
-    sketches = {path.stem for path in (damaged.folder / "sketches").iterdir()}
-    assert sketches >= {"straight-1", "straight-3", "straight-10", "straight-22"}  # also of a behaviour that raised
+    traces = {path.stem for path in (damaged.folder / "traces").iterdir()}
+    assert traces >= {"straight-1", "straight-3", "straight-10", "straight-22"}  # also of a behaviour that raised
 
 
 def test_a_run_that_passed_is_kept_if_that_is_wanted(tmp_path: Path) -> None:

@@ -179,7 +179,9 @@ def test_the_report_shows_every_case_and_its_links_lead_somewhere(done: Path) ->
     for link in links:
         assert link.startswith("data:") or (done / link).exists()
     assert not re.search(r'(src|href)="https?:|url\(', page)
-    assert page.count('<svg class="plan"') == 7  # all but the one whose process ended
+    assert page.count('<svg class="plot map"') == 8
+    # A driven line in each but those whose world is invalid, or whose process ended.
+    assert page.count('stroke="var(--main)" stroke-width="2.2"') == 6
     assert page.count('<svg class="margin"') == 8
 
 

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from mirdrake.assembly.diagram import assemble, make_spec
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line
 from mirdrake.core.errors import ConfigError, WorldError
-from mirdrake.report.drive import load_roads
 from mirdrake.report.vehicle_charts import VehicleSignals, make_charts
 from mirdrake.report.words import format_quantity
 from mirdrake.runs.simulation import Simulation
@@ -281,10 +280,12 @@ rules: [{{keep_clear: {{track: main, margin: 0.5}}}}]"""
     assert areas["end"].area == pytest.approx(10 * 7 + 10 * 8)
 
 
-def test_the_report_knows_the_edges(circuit_file: Path):
-    (road,) = load_roads(load_world(str(circuit_file)))
-    assert road.edges is not None
-    gap = np.hypot(*(road.left - road.right).T)
+def test_the_edges_are_as_far_apart_as_the_width(circuit_file: Path):
+    (track,) = load_world(str(circuit_file)).tracks.values()
+    assert track.edges is not None
+    s = track.stations(sagitta=0.01)
+    left, right = (np.column_stack(track.point(s, offset)) for offset in (track.left_width(s), -track.right_width(s)))
+    gap = np.hypot(*(left - right).T)
     assert (gap.min(), gap.max()) == pytest.approx((7.1, 10.9), abs=0.1)
 
 

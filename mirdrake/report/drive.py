@@ -1,115 +1,151 @@
-"""The drive from above: the road and the lines on the map, what colours them, and which places get a close view."""
+"""The drive from above: the map with the driven lines, their colours, and close views of the largest lateral errors."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pandas
-import shapely
+from markupsafe import Markup
+from numpy.typing import NDArray
 
-from mirdrake.report.figures import Array
+from mirdrake.report.drive_layers import DrivenLine, Place, centre_lines, driven_lines, line_ends, numbered_places
+from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.svg import SCALE_STEPS
-from mirdrake.report.track_map import Line, Place, Road, draw_map, draw_place
 from mirdrake.report.vehicle_charts import VehicleSignals
 from mirdrake.report.words import format_quantity, format_time
-from mirdrake.worlds import World
+from mirdrake.report.world_map import draw_figure, goals, props, surfaces
+from mirdrake.worlds import World, make_world
 
 VEHICLE_COLOURS = ("main", "own1", "own2", "own3", "own4")
 
+_SIZES = {"wide": (960.0, 220.0, 700.0), "narrow": (400.0, 140.0, 480.0)}
+"""Versions of the map: width, least and largest height [px]."""
 
-def load_roads(world: World | None) -> list[Road]:
-    """The roads of a world as polylines; none if there is no world or no track."""
-    roads = []
-    for track in world.tracks.values() if world is not None else ():
-        s = track.stations(sagitta=0.01)
-        if track.closed:
-            s[-1] = 0.0
-        left, right, centre = (
-            np.column_stack(track.point(s, offset)) for offset in (track.left_width(s), -track.right_width(s), 0.0)
-        )
-        roads.append(Road(left, right, centre, track.closed, track.width, track.edges))
-    return roads
+_MARGIN, _FOOT = 26.0, 26.0  # [px] around the map, and below it for the scale bar
+_INSET = 300.0  # [px] size of a close view
+_LEAST = 5.0  # [m] least size of the region
 
 
-def outlines(world: World | None) -> list[Array]:
-    """Outlines of the props of a world seen from above, each n x 2 [m], as they were placed."""
-    props = world.props if world is not None else ()
-    return [
-        shapely.get_coordinates(part.exterior)
-        for prop in props
-        for part in shapely.get_parts(prop.footprint)
-        if isinstance(part, shapely.Polygon)
-    ]
+@dataclass(frozen=True)
+class ColourScale:
+    """Quantity that colours the driven line, with the texts of its ends."""
+
+    quantity: str
+    low: str
+    high: str
 
 
-def draw_drive(
-    names: Sequence[str], signals: pandas.DataFrame, roads: Sequence[Road], props: Sequence[Array] = ()
-) -> dict[str, Any] | None:
-    """The map, its colour scale and the close views; None when nothing is to be seen.
+@dataclass(frozen=True)
+class DriveMap:
+    """The map of a drive.
+
+    Attributes:
+        picture: the map, in a wide and a narrow version.
+        scale: of the colours of the line; None if it has one colour.
+        places: close views with their captions.
+        roads: whether there are tracks on it; `props` and `lines` likewise.
+    """
+
+    picture: Markup
+    scale: ColourScale | None
+    places: list[tuple[Markup, str]]
+    roads: bool
+    props: bool
+    lines: bool
+
+
+def draw_drive(names: Sequence[str], signals: pandas.DataFrame, world: World | None) -> DriveMap | None:
+    """Return the map of a drive; None if there is nothing to draw.
 
     Args:
         names: of the vehicles.
         signals: of all of them.
-        roads: of the world.
-        props: outlines of what stands in it, each n x 2 [m].
+        world: of the run; None if it is not known.
     """
-    lines: list[Line] = []
+    world = world if world is not None else make_world({"mirdrake": "world/1"})
+    tracks = list(world.tracks.values())
+    lines: list[DrivenLine] = []
     places: list[tuple[Place, str]] = []
-    scale: dict[str, str] = {}
+    scale: ColourScale | None = None
     for index, name in enumerate(names):
         vehicle = VehicleSignals(signals, name)
         if not vehicle.has("x", "y"):
             continue
-        classes, scale = _colour_classes(vehicle) if len(names) == 1 else (None, {})
-        lines.append(Line(vehicle["x"], vehicle["y"], VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)], classes))
-        places += _worst_places(vehicle, roads[0].width if roads else 3.0, places, count=3 if len(names) == 1 else 1)
-    if not lines and not roads:
+        # One vehicle has its line coloured by a quantity; several have a colour each.
+        classes, scale = _colour_classes(vehicle) if len(names) == 1 else (None, None)
+        lines.append(DrivenLine(vehicle["x"], vehicle["y"], VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)], classes))
+        places += _worst_places(vehicle, tracks[0].width if tracks else 3.0, places, count=3 if len(names) == 1 else 1)
+    if not lines and not tracks:
         return None
     spots = [place for place, _ in places]
-    text = "The track from above with the driven line." if roads else "The driven line from above."
-    picture = draw_map(roads, lines, spots, "map-", text, props)
     views = [
-        (draw_place(roads, lines, place, f"place{number}-", f"Close view of place {number}. {caption}", props), caption)
+        (_draw_place(world, lines, place, f"Close view of place {number}. {caption}"), caption)
         for number, (place, caption) in enumerate(places, start=1)
     ]
-    return {
-        "picture": picture,
-        "scale": scale,
-        "places": views,
-        "roads": bool(roads),
-        "props": bool(props),
-        "lines": len(lines),
-    }
+    return DriveMap(
+        _draw_map(world, lines, spots), scale, views, bool(tracks), bool(world.props), any(len(x.points) for x in lines)
+    )
 
 
-def _colour_classes(vehicle: VehicleSignals) -> tuple[Any, dict[str, str]]:
-    """Classes 0 … SCALE_STEPS - 1 along the drive: of the speed if it varies, else of the size of the lateral error."""
+def _draw_map(world: World, lines: Sequence[DrivenLine], places: Sequence[Place]) -> Markup:
+    """Draw tracks and driven lines with start, end and direction, in two versions for wide and narrow screens."""
+    bounds = _bounds(world, lines)
+    description = "The track from above with the driven line." if world.tracks else "The driven line from above."
+    pictures = []
+    for kind, (width, *heights) in _SIZES.items():
+        sheet = Sheet.around(bounds, width, (heights[0], heights[1]), margin=_MARGIN, foot=_FOOT)
+        thickness = 2.4 if sheet.scale > 1.5 else 1.7
+        layers = [surfaces, goals, props, driven_lines(lines, width=thickness, arrows=True)]
+        layers += [line_ends(lines), numbered_places(places)]
+        pictures.append(draw_figure(world, sheet, PAGE, layers, kind=f"plot map {kind}", description=description))
+    return Markup("\n").join(pictures)
+
+
+def _draw_place(world: World, lines: Sequence[DrivenLine], place: Place, description: str) -> Markup:
+    """Draw a close view of one place, with the centre line of the road."""
+    reach = place.reach
+    bounds = (place.x - reach, place.y - reach, place.x + reach, place.y + reach)
+    sheet = Sheet.around(bounds, _INSET, (_INSET, _INSET))
+    layers = [surfaces, goals, centre_lines, props, driven_lines(lines, width=2.0)]
+    layers.append(numbered_places([place], numbers=False))
+    return draw_figure(world, sheet, PAGE, layers, kind="plot place", description=description)
+
+
+def _bounds(world: World, lines: Sequence[DrivenLine]) -> Box:
+    """Return the box around all tracks and lines [m]."""
+    corners = [np.reshape(track.area.bounds, (2, 2)) for track in world.tracks.values()]
+    corners += [line.points for line in lines if len(line.points)]
+    points = np.concatenate(corners) if corners else np.zeros((1, 2))
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2.0, np.maximum(high - low, _LEAST) / 2.0
+    return (*(middle - half).tolist(), *(middle + half).tolist())
+
+
+def _colour_classes(vehicle: VehicleSignals) -> tuple[NDArray[np.intp] | None, ColourScale | None]:
+    """Return classes 0 … SCALE_STEPS - 1 along the drive: of the speed if it varies, else of the lateral error."""
     speed = vehicle["vx"] if vehicle.has("vx") else np.full(len(vehicle.time), np.nan)
     spread = np.nanpercentile(speed, (5, 95)) if np.isfinite(speed).any() else (0.0, 0.0)
     varies = spread[1] - spread[0] > 0.15 * max(abs(spread[1]), 0.1)
     if vehicle.has("lateral_error") and not varies:
-        values, what, unit = np.abs(vehicle["lateral_error"]), "size of the lateral error", "m"
+        values, quantity, unit = np.abs(vehicle["lateral_error"]), "size of the lateral error", "m"
         low, high = 0.0, float(np.nanmax(values))
     elif np.isfinite(speed).any():
-        values, what, unit = speed, "speed", "m/s"
+        values, quantity, unit = speed, "speed", "m/s"
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
     else:
-        return None, {}
+        return None, None
     if high - low < 1e-6:
-        return None, {}
+        return None, None
     share = np.nan_to_num((values - low) / (high - low))
     classes = np.clip((share * SCALE_STEPS).astype(np.intp), 0, SCALE_STEPS - 1)
-    return classes, {
-        "what": what,
-        "low": format_quantity(low, unit, digits=2),
-        "high": format_quantity(high, unit, digits=2),
-    }
+    texts = (format_quantity(value, unit, digits=2) for value in (low, high))
+    return classes, ColourScale(quantity, *texts)
 
 
 def _worst_places(
     vehicle: VehicleSignals, road_width: float, taken: Sequence[tuple[Place, str]], *, count: int
 ) -> list[tuple[Place, str]]:
-    """Where the lateral error is largest: at most `count` places that overlap none, each with a caption."""
+    """Return the places with the largest lateral error: at most `count` that do not overlap, with captions."""
     if not vehicle.has("lateral_error", "x", "y"):
         return []
     error, x, y = vehicle["lateral_error"], vehicle["x"], vehicle["y"]
@@ -128,6 +164,7 @@ def _worst_places(
             caption += f", {format_quantity(float(vehicle['progress'][worst]), 'm')} along the track"
         places.append((Place(float(x[worst]), float(y[worst]), reach), caption + "."))
         size[np.hypot(x - x[worst], y - y[worst]) < 3.0 * reach] = 0.0
+        # Places with half of the largest error are not worth a view.
         if size.max() < 0.5 * abs(float(error[worst])):
             break
     return places

@@ -17,14 +17,15 @@ from markupsafe import Markup
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import MirdrakeError, RunError
 from mirdrake.core.files import write_file
-from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, load_roads, outlines
-from mirdrake.report.figures import drawing_style
+from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive
+from mirdrake.report.drive_layers import scale_colours
+from mirdrake.report.figures import Array, drawing_style
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import embed_svg, svg_size
-from mirdrake.report.track_map import Road, scale_colours
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.vehicles import Vehicle
+from mirdrake.worlds import Track
 
 _TEMPLATE = "run_report.html.jinja"
 _MOST_EVENTS = 200  # rows of the table
@@ -114,17 +115,18 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         simulated = float(signals.index[-1])
     world = _world_name(spec, summary)
     scene, scene_notes = _scene_of(run)
-    laid_out = None if scene is None else scene.world
     loaded = {} if scene is None else scene.vehicles
-    roads = load_roads(laid_out)
+    tracks = [] if scene is None else list(scene.world.tracks.values())
     names = _vehicle_names(run)
     folder = run.folder.name if run.folder else ""
     with drawing_style():
         vehicles = [
-            _make_vehicle_page(run, VehicleSignals(signals, name), index, roads, loaded.get(name))
+            _make_vehicle_page(
+                run, VehicleSignals(signals, name), index, tracks[0] if tracks else None, loaded.get(name)
+            )
             for index, name in enumerate(names)
         ]
-        drive = draw_drive(names, signals, roads, outlines(laid_out))
+        drive = draw_drive(names, signals, None if scene is None else scene.world)
     headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
     diagram, diagram_note = _diagram(run.folder, diagram_svg)
@@ -181,21 +183,21 @@ def _dimensions(vehicle: Vehicle | None) -> dict[str, float]:
 
 
 def _make_vehicle_page(
-    run: RunLike, signals: VehicleSignals, index: int, roads: Sequence[Road], vehicle: Vehicle | None
+    run: RunLike, signals: VehicleSignals, index: int, track: Track | None, vehicle: Vehicle | None
 ) -> VehiclePage:
     name = signals.name
     entry = (run.spec or {}).get("vehicles", {}).get(name) or {}
     told = ((run.summary or {}).get("vehicles") or {}).get(name) or {}
     model = str(told.get("model") or (entry.get("model") if isinstance(entry, Mapping) else entry) or name)
     figures = _figures(signals, told)
-    width = roads[0].width if roads and signals.has("lateral_error") else None
+    width = track.width if track is not None and signals.has("lateral_error") else None
     charts = []
     if len(signals.time):
         charts = make_charts(
             signals,
             f"v{index}-",
             road_width=width,
-            road_edges=_road_edges(signals, roads),
+            road_edges=_road_edges(signals, track),
             geometry=_dimensions(vehicle),
             marks=_marks(run),
         )
@@ -210,11 +212,11 @@ def _make_vehicle_page(
     )
 
 
-def _road_edges(signals: VehicleSignals, roads: Sequence[Road]) -> tuple[Any, Any] | None:
-    """Lateral places [m] of the edges along the drive, + left, if the width of the road varies."""
-    if not roads or roads[0].edges is None or not signals.has("lateral_error", "progress"):
+def _road_edges(signals: VehicleSignals, track: Track | None) -> tuple[Array, Array] | None:
+    """Return the lateral positions [m] of the road's edges along the drive, + left, if its width varies."""
+    if track is None or track.edges is None or not signals.has("lateral_error", "progress"):
         return None
-    s, left, right = roads[0].edges
+    s, left, right = track.edges
     along = signals["progress"]
     return np.interp(along, s, left), -np.interp(along, s, right)
 

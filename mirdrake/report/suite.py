@@ -3,7 +3,6 @@
 The page needs no network and no other file; only links to recordings and run folders lead out of it.
 """
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,13 +11,18 @@ from typing import Any
 
 from markupsafe import Markup
 
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import shown
 from mirdrake.report.page import render_page
-from mirdrake.report.suite_pictures import draw_bar, draw_curve, draw_plan
+from mirdrake.report.suite_pictures import draw_bar, draw_case, draw_curve
 from mirdrake.report.words import format_duration, format_quantity
+from mirdrake.runs.logs import load_run
 from mirdrake.suites import Case, Result, Suite
-from mirdrake.suites.worker import SKETCHES
+from mirdrake.suites.trace import Trace, read_trace
+from mirdrake.suites.worker import TRACES
+from mirdrake.worlds import World
 
 _TEMPLATE = "suite.html.jinja"
 _MOST_ROWS = 1000  # of the table
@@ -58,7 +62,7 @@ class Detail:
     """A case with its pictures."""
 
     row: Row
-    plan: Markup | None
+    picture: Markup | None
     lines: list[Line]
     command: str
     folder: str
@@ -168,23 +172,26 @@ def _asked(result: Result) -> str:
 
 
 def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[str, float]) -> Detail:
-    sketch = _sketch(suite.folder, case)
+    trace = _trace(suite.folder, case)
     lines = []
     for index, finding in enumerate(result.findings):
         curve = Markup("")
-        if sketch is not None and index < len(sketch["findings"]):
+        if trace is not None and index < len(trace.curves):
             curve = draw_curve(
-                sketch["findings"][index], unit=finding["unit"], margin=finding["margin"], passed=finding["passed"]
+                trace.curves[index], unit=finding["unit"], margin=finding["margin"], passed=finding["passed"]
             )
         bar = draw_bar(finding["margin"], largest.get(finding["text"], 0.0), passed=finding["passed"])
         at = f"at {finding['worst_time']:.2f} s" if finding["margin"] is not None else ""
         lines.append(Line(finding["text"], finding["passed"], _margin(finding), at, bar, curve))
-    worst = result.findings.index(result.worst) if result.worst is not None else None
+    worst = result.findings.index(result.worst) if result.worst is not None and trace is not None else None
+    if trace is not None and worst is not None and worst >= len(trace.curves):
+        worst = None
     folder = suite.folder / result.folder if suite.folder is not None and result.folder else None
+    world = _world(case, folder)
     recording = folder is not None and (folder / "recording.html").is_file()
     return Detail(
         row=row,
-        plan=draw_plan(sketch, worst, failed=result.verdict == "fail") if sketch is not None else None,
+        picture=None if world is None else draw_case(world, trace, worst, failed=result.verdict == "fail"),
         lines=lines,
         command=case.command,
         folder=result.folder or "",
@@ -192,13 +199,22 @@ def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[st
     )
 
 
-def _sketch(folder: Path | None, case: Case) -> dict[str, Any] | None:
-    """The sketch of a case; None if it has none."""
-    path = folder / SKETCHES / f"{case.slug}.json" if folder is not None else None
-    if path is None or not path.is_file():
+def _trace(folder: Path | None, case: Case) -> Trace | None:
+    """Return the trace of a case; None if it was not driven."""
+    return read_trace(folder / TRACES / f"{case.slug}.json") if folder is not None else None
+
+
+def _world(case: Case, folder: Path | None) -> World | None:
+    """Return the world of a case: from its run folder, or laid out again if the case passed and has none."""
+    try:
+        if folder is not None:
+            return load_run(folder).scene().world
+    except MirdrakeError:
+        pass  # of a run that ended before it had a scene
+    try:
+        return make_spec(case.diagram).world.load()
+    except MirdrakeError:
         return None
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
 
 
 def _matrices(suite: Suite) -> list[Matrix]:

@@ -1,133 +1,85 @@
-"""Pictures of a suite's report as SVG: the place from above, margins over time, bars."""
+"""Pictures of a suite's report as SVG: the map of a case, margins over time, bars."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
 
+import numpy as np
 from markupsafe import Markup, escape
 
-from mirdrake.report.track_map import round_down
+from mirdrake.report.drive_layers import DrivenLine, VehicleOutline, driven_lines, vehicles
+from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.words import format_quantity
+from mirdrake.report.world_map import Layer, draw_figure, goals, props, surfaces
+from mirdrake.suites.trace import MarginCurve, Trace
+from mirdrake.worlds import World
 
-Point = Sequence[float]
-
-PLAN = 520.0
-"""Width of a plan [px]."""
-
-_LOW, _HIGH = 190.0, 460.0  # [px] least and most height of a plan
+_MAP, _HEIGHTS = 520.0, (190.0, 460.0)  # [px] width of a map, its least and largest height
 _AROUND = 8.0  # [m] shown around the drive
-_WIDEST = 40.0  # [m] that a plan shows at least
+_WIDEST = 40.0  # [m] width that a map shows at least
 _CURVE = (520.0, 104.0)  # [px] width and height of a curve
 _LEFT, _RIGHT, _TOP, _BOTTOM = 66.0, 18.0, 8.0, 20.0  # [px] around its axes
 
 
-class _View(NamedTuple):
-    """From the world [m] to the picture [px]."""
-
-    x: float
-    y: float
-    scale: float
-    width: float
-    height: float
-
-    def place(self, point: Point) -> tuple[float, float]:
-        return (point[0] - self.x) * self.scale, self.height - (point[1] - self.y) * self.scale
-
-    def path(self, points: Iterable[Point], *, closed: bool = True) -> str:
-        placed = " ".join(f"{x:.1f} {y:.1f}" for x, y in map(self.place, points))
-        return f"M{placed}Z" if closed else f"M{placed}"
-
-    def sees(self, points: Sequence[Point]) -> bool:
-        """Whether the box around some points is in the picture, at least in part."""
-        placed = [self.place(point) for point in points]
-        xs, ys = [x for x, _ in placed], [y for _, y in placed]
-        return bool(placed) and max(xs) > 0 and min(xs) < self.width and max(ys) > 0 and min(ys) < self.height
-
-
-def draw_plan(sketch: Mapping[str, Any], worst: int | None, *, failed: bool) -> Markup:
-    """The place from above: roads, patches, goals, props, the driven line, the vehicle at its worst moment.
+def draw_case(world: World, trace: Trace | None, worst: int | None, *, failed: bool) -> Markup:
+    """Return the map of a case: the world, the driven line, the vehicle at its worst moment.
 
     Args:
-        sketch: see :mod:`mirdrake.suites.sketch`.
-        worst: number of the finding whose worst moment is shown.
-        failed: whether it failed.
+        world: of the case.
+        trace: of its drive; None if it was not driven.
+        worst: index of the curve whose worst moment is shown.
+        failed: whether its requirement failed.
     """
-    view = _view(sketch)
-    parts = [f'<rect width="{view.width:.0f}" height="{view.height:.0f}" class="ground"/>']
-    for kind in ("roads", "patches", "goals"):
-        rings = [ring for ring in sketch.get(kind, ()) if view.sees(ring)]
-        if rings:
-            parts.append(f'<path class="{kind}" fill-rule="evenodd" d="{"".join(map(view.path, rings))}"/>')
-    props = [ring for ring in sketch.get("props", ()) if view.sees(ring)]
-    if props:
-        parts.append(f'<path class="props" d="{"".join(map(view.path, props))}"/>')
-    if len(sketch.get("line", ())) > 1:
-        parts.append(f'<path class="drive" d="{view.path(sketch["line"], closed=False)}"/>')
-    for kind in ("start", "end"):
-        if sketch.get(kind):
-            parts.append(f'<path class="car" d="{view.path(sketch[kind])}"/>')
-            parts.append(_word(view, sketch[kind], kind, above=kind == "end"))
-    if worst is not None and sketch["findings"][worst]["outline"]:
-        finding = sketch["findings"][worst]
-        name = "worst bad" if failed else "worst"
-        parts.append(f'<path class="car {name}" d="{view.path(finding["outline"])}"/>')
-        x, y = view.place(_middle(finding["outline"]))
-        radius = max(16.0, 3.2 * view.scale)
-        parts.append(f'<circle class="ring {name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>')
-        above = y - radius - 5.0 if y - radius > 18.0 else y + radius + 14.0
-        parts.append(f'<text x="{x:.1f}" y="{above:.1f}" text-anchor="middle">{finding["worst_time"]:.2f} s</text>')
-    parts.append(_scale_bar(view))
-    return _svg("plan", view.width, view.height, "The place from above with the driven line.", parts)
+    sheet = Sheet.around(_bounds(world, trace), _MAP, _HEIGHTS)
+    layers: list[Layer] = [surfaces, goals, props]
+    if trace is not None:
+        outlines = [
+            VehicleOutline(corners, label, above=label == "end")
+            for corners, label in ((trace.start, "start"), (trace.end, "end"))
+            if corners
+        ]
+        if worst is not None and trace.curves[worst].outline:
+            curve = trace.curves[worst]
+            label = f"{curve.worst_time:.2f} s"
+            outlines.append(VehicleOutline(curve.outline, label, above=True, ring=True, failed=failed))
+        x, y = np.reshape(np.asarray(trace.line, dtype=float), (-1, 2)).T
+        layers += [driven_lines([DrivenLine(x, y)], width=2.2), vehicles(outlines)]
+    description = "The world from above with the driven line." if trace is not None else "The world from above."
+    return draw_figure(world, sheet, PAGE, layers, kind="plot map", description=description)
 
 
-def _view(sketch: Mapping[str, Any]) -> _View:
-    """What of the world is shown: the drive and a bit around it; all that stands in it if nothing was driven."""
-    points = [*sketch.get("line", ()), *sketch.get("start", ()), *sketch.get("end", ())]
-    points += [point for finding in sketch.get("findings", ()) for point in finding["outline"]]
+def _bounds(world: World, trace: Trace | None) -> Box:
+    """Return the region of a map [m]: the drive with a margin; the whole world if nothing was driven."""
+    points: list[Sequence[float]] = []
+    if trace is not None:
+        points += [*trace.line, *trace.start, *trace.end]
+        points += [point for curve in trace.curves for point in curve.outline]
     if not points:
-        points = [point for kind in ("roads", "goals", "props") for ring in sketch.get(kind, ()) for point in ring]
-    points = points or [[0.0, 0.0]]
-    xs, ys = [point[0] for point in points], [point[1] for point in points]
-    x0, x1, y0, y1 = min(xs) - _AROUND, max(xs) + _AROUND, min(ys) - _AROUND, max(ys) + _AROUND
-    scale = min(PLAN / max(x1 - x0, _WIDEST), _HIGH / (y1 - y0))
-    height = min(max(_LOW, (y1 - y0) * scale), _HIGH)
-    return _View((x0 + x1) / 2.0 - PLAN / 2.0 / scale, (y0 + y1) / 2.0 - height / 2.0 / scale, scale, PLAN, height)
+        areas = [track.area for track in world.roads().values()] + [prop.footprint for prop in world.props]
+        areas += [goal.area for goal in world.goals.values() if goal.area is not None]
+        points = [corner for area in areas for corner in np.reshape(area.bounds, (2, 2)).tolist()] or [[0.0, 0.0]]
+    low, high = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
+    grow = max(0.0, _WIDEST - float(high[0] - low[0])) / 2.0
+    return float(low[0]) - grow, float(low[1]), float(high[0]) + grow, float(high[1])
 
 
-def _middle(points: Sequence[Point]) -> tuple[float, float]:
-    return sum(point[0] for point in points) / len(points), sum(point[1] for point in points) / len(points)
-
-
-def _word(view: _View, outline: Sequence[Point], word: str, *, above: bool) -> str:
-    placed = [view.place(point) for point in outline]
-    x, y = _middle(placed)[0], min(y for _, y in placed) - 5.0 if above else max(y for _, y in placed) + 13.0
-    return f'<text x="{x:.1f}" y="{min(y, view.height - 4.0):.1f}" text-anchor="middle">{word}</text>'
-
-
-def _scale_bar(view: _View) -> str:
-    length = round_down(view.width / 6.0 / view.scale)
-    right, y = 12.0 + length * view.scale, view.height - 10.0
-    return f'<path class="bar" d="M12 {y:.1f}H{right:.1f}"/><text x="12" y="{y - 5.0:.1f}">{length:g} m</text>'
-
-
-def draw_curve(curve: Mapping[str, Any], *, unit: str, margin: float | None, passed: bool) -> Markup:
-    """A margin over time, with a dot where it was decided; if it fails, what is below zero in red.
+def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: bool) -> Markup:
+    """Return the chart of a margin over time, with a dot at the decisive moment; a failure is red below zero.
 
     Args:
-        curve: an entry of ``findings`` in a sketch.
+        curve: margin over time.
         unit: of the margin.
-        margin: that of the requirement.
-        passed: whether it holds.
+        margin: of the requirement; None if it is not finite.
+        passed: whether the requirement holds.
     """
     width, height = _CURVE
-    known = [float(value) for value in curve["margins"] if value is not None]
+    known = [float(value) for value in curve.margins if value is not None]
     if not known:
         return Markup("")
     low, high = min(0.0, *known), max(0.0, *known)
     room = 0.08 * (high - low) or 0.1
     low, high = low - room, high + room
-    first = float(curve["times"][0])
-    last = max(float(curve["times"][-1]), first + 1e-3)
+    first = float(curve.times[0])
+    last = max(float(curve.times[-1]), first + 1e-3)
 
     def x_of(time: float) -> float:
         return _LEFT + (time - first) / (last - first) * (width - _LEFT - _RIGHT)
@@ -156,14 +108,14 @@ def draw_curve(curve: Mapping[str, Any], *, unit: str, margin: float | None, pas
         parts.append(f'<path class="curve" d="M{line}"/>')
     parts.append(f'<path class="zero" d="M{_LEFT:.0f} {zero:.1f}H{width - _RIGHT:.0f}"/>')
     if margin is not None:
-        x, y = x_of(min(max(curve["worst_time"], first), last)), y_of(min(max(margin, low), high))
+        x, y = x_of(min(max(curve.worst_time, first), last)), y_of(min(max(margin, low), high))
         parts.append(f'<circle class="dot{"" if passed else " bad"}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>')
-    text = f"Margin over time in {unit or 'pure numbers'}; it was decided at {curve['worst_time']:g} s."
+    text = f"Margin over time [{unit or '-'}]; the decisive moment is {curve.worst_time:g} s."
     return _svg("margin", width, height, text, parts)
 
 
 def draw_bar(margin: float | None, largest: float, *, passed: bool) -> Markup:
-    """A margin as a bar from the middle: to the right what holds, to the left what fails."""
+    """Return a bar from the middle: to the right for a requirement that holds, to the left for a failure."""
     share = 1.0 if margin is None else min(1.0, abs(margin) / largest) if largest > 0.0 else 0.0
     length = max(1.5, 40.0 * share)
     x = 41.0 if passed else 41.0 - length
@@ -171,10 +123,10 @@ def draw_bar(margin: float | None, largest: float, *, passed: bool) -> Markup:
     return _svg("tiny", 82.0, 12.0, "", [rect, '<path class="zero" d="M41 0V12"/>'])
 
 
-def _pieces(curve: Mapping[str, Any]) -> list[list[tuple[float, float]]]:
-    """The stretches without gaps."""
+def _pieces(curve: MarginCurve) -> list[list[tuple[float, float]]]:
+    """Return the stretches without gaps: times and margins."""
     pieces: list[list[tuple[float, float]]] = [[]]
-    for time, value in zip(curve["times"], curve["margins"], strict=True):
+    for time, value in zip(curve.times, curve.margins, strict=True):
         if value is None:
             pieces.append([])
         else:

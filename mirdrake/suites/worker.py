@@ -21,11 +21,11 @@ from mirdrake.requirements import Finding, Observation, observe, parse_requireme
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.suites.cases import VEHICLE, Case, Result, Verdict
-from mirdrake.suites.sketch import make_sketch
+from mirdrake.suites.trace import make_trace, write_trace
 from mirdrake.worlds import World
 
-CASES, SKETCHES = "cases", "sketches"
-"""Folders of a suite: run folders of what did not pass, and what the report draws."""
+CASES, TRACES = "cases", "traces"
+"""Folders of a suite: run folders of cases that did not pass, and the traces of all drives for the report."""
 
 
 def time_limit(case: Case) -> float:
@@ -129,22 +129,20 @@ def run_folder(case: Case, folder: Path | None) -> str | None:
 
 def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     requirements = [parse_requirement(text, where=place) for text, place in case.expect]
-    sketch = folder / SKETCHES / f"{case.slug}.json" if folder is not None else None
+    trace = folder / TRACES / f"{case.slug}.json" if folder is not None else None
     assembly = assemble(make_spec(case.diagram))
     world, vehicles = assembly.parts.world, {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     vehicle = vehicles[VEHICLE]
     faults = _broken(world)
     if faults:
-        if sketch is not None:
-            make_sketch(sketch, world)
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         return Result(case.name, "invalid", f"{faults[0]}{more}")
     try:
         run = Simulation(assembly).run(duration=case.duration, folder=place)
     except RunError:
-        if sketch is not None and place is not None:
-            with suppress(MirdrakeError):  # as far as it went
-                make_sketch(sketch, world, observe(load_run(place), world, VEHICLE, vehicle, others=vehicles))
+        if trace is not None and place is not None:
+            with suppress(MirdrakeError):  # the part of the drive before the error
+                write_trace(trace, make_trace(observe(load_run(place), world, VEHICLE, vehicle, others=vehicles)))
         raise
     simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
     reason = str(run.summary["stop_reason"])
@@ -159,8 +157,8 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     broken = [finding for finding in findings if not finding.passed]
     text = fault or "; ".join(_told(finding) for finding in broken)
     verdict: Verdict = "error" if fault else "fail" if broken else "pass"
-    if sketch is not None and seen is not None:
-        make_sketch(sketch, world, seen, findings)
+    if trace is not None and seen is not None:
+        write_trace(trace, make_trace(seen, findings))
     return Result(case.name, verdict, text, [_finding(finding) for finding in findings], simulated)
 
 

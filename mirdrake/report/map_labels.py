@@ -1,4 +1,4 @@
-"""Names on a world from above: inside of things, beside them, and never on each other."""
+"""Labels of a plan: inside props and areas or beside them, without overlaps."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -7,47 +7,52 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.report.plan_sheet import (
+from mirdrake.report.map_sheet import (
     INK,
     MUTED,
     Array,
     Box,
     Sheet,
     fill_of,
-    friction_of,
+    friction_label,
     ink_on,
-    length_of,
+    text_length,
     text_tag,
 )
 from mirdrake.worlds import PlacedProp, World
 
 
-class Names:
-    """Names that do not lie on each other.
+class Labels:
+    """Labels that do not overlap.
 
     Attributes:
-        written: their elements.
+        elements: of SVG.
     """
 
     def __init__(self, sheet: Sheet) -> None:
         self._sheet = sheet
-        self._texts: list[Box] = []
-        self._things: list[Box] = []
-        self._roads: list[Box] = []
-        self._tables: dict[int, Array] = {}
-        self.written: list[str] = []
+        self._texts, self._things, self._roads = _Boxes(), _Boxes(), _Boxes()
+        self.elements: list[str] = []
 
     def block(self, box: Box, *, text: bool = False) -> None:
-        """Keep names out of a box; with `text`, also those inside of props."""
-        (self._texts if text else self._things).append(box)
+        """Keep labels out of a box; with `text`, also labels inside props."""
+        (self._texts if text else self._things).add(box)
 
     def avoid(self, points: Array, reach: float) -> None:
-        """Rather keep names that stand beside something away from points of the picture."""
-        self._roads += [(x - reach, y - reach, x + reach, y + reach) for x, y in points.tolist()]
+        """Prefer positions of labels that are away from points of the picture."""
+        for x, y in points.tolist():
+            self._roads.add((x - reach, y - reach, x + reach, y + reach))
 
     def write_inside(self, area: BaseGeometry, text: str, fill: str, *, only_try: bool = False) -> bool:
-        """Write a name inside an area of W, level or upright, if it fits; with `only_try`, only say whether it does."""
-        long, high = length_of(text, 12.0) + 5.0, 14.0
+        """Write a label inside an area of W, horizontally or vertically; return whether it fits.
+
+        Args:
+            area: in W.
+            text: of the label.
+            fill: colour of the area.
+            only_try: write nothing.
+        """
+        long, high = text_length(text, 12.0) + 5.0, 14.0
         x0, y0, x1, y1 = self._sheet.bounds(area)
         if max(x1 - x0, y1 - y0) < min(long, high):
             return False
@@ -60,20 +65,20 @@ class Names:
                 if not (shape.contains(shapely.box(*box)) and self._free(box, self._texts)):
                     continue
                 if not only_try:
-                    self._texts.append(box)
-                    self.written.append(
+                    self._texts.add(box)
+                    self.elements.append(
                         text_tag(x, y, text, color=ink_on(fill), anchor="middle", turn=turn, middle=True)
                     )
                 return True
         return False
 
     def write_beside(self, boxes: Iterable[Box], text: str, *, color: str = INK, weight: int = 400) -> bool:
-        """Write a name beside the first of some boxes of the picture where it is free, rather not on a road."""
+        """Write a label beside the first box of the picture with free room, if possible off the roads."""
         boxes = list(boxes)
         return any(self._write_beside(boxes, text, color, weight, avoid=avoid) for avoid in (True, False))
 
     def _write_beside(self, boxes: Sequence[Box], text: str, color: str, weight: int, *, avoid: bool) -> bool:
-        long, high = length_of(text, 12.0, bold=weight > 500), 15.0
+        long, high = text_length(text, 12.0, bold=weight > 500), 15.0
         for x0, y0, x1, y1 in boxes:
             x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
             for gap in (4.0, 14.0):
@@ -90,63 +95,78 @@ class Names:
         return False
 
     def write_at(self, point: Array, text: str) -> bool:
-        """Write a name with its middle at a point of the picture, if it is free."""
-        long, high = length_of(text, 12.0), 15.0
+        """Write a label centred at a point of the picture, if there is room."""
+        long, high = text_length(text, 12.0), 15.0
         return self._write(float(point[0]) - long / 2.0, float(point[1]) - high / 2.0, (long, high), text, INK, 400)
 
     def _write(self, left: float, top: float, size: tuple[float, float], text: str, color: str, weight: int) -> bool:
         box = (left - 1.0, top, left + size[0] + 1.0, top + size[1])
         if not (self._free(box, self._texts) and self._free(box, self._things)):
             return False
-        self._texts.append(box)
+        self._texts.add(box)
         middle = top + size[1] / 2.0
-        self.written.append(text_tag(left, middle, text, color=color, weight=weight, middle=True, halo=True))
+        self.elements.append(text_tag(left, middle, text, color=color, weight=weight, middle=True, halo=True))
         return True
 
-    def _free(self, box: Box, taken: list[Box]) -> bool:
+    def _free(self, box: Box, taken: "_Boxes") -> bool:
         sheet = self._sheet
         x0, y0, x1, y1 = box
         if x0 < sheet.left + 2 or x1 > sheet.left + sheet.width - 2 or y0 < sheet.top + 2 or y1 > sheet.bottom - 2:
             return False
-        if not taken:
-            return True
-        other = self._tables.get(id(taken))
-        if other is None or len(other) != len(taken):
-            other = self._tables[id(taken)] = np.array(taken)
-        return not bool(((other[:, 0] < x1) & (other[:, 2] > x0) & (other[:, 1] < y1) & (other[:, 3] > y0)).any())
+        return not taken.overlap(box)
 
 
-# --- what has a name ---------------------------------------------------------------------------------------------
+class _Boxes:
+    """Boxes of the picture, in a table for fast comparisons."""
+
+    def __init__(self) -> None:
+        self._table, self._count = np.empty((64, 4)), 0
+
+    def add(self, box: Box) -> None:
+        if self._count == len(self._table):
+            self._table = np.concatenate((self._table, np.empty_like(self._table)))
+        self._table[self._count] = box
+        self._count += 1
+
+    def overlap(self, box: Box) -> bool:
+        """Whether one of the boxes overlaps another box."""
+        x0, y0, x1, y1 = box
+        table = self._table[: self._count]
+        return bool(((table[:, 0] < x1) & (table[:, 2] > x0) & (table[:, 1] < y1) & (table[:, 3] > y0)).any())
 
 
-def name_tracks(sheet: Sheet, world: World, names: Names) -> None:
-    """The name of each road beside it, once; roads keep other names away."""
+# --- labels of a world -------------------------------------------------------------------------------------------
+
+
+def label_tracks(sheet: Sheet, world: World, labels: Labels) -> None:
+    """Write the name of each track beside it, once."""
     for name, track in world.roads().items():
         s = np.linspace(0.0, track.length, 24, endpoint=False) + track.length / 48.0
         x, y = track.point(s)
         reach = track.width / 2.0 * sheet.scale + 2.0
         spots = [(px - reach, py - reach, px + reach, py + reach) for px, py in sheet.place(np.column_stack((x, y)))]
         if len(world.tracks) > 1 or reach < 20.0:
-            names.write_beside(spots[len(spots) // 8 :] + spots, f"{name} ({track.length:.4g} m)", color=MUTED)
+            labels.write_beside(spots[len(spots) // 8 :] + spots, f"{name} ({track.length:.4g} m)", color=MUTED)
 
 
-def name_patches(sheet: Sheet, world: World, names: Names) -> None:
-    """Names of patches where they hardly reach beyond them; the key has the others."""
+def label_patches(sheet: Sheet, world: World, labels: Labels) -> None:
+    """Write the names of patches where they hardly reach beyond the patch; the key lists the others."""
     for patch in world.patches:
         x0, y0, x1, y1 = sheet.bounds(patch.area)
         small = max(x1 - x0, y1 - y0) < 80.0
-        texts = (friction_of(patch.name, patch.surface, patch.mu), f"μ {patch.mu:.3g}")
+        texts = (friction_label(patch.name, patch.surface, patch.mu), f"μ {patch.mu:.3g}")
         spots = [(text, point, room) for text in texts for point, room in _spots(sheet, patch.area)]
         if not any(
-            (small or 0.7 * length_of(text, 12.0) < room) and names.write_at(point, text) for text, point, room in spots
+            (small or 0.7 * text_length(text, 12.0) < room) and labels.write_at(point, text)
+            for text, point, room in spots
         ):
-            names.write_beside([(x0, y0, x1, y1)] if small else [], texts[0])
+            labels.write_beside([(x0, y0, x1, y1)] if small else [], texts[0])
 
 
 def _spots(sheet: Sheet, area: BaseGeometry) -> list[tuple[Array, float]]:
-    """Places in the picture within an area, and how far it reaches there from left to right [px]."""
+    """Return points of the picture within an area, and the horizontal extent of the area there [px]."""
     x0, y0, x1, y1 = area.bounds
-    found = []
+    spots = []
     for part in (0.5, 0.3, 0.7, 0.1, 0.9):
         x, y = x0 + part * (x1 - x0), y0 + part * (y1 - y0)
         for line in (shapely.LineString([(x0, y), (x1, y)]), shapely.LineString([(x, y0), (x, y1)])):
@@ -156,46 +176,46 @@ def _spots(sheet: Sheet, area: BaseGeometry) -> list[tuple[Array, float]]:
             middle = max(chords, key=lambda chord: float(chord.length)).centroid
             level = area.intersection(shapely.LineString([(x0, middle.y), (x1, middle.y)]))
             room = min(shapely.get_parts(level), key=lambda chord: float(chord.distance(middle))).length
-            found.append((sheet.place(middle.coords)[0], room * sheet.scale))
-    return found
+            spots.append((sheet.place(middle.coords)[0], room * sheet.scale))
+    return spots
 
 
-def name_props(sheet: Sheet, world: World, names: Names) -> None:
-    """Names inside of props where they fit, otherwise the name of a series or a group once."""
+def label_props(sheet: Sheet, world: World, labels: Labels) -> None:
+    """Write names inside props where they fit, otherwise the name of a series or group once."""
     groups: dict[str, list[PlacedProp]] = {}
     series: dict[str, list[PlacedProp]] = {}
     for placed in world.props:
         if "." in placed.name:
             groups.setdefault(placed.name.partition(".")[0], []).append(placed)
         series.setdefault(re.sub(r"\[\d+\]$", "", placed.name), []).append(placed)
-    lonely = {name: members for name, members in series.items() if len(members) == 1}
-    for name, members in sorted(series.items(), key=lambda item: item[0] not in lonely):
+    single = {name: members for name, members in series.items() if len(members) == 1}
+    for name, members in sorted(series.items(), key=lambda item: item[0] not in single):
         nested = "." in name
         full = [placed.name for placed in members]
         short = [text.rpartition(".")[2] for text in full]
-        if not _write_all(names, members, short if nested else full):
-            if name not in lonely:
-                _write_all(names, members, [placed.name[len(name) :].strip("[]") for placed in members])
+        if not _write_all(labels, members, short if nested else full):
+            if name not in single:
+                _write_all(labels, members, [placed.name[len(name) :].strip("[]") for placed in members])
             if not nested:
-                text = members[0].name if name in lonely else f"{name} × {len(members)}"
-                names.write_beside(_near(sheet, members), text)
+                text = members[0].name if name in single else f"{name} × {len(members)}"
+                labels.write_beside(_near(sheet, members), text)
     for name, members in groups.items():
-        names.write_beside(_near(sheet, members), name, weight=700)
+        labels.write_beside(_near(sheet, members), name, weight=700)
 
 
-def _write_all(names: Names, members: Sequence[PlacedProp], texts: Sequence[str]) -> bool:
-    """Write a name into each of some props where it fits, if it fits into most of them."""
+def _write_all(labels: Labels, members: Sequence[PlacedProp], texts: Sequence[str]) -> bool:
+    """Write a name into each prop where it fits, if it fits into most of them."""
     pairs = list(zip(members, texts, strict=True))
-    fits = sum(names.write_inside(placed.footprint, text, fill_of(placed), only_try=True) for placed, text in pairs)
+    fits = sum(labels.write_inside(placed.footprint, text, fill_of(placed), only_try=True) for placed, text in pairs)
     if fits < 0.6 * len(pairs):
         return False
     for placed, text in pairs:
-        names.write_inside(placed.footprint, text, fill_of(placed))
+        labels.write_inside(placed.footprint, text, fill_of(placed))
     return True
 
 
 def _near(sheet: Sheet, members: Sequence[PlacedProp]) -> list[Box]:
-    """Boxes beside which the name of some props may stand: those of the first few, and that around all."""
+    """Return boxes for a common label of props: those of the first few, and the box around all."""
     boxes = [sheet.bounds(placed.footprint) for placed in members]
     table = np.array(boxes)
     (x0, y0), (x1, y1) = table[:, :2].min(axis=0).tolist(), table[:, 2:].max(axis=0).tolist()

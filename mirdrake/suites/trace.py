@@ -1,0 +1,123 @@
+"""The trace of a case: what its report draws of the drive, thinned; a small JSON file.
+
+The run folder of a case that passed is removed, its trace is kept. The world is not part of it.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from mirdrake.core.files import write_file
+from mirdrake.core.json_io import parse_json
+from mirdrake.requirements import Finding, Observation
+from mirdrake.requirements.observation import Array
+
+_POINTS = 240  # of a curve
+_TOLERANCE = 0.03  # [m] of the simplified path
+
+Points = list[list[float]]
+"""Points [x, y] in W [m]."""
+
+
+@dataclass(frozen=True)
+class MarginCurve:
+    """Margin of one requirement over time.
+
+    Attributes:
+        times: stamps [s].
+        margins: in the unit of the requirement; None where a margin is not finite.
+        worst_time: time of the smallest margin [s].
+        outline: outline of the vehicle at that time.
+    """
+
+    times: list[float]
+    margins: list[float | None]
+    worst_time: float
+    outline: Points
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The drive of one case.
+
+    Attributes:
+        line: path of the vehicle's origin.
+        start: outline of the vehicle at the start; `end` likewise.
+        curves: one per requirement, in their order; none if the case could not be judged.
+    """
+
+    line: Points
+    start: Points
+    end: Points
+    curves: list[MarginCurve]
+
+
+def make_trace(seen: Observation, findings: Sequence[Finding] = ()) -> Trace:
+    """Return the trace of a run.
+
+    Args:
+        seen: the run.
+        findings: of its requirements.
+    """
+    x, y = seen.signals["x"], seen.signals["y"]
+    finite = np.isfinite(x) & np.isfinite(y)
+    line = np.empty((0, 2))
+    if finite.sum() > 1:
+        line = shapely.get_coordinates(shapely.simplify(shapely.linestrings(x[finite], y[finite]), _TOLERANCE))
+    return Trace(
+        line=np.round(line, 2).tolist(),
+        start=_outline(seen, 0),
+        end=_outline(seen, int(np.flatnonzero(finite)[-1])) if finite.any() else [],
+        curves=[_curve(seen, finding) for finding in findings],
+    )
+
+
+def write_trace(path: Path, trace: Trace) -> None:
+    """Write a trace; its folder is made.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_file(path, json.dumps(asdict(trace), separators=(",", ":"), allow_nan=False))
+
+
+def read_trace(path: Path) -> Trace | None:
+    """Return the trace of a file; None if there is none, or it is damaged."""
+    try:
+        data = parse_json(path.read_text(encoding="utf-8"))
+        return Trace(**(data | {"curves": [MarginCurve(**curve) for curve in data["curves"]]}))
+    except (OSError, ValueError, TypeError, LookupError):
+        return None
+
+
+def _outline(seen: Observation, row: int) -> Points:
+    corners = seen.corners[row]
+    return np.round(corners, 2).tolist() if np.isfinite(corners).all() else []
+
+
+def _curve(seen: Observation, finding: Finding) -> MarginCurve:
+    times, margins = _thin(finding.times, finding.margins)
+    row = int(np.abs(seen.times - finding.worst_time).argmin())
+    return MarginCurve(
+        times=np.round(times, 3).tolist(),
+        margins=[float(f"{value:.4g}") if np.isfinite(value) else None for value in margins],
+        worst_time=round(finding.worst_time, 3),
+        outline=_outline(seen, row),
+    )
+
+
+def _thin(times: Array, values: Array) -> tuple[Array, Array]:
+    """Return a curve with the same outline in few points: the lowest and the highest of each stretch."""
+    size = -(-len(times) // (_POINTS // 2))
+    if size <= 2:
+        return times, values
+    known = np.where(np.isfinite(values), values, 0.0)
+    parts = [np.arange(begin, min(begin + size, len(times))) for begin in range(0, len(times), size)]
+    kept = [row for part in parts for row in (part[known[part].argmin()], part[known[part].argmax()])]
+    rows = np.unique([0, *kept, len(times) - 1])
+    return times[rows], values[rows]
