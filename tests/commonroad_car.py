@@ -13,12 +13,12 @@ from pydrake.systems.primitives import Adder, LogVectorOutput
 
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
+from mirdrake.plant.wheels.tyre_forces import make_wheel_tyres
 from mirdrake.single_track import SingleTrack, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
-from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.tir import write_tir
-from mirdrake.tyres.wheel_tyres import make_wheel_tyres
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import load_world
 from tests.commonroad_rig import GRAVITY, SAMPLE, SPEED, Array, Manoeuvre, Reference, Trace

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.core.paths import data_root
-from mirdrake.tyres.wheel_motion import base_motion, wheel_motion, wheel_places
+from mirdrake.plant.wheels.motion import base_motion, wheel_motion, wheel_places
 
 HANDLING = ("bolt", "mkz", "catvehicle", "unior")
 """Those that have a variant `handling`."""

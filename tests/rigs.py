@@ -10,9 +10,9 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
+from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
-from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.spec import Pid
 from mirdrake.worlds import load_world

@@ -16,8 +16,8 @@ from pydrake.systems.primitives import Adder, ConstantValueSource, ConstantVecto
 from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
 from mirdrake.runs.telemetry import vehicle_states
-from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.spec import ControlSpec, VariantSpec, VehicleSpec

@@ -14,9 +14,9 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble, load_diagram, make_spec
 from mirdrake.core.errors import ConfigError
+from mirdrake.plant.aerodynamics import AirForces, feels_air, pressure_centre
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.runs.simulation import Simulation
-from mirdrake.tyres.aerodynamics import AirForces, feels_air, pressure_centre
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.rigs import free_rolling

@@ -7,8 +7,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.plant import make_plant
+from mirdrake.plant.wheels.tyre_forces import make_spinning_wheels
 from mirdrake.single_track import estimate_parameters
-from mirdrake.tyres.wheel_tyres import make_spinning_wheels
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.worlds import load_world
 

@@ -10,8 +10,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
 from mirdrake.runs.simulation import Simulation
-from mirdrake.tyres import RollingResistance, make_rolling_wheels
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests.rigs import drive, free_rolling

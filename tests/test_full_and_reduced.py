@@ -18,6 +18,7 @@ from mirdrake.manoeuvres import Rig, find_facts
 from mirdrake.manoeuvres.drivers import OpenLoopDriver
 from mirdrake.manoeuvres.record import Record
 from mirdrake.single_track import estimate_parameters, make_single_track_vehicle
+from mirdrake.tyres import SlipTyres
 from mirdrake.vehicles import load_vehicle
 
 G = 9.80665
@@ -146,11 +147,10 @@ def test_sines_at_other_speeds(kmh, frequency, lateral):
 
 def test_what_a_steady_turn_adds_to_the_slip_is_in_the_stiffness():
     """Without rolling, moments and yielding, axles of the same tyres are stiffer; those are a sixth of the slip."""
-    from mirdrake.tyres.wheel_laws import make_tyre_laws
-
     vehicle = load_vehicle(NAME)
-    p, laws = estimate_parameters(vehicle), make_tyre_laws(vehicle)
-    assert laws is not None
+    p, tyres = estimate_parameters(vehicle), vehicle.spec.tyres
+    assert isinstance(tyres, SlipTyres)
+    laws = tyres.axle_laws(vehicle.folder)
     loads = [0.5 * p.mass * G * length / p.wheelbase for length in (p.rear_length, p.front_length)]
     front, rear = (2.0 * law(load, 0.0, 1.0).contact.stiffness_y for law, load in zip(laws, loads, strict=True))
     assert 0.75 * front < p.front_stiffness < 0.95 * front

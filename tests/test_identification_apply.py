@@ -12,6 +12,7 @@ from mirdrake.cli import identify_apply
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification.apply import YAML_ENTRIES, plan_apply, read_fit
 from mirdrake.identification.fit import Fit, FittedParameter
+from mirdrake.tyres.brush import BrushTyres
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.spec import VehicleSpec
 
@@ -66,7 +67,8 @@ def test_a_stiffness_of_an_axle_is_that_of_two_tyres_and_goes_where_the_variant_
     assert (folder / "vehicle.yaml").read_bytes() == base
     change.files[1].write()
     spec = load_vehicle(f"{folder}@handling").spec
-    assert spec.tyres.front.cornering_stiffness == 60000.0  # type: ignore[union-attr]
+    assert isinstance(spec.tyres, BrushTyres)
+    assert spec.tyres.front.cornering_stiffness == 60000.0
     assert spec.steering.ratio == 15.5
     assert spec.sources_without_number() == []
     assert spec.numbers_without_source() == []
@@ -119,8 +121,9 @@ def test_a_value_that_contradicts_the_given_one_is_written_with_a_note(bolt: Pat
 def test_every_place_of_the_table_is_a_field_of_vehicle_yaml() -> None:
     schema = VehicleSpec.model_json_schema()
     text = str(schema)
-    for place in YAML_ENTRIES.values():
-        assert f"'{place.path.rpartition('.')[2]}'" in text, place.path
+    paths = [entry.path for entry in YAML_ENTRIES.values()] + [entry.path for entry in BrushTyres.fitted.values()]
+    for path in paths:
+        assert f"'{path.rpartition('.')[2]}'" in text, path
 
 
 def test_the_command_shows_writes_and_has_nothing_to_do_the_second_time(

@@ -11,9 +11,9 @@ PACKAGE = ROOT / "mirdrake"
 
 STAGES = {
     "core": 0,
-    "readers": 1, "vehicles": 1, "worlds": 1,
+    "readers": 1, "tyres": 1, "vehicles": 1, "worlds": 1,
     "plant": 2,
-    "controllers": 3, "tyres": 3,
+    "controllers": 3,
     "sensors": 4, "single_track": 4,
     "assembly": 5,
     "runs": 6, "schemas": 6,

@@ -11,6 +11,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.single_track import estimate_parameters
 from mirdrake.tyres.magic_formula import magic_formula, relaxation_lengths, slip_curve
+from mirdrake.tyres.magic_formula_tyres import MagicFormulaTyres
 from mirdrake.tyres.tir import parse_tir, read_tir, write_tir
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.parse import parse_urdf
@@ -118,7 +119,7 @@ def test_tyres_have_spring_and_damper_of_the_axles_where_slip_is_felt_there(tmp_
         vehicle = load_vehicle(str(write_car(tmp_path / kind, p, kind=kind)))
         springs = {read_tir(vehicle.folder / f"{axle}.tir").parameters.lateral_stiffness for axle in ("front", "rear")}
         tyres = vehicle.spec.tyres
-        assert tyres.kind == "magic_formula"
+        assert isinstance(tyres, MagicFormulaTyres)
         found[kind] = (*springs, tyres.lateral_damping)
         assert tyres.rolling_ratio == 1.0  # R_w, whatever the load
     assert found["published"] == (STIFF, 0.0)

@@ -9,7 +9,6 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula import magic_formula
-from mirdrake.tyres.magic_formula_curve import curve_at_load, magic_formula_on
 from mirdrake.tyres.tir import parse_tir
 
 HEAD = """[MDI_HEADER]
@@ -148,8 +147,6 @@ def test_a_file_with_a_positive_pdy1_is_the_tyre_of_its_own_equations(seed: int)
         expected = pytest.approx(by_the_book(text, kappa, slip, load, gamma), rel=1e-9, abs=1e-6)
         ours = magic_formula(tyre, kappa, slip, load, vx=20.0, gamma=gamma)
         assert (ours.fx, ours.fy, ours.mz) == expected
-        curve = curve_at_load(tyre, load, gamma=gamma)
-        assert magic_formula_on(curve, kappa, slip, 20.0) == expected
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -7,7 +7,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.plant.plant import make_plant
-from mirdrake.tyres.wheel_motion import add_road_force, base_motion, wheel_motion, wheel_places
+from mirdrake.plant.wheels.motion import add_road_force, base_motion, wheel_motion, wheel_places
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 

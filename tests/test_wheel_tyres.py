@@ -1,6 +1,5 @@
 """Tyre models in the plant: forces at known slips, cornering, standstill, brakes, energy, steps, worlds, bad input."""
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,21 +11,17 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
+from mirdrake.plant.wheels.motion import wheel_places
+from mirdrake.plant.wheels.step import tyre_step
 from mirdrake.runs.simulation import Simulation
+from mirdrake.tyres import TYRES, SlipTyres
 from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces, brush_on
 from mirdrake.tyres.magic_formula import magic_formula
-from mirdrake.tyres.magic_formula_curve import curve_at_load, magic_formula_on
 from mirdrake.tyres.tir import read_tir
-from mirdrake.tyres.wheel_laws import BRUSH as BRUSH_LAW
-from mirdrake.tyres.wheel_laws import MAGIC_FORMULA as MAGIC_FORMULA_LAW
-from mirdrake.tyres.wheel_motion import wheel_places
-from mirdrake.tyres.wheel_step import tyre_step
 from mirdrake.vehicles import load_vehicle
-from tests.test_tyre_laws import FULL
 from tests.tyre_rigs import Watch, make_bolts, make_slope, motions, on_tyres, steady_forces
 
 KINDS = ("brush", "magic_formula")
-BY_KIND = {"brush": BRUSH_LAW, "magic_formula": MAGIC_FORMULA_LAW}
 CONTACTS = ("point", "hydroelastic")
 TIR = read_tir(Path(__file__).parent.parent / "models" / "tyres" / "215_50R17.tir").parameters
 BRUSH = BrushTyre(
@@ -38,6 +33,12 @@ BRUSH = BrushTyre(
     peak_load=8000,
     half_length=0.06,
 )
+
+
+def tyre_kind(kind):
+    tyres = TYRES[kind]
+    assert issubclass(tyres, SlipTyres)
+    return tyres
 
 
 @pytest.fixture(scope="module")
@@ -138,19 +139,7 @@ def state_radius(assembly, state):
     return motions(assembly.parts.plant.num_positions(), state.tolist(), places)[0].radius
 
 
-@pytest.mark.parametrize("version", ["5.2", "6.1"])
-def test_the_fast_magic_formula_is_the_full_one(version):
-    parameters, random = replace(FULL, version=version), np.random.default_rng(3)
-    for _ in range(300):
-        load, gamma, friction = random.uniform(0.0, 12000.0), random.uniform(-0.1, 0.1), random.uniform(0.1, 1.3)
-        kappa, slip, vx = random.uniform(-2.0, 2.0), random.uniform(-1.0, 1.0), random.uniform(-3.0, 20.0)
-        gamma *= random.integers(2)
-        full = magic_formula(parameters, kappa, slip, load, vx=vx, gamma=gamma, friction=friction)
-        fast = magic_formula_on(curve_at_load(parameters, load, gamma=gamma, friction=friction), kappa, slip, vx)
-        assert fast == pytest.approx((full.fx, full.fy, full.mz), rel=1e-12, abs=1e-9)
-
-
-def test_the_fast_brush_is_the_full_one():
+def test_the_aligning_moment_of_a_brush_tyre_changes_sign_with_the_direction_of_rolling():
     random = np.random.default_rng(3)
     for _ in range(300):
         load, friction = random.uniform(0.0, 12000.0), random.uniform(0.1, 1.3)
@@ -164,7 +153,7 @@ def test_the_fast_brush_is_the_full_one():
 @pytest.mark.parametrize("kind", KINDS)
 def test_machine_code_does_what_its_python_text_says(bolt, kind):
     assembly, random = on_tyres(bolt(kind), contact="point"), np.random.default_rng(5)
-    tyres, law = assembly.tyres["ego"], BY_KIND[kind].forces
+    tyres, law = assembly.tyres["ego"], tyre_kind(kind).law.forces
     context = tyres.CreateDefaultContext()
     quick, ways = tyres._step, []
     for step in (quick, lambda *given: tyre_step(law, *map(with_dots, given))):
@@ -491,7 +480,7 @@ def test_two_cars_each_have_their_tyres(bolt):
         ),
         (
             "{kind: magic_formula, rolling_resistance: 0, file: tyre.yaml}",
-            "tyres.file: 'tyre.yaml' is no tyre property",
+            "tyres.file: 'tyre.yaml' is not a tyre property",
         ),
         (
             "{kind: magic_formula, rolling_resistance: 0, file: 215_50R17.tir, scale: {lmu: 1}}",

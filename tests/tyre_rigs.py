@@ -10,8 +10,8 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.core.paths import data_root
-from mirdrake.tyres import WheelTyres
-from mirdrake.tyres.wheel_motion import WheelMotion, base_motion, wheel_motion, wheel_places
+from mirdrake.plant.wheels import WheelTyres
+from mirdrake.plant.wheels.motion import WheelMotion, base_motion, wheel_motion, wheel_places
 
 BRUSH = """{kind: brush, rolling_resistance: 0, front: {nominal_load: 4000, longitudinal_stiffness: 88000,
     cornering_stiffness: 54400, friction: 1.0, friction_by_load: -0.1, peak_load: 8000, half_length: 0.06,

@@ -18,8 +18,8 @@ PACKAGE = ROOT / "mirdrake"
 
 MODULES = (
     "vehicles", "vehicles.inspection", "importing.vehicles", "importing.worlds", "worlds", "plant.plant", "tyres",
-    "plant.suspension", "tyres.aerodynamics", "plant.powertrain", "controllers", "sensors", "core.signals",
-    "assembly.diagram", "assembly.blocks", "sensors.perception", "single_track", "runs.simulation",
+    "plant.wheels", "plant.suspension", "plant.aerodynamics", "plant.powertrain", "controllers", "sensors",
+    "core.signals", "assembly.diagram", "assembly.blocks", "sensors.perception", "single_track", "runs.simulation",
     "runs.logs", "requirements", "gym.testing", "gym", "manoeuvres", "studies", "tuning", "tuning.tune",
     "identification", "identification.identify", "suites", "world_checks", "viewer", "viewer.inline", "report",
     "export", "workflow", "world_files", "schemas",

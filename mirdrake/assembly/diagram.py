@@ -38,9 +38,9 @@ from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.plant import PlantParts, make_plant, set_start
+from mirdrake.plant.wheels import WheelTyres
 from mirdrake.sensors import Camera, Lidar
 from mirdrake.sensors.perception import add_cloud_overlays
-from mirdrake.tyres import WheelTyres
 from mirdrake.worlds import Start
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]

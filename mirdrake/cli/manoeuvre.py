@@ -130,7 +130,7 @@ def _has_better(vehicle: "Vehicle") -> bool:
     """Whether a vehicle that was named without a variant corners on rails, and has a variant that does not."""
     from mirdrake.vehicles.vehicle import VARIANT_MARK, variants
 
-    plain = VARIANT_MARK not in vehicle.name and vehicle.spec.tyres.kind == "coulomb"
+    plain = VARIANT_MARK not in vehicle.name and not vehicle.spec.tyres.has_law
     return plain and "handling" in variants(vehicle.folder)
 
 

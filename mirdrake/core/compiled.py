@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirdrake.core.digest import digest
+from mirdrake.core.maths import COMPILED_FORMS
 
 Records = npt.NDArray[np.void]
 """An array of records; machine code reads and writes their fields with dots."""
@@ -81,11 +82,10 @@ def _compiled(
     function: Callable[..., Any], law: Callable[..., Any] | None, parts: tuple[Callable[..., Any], ...]
 ) -> Callable[..., Any]:
     from numba import njit
-    from numba.extending import register_jitable
 
-    everything = [one for one in (function, law, *parts) if one is not None]
+    everything = [one for one in (function, law, *parts, *COMPILED_FORMS) if one is not None]
     for part in everything:
-        _register(part, register_jitable)
+        _register(part)
     version = _version(everything)  # a part of the key under which Numba keeps code: it looks at one source file only
 
     def call(*arguments: Any) -> Any:
@@ -105,8 +105,14 @@ def _compiled(
 
 
 @cache
-def _register(function: Callable[..., Any], register: Callable[..., Any]) -> None:
-    register(function)
+def _register(function: Callable[..., Any]) -> None:
+    """Make a function known to Numba, so that compiled functions can call it."""
+    from numba.extending import overload, register_jitable
+
+    if function in COMPILED_FORMS:
+        overload(function)(COMPILED_FORMS[function])
+    else:
+        register_jitable(function)
 
 
 def _version(functions: Iterable[Callable[..., Any]]) -> int:

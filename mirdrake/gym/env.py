@@ -21,7 +21,7 @@ from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Sta
 from mirdrake.gym.readings import Readings, check_bounds, steering_limit, top_speed
 from mirdrake.plant.plant import set_start
 from mirdrake.plant.powertrain import PEDALS
-from mirdrake.tyres import RoadFriction
+from mirdrake.plant.wheels import RoadFriction
 
 Array = NDArray[np.float32]
 

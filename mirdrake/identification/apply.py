@@ -11,6 +11,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
 from mirdrake.core.yaml_io import any_to_si, parse_tree, parse_yaml, read_text, shown, validate
 from mirdrake.identification.fit import Fit, FittedParameter
+from mirdrake.tyres import TYRES
 from mirdrake.vehicles.file_change import FileChange, change_file
 from mirdrake.vehicles.spec import ControlSpec, VariantSpec, VehicleSpec
 from mirdrake.vehicles.vehicle import find_vehicle, load_part, load_variant, variants
@@ -27,22 +28,18 @@ class YamlEntry:
         path: dotted path.
         unit: unit that the fit must have.
         factor: value in the file over fitted value.
-        tyres: kind of tyres that has the entry; empty for any.
+        tyres: kinds of tyres that have the entry; empty for any.
         periods: whether the value must be a whole number of controller periods.
     """
 
     path: str
     unit: str
     factor: float = 1.0
-    tyres: str = ""
+    tyres: tuple[str, ...] = ()
     periods: bool = False
 
 
 YAML_ENTRIES = {
-    "cornering_stiffness_front": YamlEntry("tyres.front.cornering_stiffness", "N/rad", 0.5, "brush"),
-    "cornering_stiffness_rear": YamlEntry("tyres.rear.cornering_stiffness", "N/rad", 0.5, "brush"),
-    "friction_front": YamlEntry("tyres.front.friction", "1", 1.0, "brush"),
-    "friction_rear": YamlEntry("tyres.rear.friction", "1", 1.0, "brush"),
     "rolling_resistance": YamlEntry("tyres.rolling_resistance", "1"),
     "drag_area": YamlEntry("aerodynamics.drag_area", "m^2"),
     "steering_ratio": YamlEntry("steering.ratio", "1"),
@@ -53,7 +50,7 @@ YAML_ENTRIES = {
     "brake_lag": YamlEntry("actuators.brake.time_constant", "s"),
     "brake_delay": YamlEntry("actuators.brake.delay", "s", periods=True),
 }
-"""Parameters with an entry in vehicle.yaml; the stiffness of an axle is that of two tyres."""
+"""Parameters with an entry in vehicle.yaml, without those of a kind of tyres (:attr:`mirdrake.tyres.Tyres.fitted`)."""
 
 URDF_PARAMETERS = {
     "mass": "follows from the bodies of the URDF; change them in the xacro files",
@@ -107,7 +104,8 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
         if reason:
             left.append(f"{parameter.name}: not written: {reason}")
             continue
-        place = YAML_ENTRIES[parameter.name]
+        place = find_entry(parameter.name, folder.tyres)
+        assert place is not None  # or there would be a reason
         # Controllers apply delays in whole periods.
         value = place.factor * parameter.value
         if place.periods:
@@ -137,6 +135,20 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     return FitChange(tuple(changes), tuple(left), tuple(notes))
 
 
+def find_entry(parameter: str, tyres: str) -> YamlEntry | None:
+    """Return the entry of a parameter in vehicle.yaml; None if it has none.
+
+    Args:
+        parameter: name of the parameter.
+        tyres: kind of tyres of the vehicle; its entries come first.
+    """
+    for kind in sorted(TYRES, key=lambda kind: kind != tyres):
+        if entry := TYRES[kind].fitted.get(parameter):
+            kinds = tuple(other for other in TYRES if parameter in TYRES[other].fitted)
+            return YamlEntry(f"tyres.{entry.path}", entry.unit, entry.factor, kinds)
+    return YAML_ENTRIES.get(parameter)
+
+
 def source_text(fit: Fit, one: FittedParameter, place: YamlEntry, today: date) -> str:
     """Return the text for ``sources`` of a fitted value."""
     parts = [f"identified {today.isoformat()}: fit {fit.name}"]
@@ -159,13 +171,13 @@ def _skip_reason(one: FittedParameter, folder: "_Folder") -> str:
         return f"the estimate is at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
     if one.name in URDF_PARAMETERS:
         return URDF_PARAMETERS[one.name]
-    place = YAML_ENTRIES.get(one.name)
+    place = find_entry(one.name, folder.tyres)
     if place is None:
         return "vehicle.yaml has no entry for it"
     if _unit(one.unit) != _unit(place.unit):
         return f"its unit is {one.unit or '1'}, that of {place.path} is {place.unit}; fit with a known mass"
-    if place.tyres and folder.tyres != place.tyres:
-        return f"the tyres are of kind {folder.tyres}; only {place.tyres} has {place.path}"
+    if place.tyres and folder.tyres not in place.tyres:
+        return f"the tyres are of kind {folder.tyres}; only {' and '.join(place.tyres)} has {place.path}"
     if not math.isfinite(one.value) or (place.periods and one.value < 0.0):
         return f"{one.value:g} is not possible there"
     if folder.find(place.path.rpartition(".")[0])[2] is None and place.tyres:

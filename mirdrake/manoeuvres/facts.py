@@ -39,6 +39,7 @@ class Facts:
         steering_limit: of the bicycle angle [rad].
         steering_rate: of the road wheels [rad/s].
         tyres: kind of the tyres.
+        has_tyre_law: whether tyre forces come from a tyre law.
         pedals: whether it is driven through pedals.
         top_speed: that its motor's power can hold on the flat [m/s].
         full_throttle: acceleration that its motor and driven wheels allow from standstill [m/s²].
@@ -58,6 +59,7 @@ class Facts:
     steering_limit: float
     steering_rate: float
     tyres: str
+    has_tyre_law: bool
     pedals: bool
     top_speed: float
     full_throttle: float
@@ -127,6 +129,7 @@ def find_facts(vehicle: Vehicle) -> Facts:
         steering_limit=limit,
         steering_rate=geometry.steering_rate,
         tyres=spec.tyres.kind,
+        has_tyre_law=spec.tyres.has_law,
         pedals=str(vehicle.control.wheel_speed.kind) == "pedals",
         top_speed=_top_speed(vehicle, parameters, radius),
         full_throttle=spec.powertrain.max_torque / radius / parameters.mass,

@@ -113,7 +113,7 @@ class Rig:
 
         Both carry the load of tyres with a law and nothing else; points take half of the time.
         """
-        return str(self.plant.get("contact", "hydroelastic" if self.facts.tyres == "coulomb" else "point"))
+        return str(self.plant.get("contact", "point" if self.facts.has_tyre_law else "hydroelastic"))
 
     def with_step(self, time_step: float) -> "Rig":
         """The same rig with another time step of the plant [s], unless one was asked for."""

@@ -48,6 +48,7 @@ from mirdrake.core.yaml_io import Period, Schema, Speed
 from mirdrake.plant.obstacles import PropsInPlant, add_props
 from mirdrake.plant.rest_pose import RestPose, find_rest_pose
 from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
+from mirdrake.tyres import SlipTyres
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
 from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.worlds import World, load_world
@@ -158,7 +159,7 @@ class VehicleInPlant:
     @property
     def tyre_model(self) -> bool:
         """Whether tyre forces come from a tyre model in place of contact friction."""
-        return self.vehicle.spec.tyres.kind != "coulomb"
+        return self.vehicle.spec.tyres.has_law
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
@@ -175,7 +176,7 @@ class VehicleInPlant:
         The height of the axle at rest, or the effective rolling radius of a tyre model.
         """
         geometry, tyres = self.vehicle.geometry, self.vehicle.spec.tyres
-        if tyres.kind != "coulomb":
+        if isinstance(tyres, SlipTyres):
             return tyres.rolling_ratio * geometry.front_wheel_radius, tyres.rolling_ratio * geometry.rear_wheel_radius
         front, rear = self.rest_compressions(plant)
         return geometry.front_wheel_radius - front, geometry.rear_wheel_radius - rear
@@ -251,8 +252,9 @@ def add_vehicle(
 ) -> VehicleInPlant:
     """Put a vehicle into a plant that is not finalised yet.
 
-    The tyre cylinders of the vehicle file become smooth contact shapes (:func:`mirdrake.tyres.make_wheel_shape`), and
-    the joints that control.yaml calls servos get their gains, which Drake then solves implicitly.
+    The tyre cylinders of the vehicle file become smooth contact shapes
+    (:func:`mirdrake.plant.wheel_shape.make_wheel_shape`), and the joints that control.yaml calls servos get their
+    gains, which Drake then solves implicitly.
 
     Args:
         plant: a plant with a scene graph.
@@ -308,7 +310,7 @@ def add_vehicle(
             gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
             actuator.set_controller_gains(gains)
 
-    tyres, turning = [], vehicle.spec.tyres.kind == "coulomb"
+    tyres, turning = [], not vehicle.spec.tyres.has_law
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
     for wheel, joint, radius, width in sizes:
         # Copies of the ids: those of GetCollisionGeometriesForBody keep the plant alive, and systems keep them.
@@ -380,7 +382,7 @@ def _hang_tyre(
 
     It has no friction, so nobody can tell whether it turns, but Drake: a discrete step sees the patch of a turning
     shape at the old angle and its pressure at the new one, and with it moments about all axes that go with speed times
-    step (:mod:`mirdrake.tyres.rolling_resistance`). The patch of a shape that does not turn stands still.
+    step (:mod:`mirdrake.plant.wheels.rolling_resistance`). The patch of a shape that does not turn stands still.
     """
     apart, source = _never_touching(scene_graph, tyre), plant.get_source_id()
     properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))

@@ -111,7 +111,7 @@ def _plant(results: HandlingResults) -> str:
 
 def _warnings(results: HandlingResults) -> list[str]:
     found = []
-    if results.facts.tyres == "coulomb" and results.model == "full":
+    if not results.facts.has_tyre_law and results.model == "full":
         found.append(
             "Its tyres are of kind coulomb: dry friction without slip angles. Understeer, response times and what "
             "happens near the limit are those of dry friction, not of a tyre."

@@ -22,12 +22,12 @@ from mirdrake.assembly.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, ass
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
 from mirdrake.core.yaml_io import shown, where
+from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.incidents import Incident, Incidents
 from mirdrake.runs.logs import Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
 from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.runs.telemetry import Array, Columns, Telemetry
-from mirdrake.tyres import RoadFriction
 from mirdrake.worlds import Start
 
 BLOCK = 1.0

@@ -26,8 +26,8 @@ from typing import NamedTuple
 from scipy.optimize import brentq
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.tyres.wheel_laws import TyreLaw, make_tyre_laws
-from mirdrake.tyres.wheel_tyres import REFERENCE_FRICTION
+from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION
+from mirdrake.tyres import SlipTyres, TyreLaw
 from mirdrake.vehicles import Vehicle
 
 LATERAL = 0.1 * GRAVITY
@@ -100,9 +100,10 @@ def find_axles(
     Raises:
         ConfigError: a .tir file is missing or wrong.
     """
-    laws = make_tyre_laws(vehicle)
-    if laws is None:
+    tyres = vehicle.spec.tyres
+    if not isinstance(tyres, SlipTyres):
         return None
+    laws = tyres.axle_laws(vehicle.folder)
     ground = 1.0 if friction is None else friction / REFERENCE_FRICTION
     length = body.front + body.rear
     shares = (body.rear / length, body.front / length)

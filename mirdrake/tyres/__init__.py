@@ -1,15 +1,6 @@
-"""Tyres: forces of a wheel on the road beside Drake's contact."""
+"""Tyre models: forces and moments of the road on a tyre by slip, load and inclination."""
 
-from mirdrake.tyres.road_friction import RoadFriction
-from mirdrake.tyres.rolling_resistance import LOAD_PERIOD, RollingResistance, RollingWheel, make_rolling_wheels
-from mirdrake.tyres.wheel_tyres import WheelTyres, make_wheel_tyres
+from mirdrake.tyres.base import SlipTyres, SteadyLaw, TyreAtLoad, TyreLaw, Tyres
+from mirdrake.tyres.registry import TYRES, TyreSpec
 
-__all__ = [
-    "LOAD_PERIOD",
-    "RoadFriction",
-    "RollingResistance",
-    "RollingWheel",
-    "WheelTyres",
-    "make_rolling_wheels",
-    "make_wheel_tyres",
-]
+__all__ = ["TYRES", "SlipTyres", "SteadyLaw", "TyreAtLoad", "TyreLaw", "TyreSpec", "Tyres"]

@@ -1,11 +1,11 @@
-"""Brush tyre: bristles that stick at the front of the contact patch and slide at its rear, under a parabolic pressure.
+"""Brush tyre: bristles stick at the front of the contact patch and slide at its rear, under a parabolic pressure.
 
 Inputs and axes are those of :mod:`mirdrake.tyres.magic_formula`: forces of the road on the tyre in the tyre axes of
-ISO 8855 (x ahead in the wheel plane, y left, z up), kappa = -Vsx / |Vx|, tan alpha = Vy / |Vx|; so a wheel that moves
-to its left has a positive slip angle and gets a negative Fy and a positive (aligning) Mz.
+ISO 8855 (x ahead in the wheel plane, y left, z up), kappa = -Vsx / |Vx|, tan alpha = Vy / |Vx|. A wheel that moves to
+its left thus has a positive slip angle, a negative Fy and a positive (aligning) Mz.
 
-The model (H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 3.2; E. Fiala 1954 for pure side slip; R.
-Rajamani, Vehicle Dynamics and Control, 2nd ed., chapter 13). With the theoretical slips s = (kappa, tan alpha) / |1 +
+Sources: H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 3.2; E. Fiala 1954 for pure lateral slip; R.
+Rajamani, Vehicle Dynamics and Control, 2nd ed., chapter 13. With the theoretical slips s = (kappa, tan alpha) / |1 +
 kappa|, the stiffnesses C, the load N, the friction μ and half the length a of the patch::
 
     G = (Cx sx, Cy sy)                           force if every bristle stuck
@@ -13,35 +13,41 @@ kappa|, the stiffnesses C, the load N, the friction μ and half the length a of 
     F = G λ² + μ N (1 - λ)² (1 + 2 λ) s / |s|    sticking along G, sliding against the slip
     M = a { Gy (λ² - 4 λ³ / 3) - 3 μ N λ² (1 - λ)² sy / |s| }
 
-with Fx = F_x, Fy = -F_y and Mz as the tyre gets it turned round: Mz = -M. For equal stiffnesses both parts are parallel
-and this is the book's |F| = μ N (1 - λ³), |Mz| = μ N a λ³ (1 - λ) (sections 3.2.1 and 3.2.3). For different ones the
-two parts have the directions of M. Gäfvert and J. Svendenius, Construction of Novel Semi-Empirical Tire Models for
-Combined Braking and Cornering, Lund 2003, section 2; |F| never exceeds μ N (1 - λ³). Left out, as in the book's first
-step: the moment of Fx about the deflected patch, camber, and a difference of static and sliding friction.
+with Fx = F_x, Fy = -F_y and Mz = -M. For equal stiffnesses both parts are parallel, and this is the book's
+|F| = μ N (1 - λ³), |Mz| = μ N a λ³ (1 - λ) (sections 3.2.1 and 3.2.3). For different ones the two parts have the
+directions of M. Gäfvert and J. Svendenius, Construction of Novel Semi-Empirical Tire Models for Combined Braking and
+Cornering, Lund 2003, section 2; |F| never exceeds μ N (1 - λ³). Not modelled, as in the book's first step: the moment
+of Fx about the deflected patch, camber, and a difference between static and sliding friction.
 
-The load enters the friction linearly, the longitudinal stiffness proportionally, the patch as a square root (a circle
-pressed onto a plane), and the cornering stiffness as in the Magic Formula, sin(2 atan(N / P)) (eq. 4.E25): it is
-largest at the load P.
+Effect of the load: it changes the friction linearly, the longitudinal stiffness proportionally, and the length of the
+patch by a square root (a circle pressed onto a plane). The cornering stiffness follows the Magic Formula,
+sin(2 atan(N / P)) (eq. 4.E25): it is largest at the load P.
 """
 
-import math
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from math import inf, pi
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
 
 from mirdrake.core.checks import check_number
-from mirdrake.tyres.maths import Maths, Value, maths_for
+from mirdrake.core.maths import Value, absolute, choose, larger, sin, smaller, sqrt
+from mirdrake.core.yaml_io import Force, Length, Schema
+from mirdrake.tyres.base import FittedEntry, SlipTyres, SteadyLaw, TyreAtLoad, TyreLaw
+from mirdrake.tyres.relaxation import Contact
 
 _TINY = 1e-12
-"""Slip below which directions fade, so that derivatives exist at zero [1]."""
+"""Added to slips under a root, so that derivatives exist at zero slip [1]."""
 
 _LOCKED = 1e-6
-"""Smallest |1 + kappa|: a locked wheel slides on its whole patch long before."""
+"""Smallest |1 + kappa| [1]: well before it, a locked wheel slides on its whole patch."""
 
-LOW = 1.0
-"""Speed below which the aligning moment of a wheel fades, as that of the Magic Formula does [m/s]."""
+FADE_SPEED = 1.0
+"""Speed below which the aligning moment fades, as that of the Magic Formula does [m/s]."""
 
 _LEAST_FRICTION = 0.1
-"""Least part of the nominal friction that the load may leave."""
+"""Smallest share of the nominal friction at high loads [1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,11 +55,11 @@ class BrushTyre:
     """Parameters of a brush tyre.
 
     Attributes:
-        nominal_load: load N0 at which the others hold [N].
+        nominal_load: load N0 at which the other parameters hold [N].
         longitudinal_stiffness: dFx/dkappa at zero slip and nominal load [N].
         cornering_stiffness: -dFy/dalpha at zero slip and nominal load [N/rad].
         friction: coefficient at nominal load on the reference road [1].
-        friction_by_load: change of the friction by (N - N0) / N0, relative [1]; -0.1 to -0.2 for cars.
+        friction_by_load: relative change of the friction by (N - N0) / N0 [1]; -0.1 to -0.2 for cars.
         peak_load: load P of the largest cornering stiffness [N].
         half_length: half the length of the contact patch at nominal load [m].
 
@@ -73,11 +79,11 @@ class BrushTyre:
         for field in fields(self):
             value = getattr(self, field.name)
             signed = field.name == "friction_by_load"
-            check_number("BrushTyre", field.name, value, above=-math.inf if signed else 0.0)
+            check_number("BrushTyre", field.name, value, above=-inf if signed else 0.0)
 
 
 class BrushForces(NamedTuple):
-    """What the road does to the tyre, in tyre axes.
+    """Forces and moment of the road on the tyre, in tyre axes.
 
     Attributes:
         fx: longitudinal force [N].
@@ -91,7 +97,7 @@ class BrushForces(NamedTuple):
 
 
 class BrushCurve(NamedTuple):
-    """The parameters at a load, of any kind of number.
+    """Parameters of a brush tyre at a load.
 
     Attributes:
         longitudinal: longitudinal stiffness [N].
@@ -107,81 +113,49 @@ class BrushCurve(NamedTuple):
 
 
 def brush_at_load(tyre: BrushTyre, load: Value, *, friction: Value = 1.0) -> BrushCurve:
-    """Stiffnesses, friction force and patch at a load.
+    """Return stiffnesses, friction force and patch length at a load.
 
     Args:
         tyre: parameters.
-        load: normal load [N]; below zero is taken as zero.
-        friction: of the road, relative to that of the tyre's data [1].
+        load: normal load [N]; a negative load counts as zero.
+        friction: friction of the road relative to that of the tyre's data [1].
     """
-    maths = maths_for(load, friction)
-    load = maths.at_least(load, 0.0)
+    load = larger(load, 0.0)
     ratio = load / tyre.nominal_load
-    change = maths.at_least(1.0 + tyre.friction_by_load * (ratio - 1.0), _LEAST_FRICTION)
+    change = larger(1.0 + tyre.friction_by_load * (ratio - 1.0), _LEAST_FRICTION)
     # sin(2 atan x) = 2 x / (1 + x²), relative to its value at the nominal load.
     nominal, now = tyre.nominal_load / tyre.peak_load, load / tyre.peak_load
     return BrushCurve(
         longitudinal=tyre.longitudinal_stiffness * ratio,
         cornering=tyre.cornering_stiffness * ratio * (1.0 + nominal * nominal) / (1.0 + now * now),
         limit=tyre.friction * change * friction * load,
-        half_length=tyre.half_length * maths.sqrt(ratio + _TINY),
+        half_length=tyre.half_length * sqrt(ratio + _TINY),
     )
 
 
 def brush_forces(tyre: BrushTyre, kappa: Value, tan_alpha: Value, load: Value, *, friction: Value = 1.0) -> BrushForces:
-    """Steady-state forces of a brush tyre; equations in the head of the module.
+    """Return the steady-state forces of a brush tyre that rolls ahead; equations in the head of the module.
 
-    Floats, arrays that broadcast, or AutoDiffXd.
+    Arguments are floats, arrays that broadcast, or AutoDiffXd.
 
     Args:
         tyre: parameters.
         kappa: longitudinal slip -Vsx / |Vx| [1]; -1: locked.
         tan_alpha: Vy / |Vx|, tangent of the slip angle [1].
-        load: normal load [N]; without any, there is no force.
-        friction: of the road, relative to that of the tyre's data [1].
+        load: normal load [N]; forces are zero without load.
+        friction: friction of the road relative to that of the tyre's data [1].
     """
-    maths = maths_for(kappa, tan_alpha, load, friction)
-    return brush_forces_on(brush_at_load(tyre, load, friction=friction), kappa, tan_alpha, maths)
+    return BrushForces(*brush_on(brush_at_load(tyre, load, friction=friction), kappa, tan_alpha, FADE_SPEED))
 
 
-def brush_forces_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, maths: Maths) -> BrushForces:
-    """The same at a load that is worked out already.
+def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tuple[Value, Value, Value]:
+    """Return the steady-state forces of a brush tyre at a load; :mod:`mirdrake.core.compiled` can compile it.
+
+    The aligning moment changes its sign with the direction of rolling, and fades between -:data:`FADE_SPEED` and
+    :data:`FADE_SPEED`.
 
     Args:
-        curve: of :func:`brush_at_load`.
-        kappa: longitudinal slip [1].
-        tan_alpha: tangent of the slip angle [1].
-        maths: functions of the kind of number of both.
-    """
-    longitudinal, cornering, limit, half_length = curve
-    rolling = 1.0 + kappa
-    forward = maths.sign(rolling)
-    scale = maths.at_least(forward * rolling, _LOCKED)
-    slip_x, slip_y = kappa / scale, tan_alpha / scale
-    slip = maths.sqrt(slip_x * slip_x + slip_y * slip_y + _TINY * _TINY)
-    stuck_x, stuck_y = longitudinal * slip_x, cornering * slip_y
-    stuck = maths.sqrt(stuck_x * stuck_x + stuck_y * stuck_y + _TINY * _TINY)
-
-    sliding_share = maths.at_most(stuck / (3.0 * limit + _TINY), 1.0)
-    share = 1.0 - sliding_share
-    square = share * share
-    slide = limit * sliding_share * sliding_share * (1.0 + 2.0 * share) / slip
-    arm = stuck_y * (square - 4.0 / 3.0 * square * share)
-    back = 3.0 * limit * square * sliding_share * sliding_share * slip_y / slip
-    return BrushForces(
-        fx=stuck_x * square + slide * slip_x,
-        fy=-(stuck_y * square + slide * slip_y),
-        mz=forward * half_length * (back - arm),
-    )
-
-
-def brush_on(curve: BrushCurve, kappa: float, tan_alpha: float, vx: float) -> tuple[float, float, float]:
-    """:func:`brush_forces_on` for floats, simple enough for machine code (:mod:`mirdrake.core.compiled`).
-
-    The aligning moment turns round with the direction of rolling, and fades below :data:`LOW` between both.
-
-    Args:
-        curve: of :func:`brush_at_load`.
+        curve: from :func:`brush_at_load`.
         kappa: longitudinal slip [1].
         tan_alpha: tangent of the slip angle [1].
         vx: longitudinal speed [m/s].
@@ -189,19 +163,88 @@ def brush_on(curve: BrushCurve, kappa: float, tan_alpha: float, vx: float) -> tu
     Returns:
         Fx [N], Fy [N], Mz [N m].
     """
-    forward = -1.0 if kappa < -1.0 else 1.0
-    scale = max(forward * (1.0 + kappa), _LOCKED)
+    # Theoretical slips, and the force if every bristle stuck.
+    forward = choose(kappa < -1.0, -1.0, 1.0)
+    scale = larger(forward * (1.0 + kappa), _LOCKED)
     slip_x, slip_y = kappa / scale, tan_alpha / scale
-    slip = math.sqrt(slip_x * slip_x + slip_y * slip_y + _TINY * _TINY)
+    slip = sqrt(slip_x * slip_x + slip_y * slip_y + _TINY * _TINY)
     stuck_x, stuck_y = curve.longitudinal * slip_x, curve.cornering * slip_y
-    stuck = math.sqrt(stuck_x * stuck_x + stuck_y * stuck_y + _TINY * _TINY)
+    stuck = sqrt(stuck_x * stuck_x + stuck_y * stuck_y + _TINY * _TINY)
 
-    sliding_share = min(stuck / (3.0 * curve.limit + _TINY), 1.0)
+    # Sticking and sliding part of the patch.
+    sliding_share = smaller(stuck / (3.0 * curve.limit + _TINY), 1.0)
     share = 1.0 - sliding_share
     square = share * share
     slide = curve.limit * sliding_share * sliding_share * (1.0 + 2.0 * share) / slip
     arm = stuck_y * (square - 4.0 / 3.0 * square * share)
     back = 3.0 * curve.limit * square * sliding_share * sliding_share * slip_y / slip
     fx, fy = stuck_x * square + slide * slip_x, -(stuck_y * square + slide * slip_y)
-    rolling = math.sin(0.5 * math.pi / LOW * min(max(vx, -LOW), LOW))
+    rolling = sin(0.5 * pi / FADE_SPEED * smaller(larger(vx, -FADE_SPEED), FADE_SPEED))
     return fx, fy, forward * curve.half_length * (back - arm) * rolling
+
+
+def brush_lateral_force(tan_alpha: Value, stiffness: Value, limit: Value) -> Value:
+    """Return the lateral force of a brush tyre in pure lateral slip [N].
+
+    It is the formula above without a division by the slip and without a branch, so that it also takes symbolic
+    Expressions. Its first derivative is continuous, also at zero slip and where the whole patch begins to slide.
+
+    Args:
+        tan_alpha: tangent of the slip angle [1].
+        stiffness: cornering stiffness [N/rad].
+        limit: largest force [N], positive.
+    """
+    share = stiffness * absolute(tan_alpha) / (3.0 * limit)
+    sticking = smaller(share, 1.0)
+    return -stiffness * tan_alpha * (1.0 - sticking + sticking * sticking / 3.0) / larger(share, 1.0)
+
+
+class BrushAxle(Schema):
+    """The tyres of an axle as brush tyres; each number is for one tyre."""
+
+    nominal_load: Force = Field(gt=0, description="[N] load at which the others hold")
+    longitudinal_stiffness: Force = Field(gt=0, description="[N] dFx/dkappa at zero slip")
+    cornering_stiffness: Force = Field(gt=0, description="[N/rad] -dFy/dalpha at zero slip")
+    friction: float = Field(gt=0, description="[-] on dry asphalt")
+    friction_by_load: float = Field(
+        default=0.0, gt=-1, lt=1, description="[-] relative change of the friction by (load - nominal) / nominal"
+    )
+    peak_load: Force = Field(gt=0, description="[N] load of the largest cornering stiffness")
+    half_length: Length = Field(gt=0, description="[m] half the length of the contact patch")
+    relaxation_x: Length = Field(gt=0, description="[m] relaxation length of longitudinal slip")
+    relaxation_y: Length = Field(gt=0, description="[m] relaxation length of lateral slip")
+
+    def make_law(self) -> TyreLaw:
+        """Return the tyre law of one tyre."""
+        data: dict[str, Any] = self.model_dump(exclude={"relaxation_x", "relaxation_y"})
+        tyre = BrushTyre(**data)
+
+        def law(load: float, inclination: float, friction: float) -> TyreAtLoad:  # noqa: ARG001 - no camber
+            curve = brush_at_load(tyre, load, friction=friction)
+            contact = Contact(
+                curve.longitudinal, curve.cornering, self.relaxation_x, self.relaxation_y, curve.limit, curve.limit
+            )
+            return TyreAtLoad(contact, curve, BrushTyres.law)
+
+        return law
+
+
+class BrushTyres(SlipTyres):
+    """Tyre forces from a brush model (Fiala) with relaxation: few parameters, each with a physical meaning."""
+
+    law: ClassVar = SteadyLaw(BrushCurve, brush_on)
+    lateral_force: ClassVar = brush_lateral_force
+    fitted: ClassVar = {  # the cornering stiffness of an axle is that of two tyres
+        "cornering_stiffness_front": FittedEntry("front.cornering_stiffness", "N/rad", 0.5),
+        "cornering_stiffness_rear": FittedEntry("rear.cornering_stiffness", "N/rad", 0.5),
+        "friction_front": FittedEntry("front.friction", "1"),
+        "friction_rear": FittedEntry("rear.friction", "1"),
+    }
+
+    kind: Literal["brush"]
+    front: BrushAxle
+    rear: BrushAxle | None = Field(default=None, description="empty: as front")
+
+    def axle_laws(self, folder: Path) -> tuple[TyreLaw, TyreLaw]:  # noqa: ARG002 - no files
+        """Return the laws of front and rear tyres."""
+        return self.front.make_law(), (self.rear or self.front).make_law()

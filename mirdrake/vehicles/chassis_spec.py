@@ -1,6 +1,6 @@
 """Schemas of vehicle.yaml about what carries the body and what the air does to it: suspension, aerodynamics.
 
-Their laws are in :mod:`mirdrake.plant.suspension` and :mod:`mirdrake.tyres.aerodynamics`.
+Their laws are in :mod:`mirdrake.plant.suspension` and :mod:`mirdrake.plant.aerodynamics`.
 """
 
 from pydantic import Field

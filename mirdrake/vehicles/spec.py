@@ -12,9 +12,9 @@ from pydantic import Field, model_validator
 
 from mirdrake.core.errors import did_you_mean
 from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed, Torque
+from mirdrake.tyres import TyreSpec
 from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints
 from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain
-from mirdrake.vehicles.tyre_spec import TyreSpec
 
 Drive = Literal["front", "rear", "all"]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")

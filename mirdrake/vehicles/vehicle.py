@@ -9,13 +9,13 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import SchemaT, Source, load_yaml, shown
 from mirdrake.core.yaml_io import where as where_in
+from mirdrake.tyres.registry import kinds_with_law
 from mirdrake.vehicles.geometry import VehicleGeometry, measure_geometry
 from mirdrake.vehicles.inspect_urdf import check_actuators, check_urdf, resolve_meshes
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.spec import ControlSpec, Drive, VariantSpec, VehicleSpec
 from mirdrake.vehicles.suspension import measure_spring_loads
-from mirdrake.vehicles.tyre_files import find_tyre_files
 from mirdrake.vehicles.xacro_render import Urdf, render_xacro
 
 MAIN_FILE = "main.urdf.xacro"
@@ -75,7 +75,7 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
     spec = load_part(folder, "vehicle", VehicleSpec, change)
     control = load_part(folder, "control", ControlSpec, change)
     sensors = load_part(folder, "sensors", SensorsSpec, change)
-    find_tyre_files(spec, folder)
+    spec.tyres.property_files(folder, lambda key: where_in(spec, "tyres", key))
     check_pedals(spec, control)
     given = {name: str(value) for name, value in (arguments or {}).items()}
     values = change.arguments | given
@@ -188,15 +188,15 @@ def make_vehicle(
 
 
 def check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
-    """Refuse pedals with tyres that take no torque.
+    """Check that the tyres have a tyre law if the wheels are driven by pedals: only these take wheel torques.
 
     Raises:
-        ConfigError: the wheels are driven by pedals, and the tyres are of kind coulomb.
+        ConfigError: the wheels are driven by pedals, and the tyres have no law.
     """
-    if control.wheel_speed.kind == "pedals" and spec.tyres.kind == "coulomb":
+    if control.wheel_speed.kind == "pedals" and not spec.tyres.has_law:
         raise ConfigError(
-            f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind brush or magic_formula, and those of "
-            f"vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"
+            f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind {' or '.join(kinds_with_law())}, and "
+            f"those of vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"
         )
 
 

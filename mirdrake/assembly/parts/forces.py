@@ -6,10 +6,10 @@ from pydrake.systems.primitives import Adder
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.signals import signals_of
+from mirdrake.plant.aerodynamics import AirForces, feels_air
 from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.suspension import make_anti_roll
-from mirdrake.tyres import LOAD_PERIOD, RollingResistance, WheelTyres, make_rolling_wheels, make_wheel_tyres
-from mirdrake.tyres.aerodynamics import AirForces, feels_air
+from mirdrake.plant.wheels import LOAD_PERIOD, RollingResistance, WheelTyres, make_rolling_wheels, make_wheel_tyres
 
 
 def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance:

@@ -10,7 +10,7 @@ from mirdrake.assembly.parts.sensors import how_recorded, sensors_of
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.signals import Signal, signals_of
 from mirdrake.plant.plant import PlantParts
-from mirdrake.tyres import RollingResistance
+from mirdrake.plant.wheels import RollingResistance
 
 
 @dataclass(frozen=True)

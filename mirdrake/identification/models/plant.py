@@ -145,7 +145,7 @@ class PlantModel(SimulatedModel):
         if self._way == "pedals":
             systems["pedals_table"] = {"kind": f"{_BLOCKS}Table", "size": 3}
             connect.append(["pedals_table.y", f"{EGO}.pedals_reference"])
-        if self._vehicle.spec.tyres.kind != "coulomb":
+        if self._vehicle.spec.tyres.has_law:
             systems["moments"] = {"kind": f"{_BLOCKS}WheelMoments"}
             source = f"{EGO}.wheel_torque"
             if self._way == "torque" or not pedals:
@@ -359,7 +359,7 @@ def _find_drive(requested: str | None, channels: set[str], vehicle: Vehicle) -> 
     Raises:
         ConfigError: not possible for this vehicle, or a channel is missing.
     """
-    able = {"torque": vehicle.spec.tyres.kind != "coulomb", "pedals": vehicle.control.wheel_speed.kind == "pedals"}
+    able = {"torque": vehicle.spec.tyres.has_law, "pedals": vehicle.control.wheel_speed.kind == "pedals"}
     if requested is None:
         fits = (name for name, needs in DRIVES.items() if set(needs) <= channels and able.get(name, True))
         return next(fits)

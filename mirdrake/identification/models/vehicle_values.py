@@ -23,7 +23,7 @@ from scipy.optimize import brentq, least_squares
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.models.base import Array
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters
-from mirdrake.tyres.wheel_laws import TyreAtLoad, TyreLaw, make_tyre_laws
+from mirdrake.tyres import SlipTyres, TyreAtLoad, TyreLaw
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.powertrain_spec import rotor_inertia
@@ -88,8 +88,9 @@ def single_track_values(
     roll_values = {} if vehicle.spec.suspension is None else _roll_values(vehicle, wheels["wheel_momentum"])
     has_roll = roll and bool(roll_values)
     found |= (roll_values | wheels) if has_roll else {one: wheels[one] for one in ("spin_inertia", "steering_inertia")}
-    laws = make_tyre_laws(vehicle)
-    if laws is not None and relaxation:
+    tyres = vehicle.spec.tyres
+    if isinstance(tyres, SlipTyres) and relaxation:
+        laws = tyres.axle_laws(vehicle.folder)
         p, gain = estimate_parameters(vehicle), roll_values.get("roll_gain", 0.0)
         if not measured:
             found |= _steering_compliance(vehicle)
@@ -156,7 +157,7 @@ def _wheel_values(vehicle: Vehicle) -> dict[str, float]:
     tracks = (geometry.front_track, geometry.front_track, geometry.rear_track, geometry.rear_track)
     momentum = resisting = 0.0
     names, spec = vehicle.spec.joints.wheels.names(), vehicle.spec
-    rolling = 1.0 if spec.tyres.kind == "coulomb" else spec.tyres.rolling_ratio
+    rolling = spec.tyres.rolling_ratio if isinstance(spec.tyres, SlipTyres) else 1.0
     for index, (name, unloaded, track) in enumerate(zip(names, geometry.wheel_radii, tracks, strict=True)):
         inertia, radius = spin_inertia(plant, name), rolling * unloaded
         momentum += inertia / radius

@@ -18,12 +18,12 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.execution.job import _NUMERICS
 from mirdrake.execution.parameters import find_knobs
+from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
 from mirdrake.tuning.loops.judge import AWAY, judge
 from mirdrake.tuning.models import Floats
-from mirdrake.tyres import RoadFriction
 from mirdrake.vehicles import WHEELS
 
 LOOK = 1.0

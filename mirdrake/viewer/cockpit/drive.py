@@ -24,9 +24,9 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import default_folder
-from mirdrake.tyres import RoadFriction
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT, Wheel
 from mirdrake.viewer.cockpit.driver import HumanDriver
 from mirdrake.viewer.cockpit.gains import get_gain, list_gains, set_gain

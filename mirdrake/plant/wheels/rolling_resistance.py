@@ -43,7 +43,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, declare_state_output
 from mirdrake.plant.plant import VehicleInPlant
-from mirdrake.tyres.wheel_motion import STEP_PARTS, WheelPlace, base_motion, wheel_motion, wheel_places
+from mirdrake.plant.wheels.motion import STEP_PARTS, WheelPlace, base_motion, wheel_motion, wheel_places
 from mirdrake.vehicles import WHEELS
 
 FILTER_TIME = 0.1

@@ -41,7 +41,10 @@ from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
 from mirdrake.plant.plant import TyreSpring, spring_load
-from mirdrake.tyres import relaxation, wheel_motion
+from mirdrake.plant.wheels import motion as wheel_motion
+from mirdrake.plant.wheels.motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
+from mirdrake.plant.wheels.motion import wheel_motion as motion_of
+from mirdrake.tyres import relaxation
 from mirdrake.tyres.relaxation import (
     Contact,
     Deflection,
@@ -51,8 +54,6 @@ from mirdrake.tyres.relaxation import (
     low_speed_weight,
     relaxed_slip,
 )
-from mirdrake.tyres.wheel_motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
-from mirdrake.tyres.wheel_motion import wheel_motion as motion_of
 
 _SMALL = 1e-9
 
@@ -157,7 +158,7 @@ def tyre_step(
     """Forces of the road on the tyres, and what their wheels remember.
 
     Args:
-        law: forces of steady state, of :class:`mirdrake.tyres.wheel_laws.SteadyLaw`.
+        law: forces of steady state, of :class:`mirdrake.tyres.SteadyLaw`.
         x: state of the plant, positions and velocities.
         loads: of the wheels, measured [N].
         torques: of the drive for each wheel, signed, then what its brake can give [N m].

@@ -22,7 +22,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, declare_state_output
 from mirdrake.plant.plant import VehicleInPlant
-from mirdrake.tyres.wheel_motion import base_motion
+from mirdrake.plant.wheels.motion import base_motion
 
 
 class AirForces(LeafSystem):

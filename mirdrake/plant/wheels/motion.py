@@ -18,6 +18,7 @@ from math import asin, cos, hypot, sin
 from typing import NamedTuple
 
 from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.tyres import SlipTyres
 
 _FLAT = 1e-3  # least cosine of the inclination: a wheel that lies on its side has no rolling direction
 _LEAST_RADIUS = 1e-3  # [m]
@@ -63,7 +64,7 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
     travels = getattr(part, "suspension", ()) or (None,) * len(places)
     base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())
     tyres, radii = part.vehicle.spec.tyres, geometry.wheel_radii
-    rolling = [0.0 if tyres.kind == "coulomb" else tyres.rolling_ratio * radius for radius in radii]
+    rolling = [tyres.rolling_ratio * radius if isinstance(tyres, SlipTyres) else 0.0 for radius in radii]
     return [
         WheelPlace(
             pivot,

@@ -17,7 +17,7 @@ from pydrake.multibody.plant import CoulombFriction
 from pydrake.systems.framework import Context
 
 from mirdrake.plant.plant import PlantParts, matched_friction
-from mirdrake.tyres.wheel_tyres import WheelTyres
+from mirdrake.plant.wheels.tyre_forces import WheelTyres
 from mirdrake.vehicles import WHEELS
 
 _ACCELERATION = 30.0

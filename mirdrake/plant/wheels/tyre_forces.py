@@ -3,7 +3,7 @@
 The contact gives the normal load, its friction is zero, and this system gives the rest as generalised forces, straight
 from the plant's state of the moment: there is no step of delay between motion and force.
 
-What happens in a step is in :mod:`mirdrake.tyres.wheel_step`.
+What happens in a step is in :mod:`mirdrake.plant.wheels.step`.
 """
 
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ from mirdrake.core.leaf_system import LeafSystem, declare_cached_value
 from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.plant.rest_pose import check_balance
+from mirdrake.plant.wheels.motion import wheel_places
+from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
+from mirdrake.tyres import SlipTyres, SteadyLaw, TyreLaw
 from mirdrake.tyres.relaxation import Contact, RelaxationSettings
-from mirdrake.tyres.wheel_laws import SteadyLaw, TyreLaw, make_tyre_laws, steady_law
-from mirdrake.tyres.wheel_motion import wheel_places
-from mirdrake.tyres.wheel_step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
 from mirdrake.vehicles import WHEELS
 from mirdrake.worlds.world import SURFACE_MU
 
@@ -52,7 +52,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         ConfigError: the vehicle tips over, as its centre of mass is not between its axles.
     """
     tyres = part.vehicle.spec.tyres
-    if tyres.kind == "coulomb":
+    if not isinstance(tyres, SlipTyres):
         return []
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, plant.world_frame().CalcPoseInWorld(context))
@@ -104,7 +104,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     Input ports:
         plant_state: the plant's state, positions and velocities.
-        wheel_load [N]: normal loads of all wheels of the plant, from :class:`mirdrake.tyres.RollingResistance`.
+        wheel_load [N]: normal loads of all wheels of the plant, from :class:`mirdrake.plant.wheels.RollingResistance`.
         wheel_torque (8) [N m]: drive torques of the wheels, signed, then what their brakes can give, not negative;
             zeros if it is not connected.
     Output ports:
@@ -114,7 +114,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
             last step.
 
     Parameters of the Context: 0: friction of the ground under each wheel, relative to dry asphalt (4) [1];
-    :class:`mirdrake.tyres.RoadFriction` keeps it up to date.
+    :class:`mirdrake.plant.wheels.RoadFriction` keeps it up to date.
 
     Axes and signs are those of :mod:`mirdrake.tyres.magic_formula`, ISO 8855 at the contact centre.
 
@@ -122,7 +122,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
         part: the vehicle.
         wheels: of :func:`make_spinning_wheels`.
-        laws: of front and rear tyres.
+        tyres: tyres of the vehicle.
         loads: number of wheels in the plant.
         first: index of its first wheel among them.
         friction: of the ground at the start [1].
@@ -135,15 +135,15 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         plant: MultibodyPlant,
         part: VehicleInPlant,
         wheels: Sequence[SpinningWheel],
-        laws: tuple[TyreLaw, TyreLaw],
+        tyres: SlipTyres,
         *,
         loads: int,
         first: int = 0,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
         super().__init__()
-        law = steady_law(part.vehicle)
-        self._laws = [laws[index >= 2] for index in range(len(wheels))]
+        law, axle_laws = tyres.law, tyres.axle_laws(part.vehicle.folder)
+        self._laws: list[TyreLaw] = [axle_laws[index >= 2] for index in range(len(wheels))]
         self._step = compiled(tyre_step, law.forces, parts=(*STEP_PARTS, *law.parts))
         self._wheels = records(SpinningWheel, wheels)
         self._curves = np.zeros(len(wheels), _curve_type(law))
@@ -227,8 +227,8 @@ def make_wheel_tyres(
     Raises:
         ConfigError: a .tir file is missing or wrong.
     """
-    laws = make_tyre_laws(part.vehicle)
-    if laws is None:
+    tyres = part.vehicle.spec.tyres
+    if not isinstance(tyres, SlipTyres):
         return None
     wheels = make_spinning_wheels(plant, part)
-    return WheelTyres(plant, part, wheels, laws, loads=loads, first=first, friction=friction)
+    return WheelTyres(plant, part, wheels, tyres, loads=loads, first=first, friction=friction)

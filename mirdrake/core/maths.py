@@ -1,0 +1,101 @@
+"""Elementary functions for floats, arrays, AutoDiffXd and symbolic Expressions: one equation serves all of them.
+
+For a float they are those of the standard library, which are much faster than Drake's and NumPy's for single numbers.
+:mod:`mirdrake.core.compiled` compiles them to the same functions.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import pydrake.math as drake_math
+
+Value: TypeAlias = Any
+"""A float, an array of floats, an AutoDiffXd or an Expression; the arguments of one call broadcast to one shape."""
+
+
+def _library(*values: Value) -> Any:
+    """Return the module with the functions for values that are not all floats."""
+    return np if any(isinstance(value, np.ndarray) for value in values) else drake_math
+
+
+def sin(x: Value) -> Value:
+    """Return the sine."""
+    return math.sin(x) if isinstance(x, float) else _library(x).sin(x)
+
+
+def cos(x: Value) -> Value:
+    """Return the cosine."""
+    return math.cos(x) if isinstance(x, float) else _library(x).cos(x)
+
+
+def tan(x: Value) -> Value:
+    """Return the tangent."""
+    return math.tan(x) if isinstance(x, float) else _library(x).tan(x)
+
+
+def atan(x: Value) -> Value:
+    """Return the arc tangent."""
+    if isinstance(x, float):
+        return math.atan(x)
+    return np.arctan(x) if isinstance(x, np.ndarray) else drake_math.atan(x)
+
+
+def tanh(x: Value) -> Value:
+    """Return the hyperbolic tangent."""
+    return math.tanh(x) if isinstance(x, float) else _library(x).tanh(x)
+
+
+def exp(x: Value) -> Value:
+    """Return the exponential."""
+    return math.exp(x) if isinstance(x, float) else _library(x).exp(x)
+
+
+def sqrt(x: Value) -> Value:
+    """Return the square root."""
+    return math.sqrt(x) if isinstance(x, float) else _library(x).sqrt(x)
+
+
+def absolute(x: Value) -> Value:
+    """Return the absolute value."""
+    return abs(x) if isinstance(x, float) else _library(x).abs(x)
+
+
+def smaller(x: Value, y: Value) -> Value:
+    """Return the smaller one of two values; the first if they are equal."""
+    if isinstance(x, float) and isinstance(y, float):
+        return y if y < x else x
+    library = _library(x, y)
+    return np.minimum(x, y) if library is np else library.min(x, y)
+
+
+def larger(x: Value, y: Value) -> Value:
+    """Return the larger one of two values; the first if they are equal."""
+    if isinstance(x, float) and isinstance(y, float):
+        return y if y > x else x
+    library = _library(x, y)
+    return np.maximum(x, y) if library is np else library.max(x, y)
+
+
+def choose(condition: Any, yes: Value, no: Value) -> Value:
+    """Return one of two values by a condition, for each element of arrays; not for Expressions."""
+    return np.where(condition, yes, no) if isinstance(condition, np.ndarray) else yes if condition else no
+
+
+# Numba matches the names of arguments, so each overload repeats them.
+# ruff: noqa: ARG005
+COMPILED_FORMS: dict[Callable[..., Any], Callable[..., Any]] = {
+    sin: lambda x: lambda x: math.sin(x),
+    cos: lambda x: lambda x: math.cos(x),
+    tan: lambda x: lambda x: math.tan(x),
+    atan: lambda x: lambda x: math.atan(x),
+    tanh: lambda x: lambda x: math.tanh(x),
+    exp: lambda x: lambda x: math.exp(x),
+    sqrt: lambda x: lambda x: math.sqrt(x),
+    absolute: lambda x: lambda x: -x if x < 0.0 else x,
+    smaller: lambda x, y: lambda x, y: y if y < x else x,
+    larger: lambda x, y: lambda x, y: y if y > x else x,
+    choose: lambda condition, yes, no: lambda condition, yes, no: yes if condition else no,
+}
+"""What :mod:`mirdrake.core.compiled` compiles in place of each function: Numba's overload with its form for floats."""
