@@ -52,3 +52,44 @@ def test_errors_and_paths_come_without_drake() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("False\n", "")
+
+
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["world", "--help"], ["list", "--help"]], ids=" ".join)
+def test_version_and_help_load_no_heavy_package(words: list[str]) -> None:
+    code = (
+        "import sys; from mirdrake.cli import main\n"
+        f"try: main({words})\n"
+        "except SystemExit: pass\n"
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert (done.stdout.splitlines()[-1], done.stderr) == ("[]", "")
+
+
+def test_a_verb_imports_its_own_module_alone() -> None:
+    code = (
+        "import sys; from mirdrake.cli import main\n"
+        "try: main(['replay', '--help'])\n"
+        "except SystemExit: pass\n"
+        "from mirdrake.cli import VERBS; from mirdrake.cli.verbs import modules\n"
+        "print(sorted(name for name in modules(VERBS) if f'mirdrake.cli.{name}' in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert (done.stdout.splitlines()[-1], done.stderr) == ("['replay']", "")
+
+
+def test_every_verb_can_be_imported_and_has_a_help_line_and_an_example() -> None:
+    from importlib import import_module
+
+    from mirdrake.cli import VERBS
+    from mirdrake.cli.verbs import Verb, modules
+
+    def check(verbs: dict[str, Verb], above: str) -> None:
+        for name, verb in verbs.items():
+            assert verb.help
+            more = verb.more if verb.verbs else import_module(f"mirdrake.cli.{verb.module}").MORE
+            assert f"mirdrake {above}{name}" in more or above + name in {"identify run", "tune run"}, name
+            check(dict(verb.verbs), f"{above}{name} ")
+
+    check(VERBS, "")
+    assert len(set(modules(VERBS))) == len(modules(VERBS))

@@ -298,7 +298,7 @@ def test_ctrl_c_leaves_a_readable_folder_and_no_traceback(lot: Path, tmp_path: P
 # --- search --------------------------------------------------------------------------------------------------------
 
 
-def test_a_search_finds_the_failure_and_says_how_to_see_it_again(
+def test_a_search_finds_the_failure_and_prints_the_command_that_repeats_it(
     lot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _call(world_search, lot, "-j", 2, "--budget", 8) == 1
@@ -307,8 +307,8 @@ def test_a_search_finds_the_failure_and_says_how_to_see_it_again(
     row = re.fullmatch(r"  fail +speed=(\S+) +(-\d\S*) m/s +always speed < 4.5 m/s .*", lines[2])
     assert row is not None
     assert float(row[1]) > 8.0
-    again = lines[-1].removeprefix("  the worst again: mirdrake world test ").split()
-    assert test(*again, "--out", tmp_path / "out", "--quiet") == 1
+    command = lines[-1].removeprefix("  repeat the worst case: mirdrake world test ").split()
+    assert test(*command, "--out", tmp_path / "out", "--quiet") == 1
     worst = _results(tmp_path / "out")[0]["findings"][0]["margin"]
     assert worst == pytest.approx(float(row[2]), rel=5e-3)
 

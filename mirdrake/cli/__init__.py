@@ -1,7 +1,6 @@
 """The command ``mirdrake``: thin verbs around the Python functions.
 
-A verb is a module with ``HELP``, ``MORE``, ``add_arguments(parser)`` and ``run(options)``, and a line in
-:data:`VERBS`. Its module is imported only when the verb is used.
+A new verb is a module of this package (see :class:`mirdrake.cli.verbs.Verb`) and a line in :data:`VERBS`.
 """
 
 import argparse
@@ -9,50 +8,98 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 
+from mirdrake.cli.verbs import Verb, VerbParser, add_verbs
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.paths import installed_version
 
+_WORLD = """\
+examples:
+  mirdrake world check parking_lot            every fault with file and line
+  mirdrake world build parking_lot -o out     lock file, SDF world and plan
+  mirdrake world show parking_lot             the world in Meshcat, overlaps in red
+  mirdrake world test parking_lot barrels     all tests with all variations; pass or fail
+  mirdrake world import old.world             a Gazebo world as a world file"""
+
+_IDENTIFY = """\
+examples:
+  mirdrake identify check drives.yaml               check the logs before any fit
+  mirdrake identify study.yaml                      check, fit, table and report
+  mirdrake identify study.yaml --set model.tyres=fiala --out runs/fiala
+  mirdrake identify apply runs/study bolt           write the result and its source into vehicle.yaml"""
+
+_TUNE = """\
+examples:
+  mirdrake tune studies/bolt_speed.yaml --out runs/bolt_speed
+  mirdrake tune apply runs/bolt_speed --dry-run"""
+
 VERBS = {
-    "run": "run",
-    "drive": "drive",
-    "list": "listing",
-    "manoeuvre": "manoeuvre",
-    "validate": "validate",
-    "view": "view",
-    "check": "check",
-    "draw": "draw",
-    "replay": "replay",
-    "export": "export",
-    "identify": "identify",
-    "import": "importing",
-    "inspect": "inspect",
-    "new": "new",
-    "schema": "schema",
-    "study": "study",
-    "world": "world",
-    "tune": "tune",
+    "run": Verb("simulate a diagram and write a run folder", "run"),
+    "drive": Verb("drive a vehicle by hand in real time, in a browser", "drive"),
+    "list": Verb("list vehicles, worlds, diagrams, studies, props, sensors, drivers and blocks", "listing"),
+    "manoeuvre": Verb("drive standard manoeuvres with a vehicle and write a handling report", "manoeuvre"),
+    "validate": Verb("compare a vehicle with published figures of the real one", "validate"),
+    "view": Verb("show a vehicle, a world, a diagram or a run in Meshcat", "view"),
+    "check": Verb("check files of mirdrake without running them: every fault with file and line", "check"),
+    "draw": Verb("draw a diagram's blocks and connections as SVG (needs Graphviz)", "draw"),
+    "replay": Verb("replay a run in Meshcat with the pictures of its cameras", "replay"),
+    "export": Verb("write a run as MCAP (Foxglove), CSV or video", "export"),
+    "identify": Verb(
+        "fit the parameters of a model to recorded drives",
+        more=_IDENTIFY,
+        default="run",
+        verbs={
+            "run": Verb("run an identification study; 'run' may be left out", "identify_run"),
+            "check": Verb("check recorded drives: clock, glitches, delays, units, excitation", "identify_check"),
+            "apply": Verb("write the parameters of a fit into vehicle.yaml", "identify_apply"),
+        },
+    ),
+    "import": Verb("make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package", "importing"),
+    "inspect": Verb("print mass, axle loads, dimensions, inertia, joints and sensors of a vehicle", "inspect"),
+    "new": Verb("write a new vehicle folder from a few dimensions", "new"),
+    "schema": Verb("JSON Schema of a kind of YAML file, for completion and checks in editors", "schema"),
+    "study": Verb("run a study: many variations of one diagram, on all cores or on a cluster", "study"),
+    "world": Verb(
+        "check, build, show, test, search or import worlds",
+        more=_WORLD,
+        verbs={
+            "check": Verb("check worlds: every fault with file and line", "world_check"),
+            "build": Verb("write a world's lock file, its SDF world for Gazebo and Drake, and its plan", "world_build"),
+            "show": Verb("show a world in Meshcat, overlaps in red", "world_show"),
+            "test": Verb("run the tests of worlds with all their variations", "world_test"),
+            "search": Verb("search for parameter values with which a test fails", "world_search"),
+            "import": Verb("make a world file from a .world or .sdf file of Gazebo", "world_import"),
+        },
+    ),
+    "tune": Verb(
+        "tune the gains of a loop: identification, tuning rules, search, robustness",
+        more=_TUNE,
+        default="run",
+        verbs={
+            "run": Verb("run a tuning study; 'run' may be left out", "tune"),
+            "apply": Verb("write the gains of a tuning result into control.yaml", "tune_apply"),
+        },
+    ),
 }
-"""Module of each verb in this package."""
+"""All verbs, in the order of ``mirdrake --help``."""
 
 _TEXT = """\
 Model, simulate, identify and tune car-like vehicles with Drake.
 
-  mirdrake list                         what there is: vehicles, worlds, diagrams, studies; list all for more
+  mirdrake list                         vehicles, worlds, diagrams and studies; list all for more
   mirdrake run bolt_test_track          a Chevrolet Bolt drives a lap; results go to runs/
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
   mirdrake drive bolt                   drive by hand in a browser: keys, game pad, gains while driving; record
-  mirdrake view bolt                    look at a vehicle, with a slider for every joint
-  mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and what looks wrong
+  mirdrake view bolt                    a vehicle in 3D, with a slider for every joint
+  mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and suspicious values
   mirdrake check my_diagram.yaml        every fault with file and line, without running
   mirdrake draw bolt_test_track         the block diagram as SVG
-  mirdrake replay runs/drive            watch a run again, with what its cameras saw beside it
+  mirdrake replay runs/drive            a run again, with the pictures of its cameras
   mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
   mirdrake manoeuvre braking bolt       standard manoeuvres, and a handling report; --list shows them
-  mirdrake validate bolt                simulated against published figures of the real car, side by side
-  mirdrake tune studies/bolt_speed.yaml find gains for a loop, with margins and Monte Carlo; tune apply writes them
-  mirdrake identify study.yaml          parameters from recorded drives; identify check LOG looks at a log first
+  mirdrake validate bolt                simulated figures beside published figures of the real car
+  mirdrake tune studies/bolt_speed.yaml gains for a loop, with margins and Monte Carlo; tune apply writes them
+  mirdrake identify study.yaml          parameters from recorded drives; identify check LOG checks a log first
   mirdrake study study.yaml             many variations of a diagram over all cores, resumable
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 
@@ -69,13 +116,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: without the program's name; those of the process if left out.
 
     Returns:
-        0 done, 1 a run diverged or a check failed, 2 bad input, 130 interrupted before there was anything to keep.
+        0 done, 1 a run diverged or a check failed, 2 bad input, 130 interrupted with nothing to keep.
     """
-    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # its first use tells of a font cache
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # it announces its cache at the first use
     try:
         options = _parser().parse_args(arguments)
-        code: int = options.verb.run(options)
-        sys.stdout.flush()  # here, where a reader that has gone is no error
+        code: int = options.execute(options)
+        sys.stdout.flush()  # here, where a closed pipe is handled
     except MirdrakeError as error:
         for line in str(error).splitlines():
             print(f"error: {line}", file=sys.stderr)
@@ -83,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of a pipe has gone
+    except BrokenPipeError:  # the reader of a pipe has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
@@ -94,19 +141,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("mirdrake", description=_TEXT, formatter_class=raw)
+    parser = VerbParser("mirdrake", description=_TEXT)
     parser.add_argument("--version", action="version", version=_version())
-    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    for name, module in VERBS.items():
-        verb = import_module(f"mirdrake.cli.{module}")
-        text = f"{verb.HELP}\n\n{verb.MORE}".strip()
-        child = verbs.add_parser(name, help=verb.HELP, description=text, formatter_class=raw)
-        child.set_defaults(verb=verb)
-        verb.add_arguments(child)
+    add_verbs(parser, VERBS)
     return parser
 
 
 def _version() -> str:
     number = installed_version("mirdrake")
-    return f"mirdrake {number}" if number else "mirdrake, version unknown: its sources are used, not installed"
+    return f"mirdrake {number}" if number else "mirdrake, unknown version: its sources are used without an installation"

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from mirdrake.cli.verb import add_set, add_trust, kind_of, not_executed
+from mirdrake.cli.common import add_set, add_trust, kind_of, skipped_lines
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.paths import find
 
-HELP = "check diagrams, vehicles, worlds, studies and all other files of ours without running them"
 MORE = """\
-Every fault is one line with file and line number. Of a vehicle, all files are checked: YAML, xacro, URDF, meshes,
-variants; if they are sound, whether it stands still for a second. bolt@published checks that variant alone.
-A module of your own (kind: "module:Class") is executed with --trust only; without, it is left out with its connections.
+Every fault is one line with file and line number. All files of a vehicle are checked: YAML, xacro, URDF, meshes and
+variants; if they are sound, the check simulates whether the vehicle stands still for a second. bolt@published checks
+only that variant. User modules (kind: "module:Class") are executed only with --trust; without it they are left out
+with their connections.
 Exit codes: 0 sound, 1 the files are sound but a vehicle does not stand still, 2 a file has a fault.
 
 examples:
@@ -23,17 +23,17 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("names", nargs="+", metavar="NAME", help="names or paths")
     add_set(parser)
     add_trust(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check each."""
+    """Check each name and print the faults."""
     code = 0
     for name in options.names:
-        faults, failures, remarks = _check_one(name, options.set, trust=options.trust)
+        faults, failures, remarks = _check_name(name, options.set, trust=options.trust)
         for line in (*faults, *failures):
             print(f"error: {line}", file=sys.stderr)
         if not faults and not failures:
@@ -44,10 +44,10 @@ def run(options: argparse.Namespace) -> int:
     return code
 
 
-def _check_one(
+def _check_name(
     name: str, overrides: Sequence[str], *, trust: bool
 ) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
-    """Check one thing; returns faults, what a vehicle fails to do, and remarks that are neither."""
+    """Check a name; return the faults, the failures of a vehicle at rest, and remarks."""
     from mirdrake.assembly.diagram import assemble, load_diagram
     from mirdrake.assembly.diagram_spec import without_user_systems
     from mirdrake.core.user_modules import without_own_code
@@ -60,27 +60,27 @@ def _check_one(
         if kind == "models":
             from mirdrake.cli.checking import check_vehicle
 
-            found = check_vehicle(name)
-            return found.faults, found.failures, found.remarks
+            findings = check_vehicle(name)
+            return findings.faults, findings.failures, findings.remarks
         if kind == "worlds":
             return [fault.text for fault in check_world(name, overrides=overrides)], (), ()
         if kind in {"studies", "files"}:
             with nullcontext(skipped) if trust else without_own_code() as skipped:
                 check_file(find("studies", name) if kind == "studies" else Path(name), overrides=overrides)
-            return (), (), not_executed(skipped)
+            return (), (), skipped_lines(skipped)
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         if not trust:
             spec, skipped = without_user_systems(spec)
         with nullcontext() if trust else without_own_code():
             assembly = assemble(spec)
         unread = [] if skipped else [f"output '{port}' is not read" for port in assembly.unread]
-        return (), (), [*unread, *not_executed(skipped)]
+        return (), (), [*unread, *skipped_lines(skipped)]
     except MirdrakeError as error:
         return str(error).splitlines(), (), ()
 
 
 def _holds_vehicle(path: Path) -> bool:
-    """Whether a path leads to a vehicle folder, if only to a part of one, or to one of its files."""
+    """Return whether a path is a vehicle folder, complete or not, or one of its files."""
     from mirdrake.vehicles.vehicle import FILES
 
     folder = path.parent if path.name in FILES else path

@@ -4,13 +4,12 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from mirdrake.cli.verb import add_set, add_trust, not_executed
+from mirdrake.cli.common import add_set, add_trust, skipped_lines
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
-HELP = "draw a diagram's blocks and connections as SVG (needs Graphviz)"
 MORE = """\
-A module of your own (kind: "module:Class") is executed with --trust only; without, it is not drawn.
+User modules (kind: "module:Class") are executed only with --trust; without it they are not drawn.
 
 An element of a vector is connected by its name: connect: [[ego.state.vx, notch.u]].
 
@@ -20,7 +19,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("diagram", help="name or path of a diagram file")
     add_set(parser)
     parser.add_argument("--ports", action="store_true", help="list all ports with their elements and units, and stop")
@@ -29,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw."""
+    """Draw the diagram, or list its ports."""
     from mirdrake.assembly.diagram import assemble, load_diagram
     from mirdrake.assembly.diagram_spec import without_user_systems
     from mirdrake.assembly.drawing import draw_svg, write_dot
@@ -55,6 +54,6 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"--out {out}: the name must end in .svg or .dot")
     write_file(out, draw_svg(assembly) if out.suffix == ".svg" else write_dot(assembly))
     print(shown(out))
-    for line in not_executed(skipped):
-        print(f"  {line.replace('checked', 'drawn', 1)}")
+    for line in skipped_lines(skipped, "drawn"):
+        print(f"  {line}")
     return 0

@@ -5,15 +5,14 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mirdrake.cli.verb import add_set, kind_of
+from mirdrake.cli.common import add_set, kind_of, parse_names, positive_time, whole_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
-HELP = "drive a vehicle by hand in real time, in a browser"
 MORE = """\
-Open the address in a browser: arrow keys or W A S D drive, space stops, a game pad and sliders do as well. Views follow
-the vehicle, overlays show what acts on it and what its lidars see, gains can be changed while driving. The button
-"Record" writes a run folder. When the page is closed or hidden the vehicle brakes to a stand. Ctrl-C ends the drive.
+Open the address in a browser. Arrow keys or W A S D, a game pad or sliders drive the vehicle; space stops it. The views
+follow the vehicle, overlays show the forces on it and the points of its lidars, and gains can be changed while driving.
+The button "Record" writes a run folder. The vehicle brakes to a stop when the page is closed or hidden. Ctrl-C ends.
 
 examples:
   mirdrake drive bolt                           on the test track
@@ -23,31 +22,34 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
-    parser.add_argument("vehicle", help="name or path of a vehicle, with @ and a variant behind it if you like")
+    """Add the arguments of the verb."""
+    parser.add_argument("vehicle", help="name or path of a vehicle; bolt@handling is a variant")
     parser.add_argument("world", nargs="?", default="test_track", help="name or path of a world (default: test_track)")
     parser.add_argument("--start", metavar="NAME", help="a start of the world (default: its first)")
     parser.add_argument("--contact", choices=("point", "hydroelastic"), default="point", help="(default: point)")
     parser.add_argument(
-        "--sensors", metavar="NAMES", help="sensors in use, commas between, or none (default: lidars, laser scanners)"
+        "--sensors",
+        metavar="NAMES",
+        help="sensors in use, separated by commas, or none (default: lidars, laser scanners)",
     )
     add_set(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for recordings (default: runs)")
-    parser.add_argument("--port", type=int, help="of localhost (default: the first free one from 8765 on)")
+    parser.add_argument(
+        "--port",
+        type=whole_number(0, 65535),
+        metavar="N",
+        help="port on localhost (default: the first free one from 8765 on)",
+    )
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
     parser.add_argument("--pages", action=argparse.BooleanOptionalAction, default=True,
-                        help="write recording.html and report.html of what was recorded, at the end")  # fmt: skip
-    parser.add_argument("--duration", type=float, metavar="S", help="end by itself after so long")
+                        help="write recording.html and report.html of each recorded run at the end")  # fmt: skip
+    parser.add_argument("--duration", type=positive_time, metavar="S", help="end after this time [s]")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Drive."""
+    """Serve the cockpit until Ctrl-C, then write the pages of the recorded runs."""
     from mirdrake.viewer.cockpit import OpenCockpit
 
-    for option in ("duration", "port"):
-        value = getattr(options, option)
-        if value is not None and not (math.isfinite(value) and value >= (1e-3 if option == "duration" else 0)):
-            raise ConfigError(f"--{option} {value:g}: a positive number is expected")
     spec = _spec(options)
     stem = f"drive_{Path(options.vehicle).name.replace('@', '_')}"
     cockpit = OpenCockpit(spec, port=options.port, say=lambda text: print(text, flush=True),
@@ -59,27 +61,27 @@ def run(options: argparse.Namespace) -> int:
         webbrowser.open(cockpit.url)
     with cockpit:
         cockpit.run(duration=options.duration or math.inf)
-    for done in cockpit.drive.runs:
-        if options.pages and not done.signals.empty:
-            _write_pages(done)
-        print(f"recorded: {shown(done.folder)}" if done.folder else "", flush=True)
+    for recorded in cockpit.drive.runs:
+        if options.pages and not recorded.signals.empty:
+            _write_pages(recorded)
+        print(f"recorded: {shown(recorded.folder)}" if recorded.folder else "", flush=True)
     return 0
 
 
 def _spec(options: argparse.Namespace) -> Any:
-    """The diagram of the drive."""
+    """Return the spec of the diagram to drive."""
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer.cockpit import drive_spec
 
     for kind, name in (("models", options.vehicle), ("worlds", options.world)):
         if kind_of(name) != kind:
             wanted = {"models": "a vehicle", "worlds": "a world"}[kind]
-            raise ConfigError(f"'{name}' is no name of {wanted}; usage: mirdrake drive VEHICLE [WORLD]")
+            raise ConfigError(f"'{name}' is not {wanted}; usage: mirdrake drive VEHICLE [WORLD]")
     mounts = load_vehicle(options.vehicle).sensors.mounts
     if options.sensors is None:
         sensors = [name for name, mount in mounts.items() if mount.kind in {"lidar", "laser_scanner"}]
     else:
-        sensors = [name.strip() for name in options.sensors.split(",") if name.strip() not in {"", "none"}]
+        sensors = parse_names(options.sensors)
     entry: dict[str, Any] = {"model": options.vehicle}
     if options.start is not None:
         entry["start"] = options.start
@@ -94,7 +96,7 @@ def _spec(options: argparse.Namespace) -> Any:
 
 
 def _folder(stem: str, base: Path | None) -> Path:
-    """A new folder for a recording."""
+    """Return a new folder for a recording."""
     from mirdrake.runs.simulation import default_folder
 
     folder = default_folder(stem)
@@ -102,7 +104,7 @@ def _folder(stem: str, base: Path | None) -> Path:
 
 
 def _write_pages(run: Any) -> None:
-    """The pages of a recorded run, which open offline."""
+    """Write the pages of a recorded run, which open offline."""
     from mirdrake.report import write_report
     from mirdrake.viewer import write_recording
 

@@ -3,17 +3,16 @@
 import argparse
 from pathlib import Path
 
-from mirdrake.cli.verb import print_changes
+from mirdrake.cli.common import print_changes
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
-HELP = "write a run as MCAP (Foxglove), CSV or video"
 MORE = """\
 mcap    run.mcap: signals, poses, pictures, scans and events, for Foxglove and other readers of MCAP
 csv     signals.csv: all signals, with units in the header:  time [s],ego.x [m],ego.lap
-        signals.ego.imu.csv: each sample of the sensor ego.imu, and so on
+        signals.ego.imu.csv: each sample of the sensor ego.imu, and one file for each other sensor
 video   <camera>.mp4: the pictures of each camera, each frame at the time it was taken
-They are written into the run folder, unless --out says where. A run that was killed can be exported as well.
+Files are written into the run folder unless --out is given. A run that was killed can be exported as well.
 
 examples:
   mirdrake export runs/drive --to mcap
@@ -23,14 +22,14 @@ FORMATS = ("mcap", "csv", "video")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("run", metavar="RUN", help="a run folder")
     parser.add_argument("--to", required=True, choices=FORMATS, help="the format")
     parser.add_argument("--out", type=Path, metavar="PATH", help="the file; for video the folder")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Export."""
+    """Write the run in the format."""
     from mirdrake.runs.logs import load_run
 
     done = load_run(options.run)
@@ -42,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
         target = options.out or folder
         if not target.is_dir():
-            raise ConfigError(f"--out {target}: is no folder; make it first")
+            raise ConfigError(f"--out {target}: is not a folder; make it first")
         for path, frames in write_videos(done, target).items():
             print(f"{shown(path)}  {frames} frames")
         return 0

@@ -3,7 +3,6 @@
 import argparse
 from pathlib import Path
 
-HELP = "write the parameters of a fit into vehicle.yaml"
 MORE = """\
 FIT is the folder of a fit. Parameters with an entry in vehicle.yaml are written there, and their source into 'sources';
 comments, order and layout stay. Parameters that are fixed, not identifiable, at a bound or without an entry are listed
@@ -16,7 +15,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("fit", type=Path, metavar="FIT", help="folder of a fit")
     parser.add_argument("name", nargs="?", metavar="VEHICLE", help="name or folder of the vehicle")
     parser.add_argument("--vehicle", metavar="FOLDER", help="the same")

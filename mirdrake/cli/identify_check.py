@@ -3,14 +3,14 @@
 import argparse
 from pathlib import Path
 
+from mirdrake.cli.common import add_quiet, parse_names
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import load_yaml, read_tree, shown
 
-HELP = "check recorded drives: clock, held samples, glitches, delays, units, signs, excitation"
 MORE = """\
 WHAT is a data file (mirdrake: data/1), an identification study, or a log itself: CSV, Parquet, MAT, a bag, MCAP, a run
 folder. Columns of a log are found by their names (vx, yaw_rate, ...) or mapped with --map.
-Exit codes: 0 no fault is left, 1 a fault is left that makes a fit wrong, 2 bad input.
+Exit codes: 0 no fault is left, 1 an unrepaired fault would make a fit wrong, 2 bad input.
 
 examples:
   mirdrake identify check drives.yaml --report check.html
@@ -19,7 +19,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("what", metavar="WHAT", help="data file, study, or log")
     parser.add_argument(
         "--map", action="append", default=[], metavar="CHANNEL=COLUMN[:UNIT]", help="map a column of a log (repeatable)"
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wheelbase", type=float, metavar="METRES", help="front to rear axle, to check the steering")
     parser.add_argument("--repairs", metavar="NAMES", help="repairs to make, comma-separated, or none")
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with a picture of each channel")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     is_yaml = path.suffix in {".yaml", ".yml"} and not path.is_dir()
     given = [name for name in ("map", "time", "step", "wheelbase") if getattr(options, name)]
     if is_yaml and given:
-        raise ConfigError(f"--{given[0]}: {shown(path)} has a mapping of its own; write it there")
+        raise ConfigError(f"--{given[0]}: {shown(path)} has its own mapping; write it there")
     if is_yaml:
         tree, _ = read_tree(path)
         is_study = isinstance(tree, dict) and str(tree.get("mirdrake", "")).startswith("identification/")
@@ -59,9 +59,7 @@ def run(options: argparse.Namespace) -> int:
             data = load_data(path)
     else:
         data = make_data(map_log(path, options.map, options.time, options.step, options.wheelbase), path.parent)
-    repairs = None
-    if options.repairs is not None:
-        repairs = [name.strip() for name in options.repairs.split(",") if name.strip() not in {"", "none"}]
+    repairs = None if options.repairs is None else parse_names(options.repairs)
     report = check_data(data, repairs=repairs)
     if options.report is not None:
         from mirdrake.report.identification import write_data_check  # Matplotlib takes half a second

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.cli.common import parse_pairs
 from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
     from mirdrake.importing.vehicles import Change, ImportPlan, ImportResult
 
-HELP = "make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package"
 MORE = """\
 Finds the packages around the file, recognises wheels, steering and drive from the kinematics, converts meshes and
-repairs what no body can have. The README.md of the new folder says what was changed, and why.
+corrects impossible values. The README.md of the new folder lists what was changed, and why.
 
 examples:
   mirdrake import vehicle my_car_description/urdf/my_car.urdf.xacro
@@ -30,20 +29,20 @@ PORTRAIT_TIME = 120.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("what", choices=["vehicle"], help="what the file describes")
     parser.add_argument("file", type=Path, help=".urdf, .xacro, .sdf, or the folder of a package or model")
-    parser.add_argument("--name", help="of the vehicle (default: that of the model)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the new one (default: models)")
-    parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="where a ROS package lies")
+    parser.add_argument("--name", help="name of the vehicle (default: that of the model)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the new vehicle (default: models)")
+    parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="folder of a ROS package")
     parser.add_argument(
         "--argument",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a xacro argument; relative paths count from here",
+        help="a xacro argument; relative paths are relative to the working directory",
     )
-    parser.add_argument("--drive", choices=["front", "rear", "all"], help="driven axle, if the files do not say it")
+    parser.add_argument("--drive", choices=["front", "rear", "all"], help="driven axle, if the files do not state it")
     parser.add_argument(
         "--dry-run", action="store_true", help="only report what would be changed or rejected; writes nothing"
     )
@@ -52,18 +51,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=60.0,
         metavar="S",
-        help="for cutting collision meshes into convex parts; the rest become convex hulls (default: 60)",
+        help="time limit of convex decomposition [s]; the remaining collision meshes become convex hulls (default: 60)",
     )
     parser.add_argument("--force", action="store_true", help="replace a folder of that name")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Import."""
+    """Import the vehicle, or print the plan; ask for missing xacro arguments in a terminal."""
     from mirdrake.importing.vehicles import import_vehicle, plan_import
     from mirdrake.vehicles.xacro_render import MissingArgumentsError
 
-    packages = {name: Path(value) for name, value in _pairs("--package", options.package).items()}
-    arguments = _pairs("--argument", options.argument)
+    packages = {name: Path(value) for name, value in parse_pairs("--package", options.package).items()}
+    arguments = parse_pairs("--argument", options.argument)
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
     while True:
         try:
@@ -138,14 +137,3 @@ def _count(changes: Sequence["Change"]) -> str:
 def _line(change: "Change") -> str:
     """One change in one line."""
     return " ".join(f"{change.what}: {change.was} -> {change.became} ({change.why})".split())
-
-
-def _pairs(option: str, texts: list[str]) -> dict[str, str]:
-    """``NAME=VALUE`` texts as a mapping."""
-    pairs = {}
-    for text in texts:
-        name, mark, value = text.partition("=")
-        if not mark or not name:
-            raise ConfigError(f"{option} {text}: expected NAME=VALUE")
-        pairs[name] = value
-    return pairs

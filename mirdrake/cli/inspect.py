@@ -1,4 +1,4 @@
-"""``mirdrake inspect``: what a vehicle is, in figures."""
+"""``mirdrake inspect``: figures of a vehicle, and suspicious values."""
 
 import argparse
 import json
@@ -7,7 +7,6 @@ from pathlib import Path
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
-HELP = "mass, axle loads, dimensions, turning circle, inertia, joints and sensors of a vehicle, and what looks wrong"
 MORE = """\
 examples:
   mirdrake inspect bolt
@@ -16,7 +15,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("vehicle", help="name or path of a vehicle; bolt@published is a variant")
     parser.add_argument("--json", action="store_true", help="print data instead of text")
     parser.add_argument("--out", type=Path, metavar="FILE", help=".svg or .dot: links and joints; .json: the figures")
@@ -24,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Inspect."""
+    """Print the figures of the vehicle."""
     from mirdrake.core.files import write_file
     from mirdrake.report.inspection import describe, draw_links, write_links_dot
     from mirdrake.vehicles import load_vehicle

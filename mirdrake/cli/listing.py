@@ -1,4 +1,4 @@
-"""``mirdrake list``: what there is."""
+"""``mirdrake list``: names of vehicles, worlds, diagrams and other things that can be used."""
 
 import argparse
 from collections.abc import Iterator
@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from mirdrake.core.paths import names, search_folders
 from mirdrake.core.yaml_io import shown
 
-HELP = "list vehicles, worlds, diagrams, studies, props, sensors, and the kinds of drivers and blocks"
 MORE = """\
-Without a word, vehicles, worlds, diagrams and studies; with one, what it says.
+Without an argument: vehicles, worlds, diagrams and studies.
 
 examples:
   mirdrake list drivers
@@ -18,12 +17,12 @@ FILES = ("models", "worlds", "diagrams", "studies")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
-    parser.add_argument("what", nargs="?", choices=[*FILES, *OTHERS, "all"], help="only these")
+    """Add the arguments of the verb."""
+    parser.add_argument("what", nargs="?", choices=[*FILES, *OTHERS, "all"], help="list only these")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print names, and what they stand for."""
+    """Print names with their meaning."""
     chosen = {None: FILES, "all": (*FILES, *OTHERS)}.get(options.what, (options.what,))
     for kind in chosen:
         print(f"{kind}:")
@@ -69,4 +68,4 @@ def _first_line(schema: type) -> str:
 
 
 OTHERS = {"props": _props, "sensors": _sensors, "drivers": _drivers, "blocks": _blocks}
-"""What is listed by itself only, and how."""
+"""Things that are listed only on request, with their functions."""

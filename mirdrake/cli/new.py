@@ -1,4 +1,4 @@
-"""``mirdrake new``: write something to start from."""
+"""``mirdrake new``: write a new vehicle folder."""
 
 import argparse
 import sys
@@ -21,10 +21,10 @@ from mirdrake.vehicles.questions import (
 )
 from mirdrake.vehicles.spec import Drive
 
-HELP = "write a new vehicle folder from a few dimensions"
 MORE = """\
-What is not given is estimated; README.md in the folder says of every number which it is. Numbers are SI or have a unit:
-"102.4 in", "3200 lb", "35 deg". In a terminal, what is missing is asked for. A diagram file to drive it comes along.
+Dimensions that are not given are estimated; README.md in the folder states for every number whether it was given.
+Numbers are SI or have a unit: "102.4 in", "3200 lb", "35 deg". In a terminal the command asks for what is missing. It
+also writes a diagram file that drives the vehicle.
 
 example:
   mirdrake new vehicle my_car --wheelbase 2.6 --track 1.5 --mass 1450 --tyre 205/55R16 --drive front
@@ -32,9 +32,9 @@ example:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("what", choices=["vehicle"], help="what to write")
-    parser.add_argument("name", metavar="NAME", help="of the folder: letters, digits, _")
+    parser.add_argument("name", metavar="NAME", help="name of the folder: letters, digits, _")
     for quantity in QUANTITIES.values():
         parser.add_argument(
             _option(quantity.key), metavar=quantity.unit.upper(), help=f"{quantity.text} [{quantity.unit}]"
@@ -43,12 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         words = f"such as 215/50R17, instead of wheel radius and width{axle}"
         parser.add_argument(_option(key), metavar="SIZE", help=words)
     parser.add_argument("--drive", choices=get_args(Drive), help="driven axle (default: rear)")
-    parser.add_argument("--body", choices=BODIES, help="looks, and usual length and height (default: by mass)")
+    parser.add_argument(
+        "--body", choices=BODIES, help="shape of the body, which sets length and height (default: by mass)"
+    )
     parser.add_argument(
         "--sensors", metavar="LIST", help=f"of {', '.join(SENSORS)}, or none (default: {USUAL_SENSORS})"
     )
     parser.add_argument("--title", metavar="TEXT", help="make and model, for titles")
-    parser.add_argument("--folder", type=Path, default=Path("models"), metavar="DIR", help="where to (default: models)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("models"), metavar="DIR", help="folder of the new vehicle (default: models)"
+    )
     parser.add_argument("--diagram", action=argparse.BooleanOptionalAction, default=True, help="write a diagram file")
     parser.add_argument("--force", action="store_true", help="replace a vehicle of that name")
 
@@ -59,11 +63,11 @@ def run(options: argparse.Namespace) -> int:
 
     name: str = options.name
     check_name(name)
-    vehicle_place(name, folder=options.folder, force=options.force)  # before anybody answers questions
+    vehicle_place(name, folder=options.folder, force=options.force)  # before the user answers questions
     given = _given(options)
     missing = missing_keys(given)
     if missing and sys.stdin.isatty():
-        _say(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter takes what stands in brackets.")
+        _say(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter accepts the value in brackets.")
         given = ask(given, say=_say)
     elif missing:
         raise ConfigError(f"missing: {', '.join(map(_option, missing))}")
@@ -79,9 +83,9 @@ def run(options: argparse.Namespace) -> int:
     estimated = plan.estimated()
     _say(_listed("given", [key for key in plan.listed() if key not in estimated]))
     _say(_listed("estimated", [key for key in plan.listed() if key in estimated]))
-    _say("  README.md says how; replace what you know better")
+    _say("  README.md gives the sources; replace estimates that you know better")
     if diagram is not None:
-        _say(f"{shown(diagram)}{'' if written else '  (was there already, left as it is)'}")
+        _say(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
     _say("next:")
     if diagram is not None:
         _say(f"  mirdrake run {_shortest('diagrams', diagram)}")
@@ -90,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
-    """The options that were given, by argument of :func:`mirdrake.vehicles.scaffold.plan_vehicle`."""
+    """Return the given options, by argument of :func:`mirdrake.vehicles.scaffold.plan_vehicle`."""
     keys = [*QUANTITIES, *TYRES, "drive", "body", "sensors"]
     given = {key: value for key in keys if (value := getattr(options, key)) is not None}
     for key in TYRES:
@@ -101,7 +105,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _shortest(kind: str, path: Path) -> str:
-    """The name of a thing if it leads there, else its path."""
+    """Return the name of a vehicle or diagram if a lookup finds this path, else the path."""
     from mirdrake.core.paths import names
 
     name = path.stem if kind == "diagrams" else path.name

@@ -1,18 +1,17 @@
-"""``mirdrake replay``: watch a run again, with what its cameras saw beside it."""
+"""``mirdrake replay``: replay a run with the pictures of its cameras."""
 
 import argparse
 import contextlib
 from pathlib import Path
 
-from mirdrake.cli.verb import print_changes
+from mirdrake.cli.common import print_changes
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
-HELP = "watch a run again in Meshcat, with what its cameras saw beside it"
 MORE = """\
-The page has play controls and the views follow, cockpit and map (keys 1, 2, 3); pictures follow the recording. --out
-writes a page that opens offline, with smaller pictures and at most 2400 of them. A run that was killed can be watched
-as well.
+The page has play controls and the views follow, cockpit and map (keys 1, 2, 3); camera pictures are shown at the time
+of the recording. --out writes a page that opens offline, with at most 2400 pictures of reduced size. A run that was
+killed can be replayed as well.
 
 examples:
   mirdrake replay runs/drive
@@ -20,14 +19,14 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("run", metavar="RUN", help="a run folder")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
-    parser.add_argument("--port", type=int, default=0, help="of localhost to listen on (default: any free one)")
+    parser.add_argument("--port", type=int, default=0, help="port on localhost (default: any free port)")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show."""
+    """Serve the page until Ctrl-C, or write it."""
     from mirdrake.runs.logs import load_run
     from mirdrake.viewer.replay import Replay, write_replay
 

@@ -6,25 +6,24 @@ from pathlib import Path
 
 from mirdrake.core.yaml_io import shown
 
-HELP = "JSON Schema of a kind of YAML file, so that an editor completes and checks it"
 MORE = """\
-Without a kind it lists them. Editors with the YAML language server (VS Code, Neovim, Emacs) use a schema when
+Without a kind it lists the kinds. Editors with the YAML language server (VS Code, Neovim, Emacs) use a schema when
 the first line of a file names it, relative to the file:
   # yaml-language-server: $schema=../schemas/diagram.json
 
 examples:
   mirdrake schema diagram > diagram.json
-  mirdrake schema --out schemas              all of them, one file a kind"""
+  mirdrake schema --out schemas              all of them, one file per kind"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("kind", nargs="?", help="vehicle, control, sensors, world, diagram and others")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write files <kind>.json instead of printing")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print or write."""
+    """List the kinds, or print or write their schemas."""
     from mirdrake.core.files import write_file
     from mirdrake.schemas import KINDS, make_schema
 

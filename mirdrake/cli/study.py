@@ -2,26 +2,21 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mirdrake.cli.verb import add_set
-from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.cli.common import add_quiet, add_set, add_workers, open_dask, print_files
+from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import shown
 from mirdrake.execution.worker_server import STUDY, start_server
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from mirdrake.studies import StudyResult
 
-HELP = "run a study: many variations of one diagram, on all cores or on a cluster"
 MORE = """\
-The folder holds study.json and results.parquet, a row a run. A study that was interrupted or killed goes on where it
-was when the same command is given again. Rows do not depend on the number of workers, nor on what runs them.
+The folder holds study.json and results.parquet with one row per run. Give the same command again to continue a study
+that was interrupted or killed. Rows do not depend on the number of workers or on where they run.
 
 examples:
   mirdrake study gains.yaml                    on all cores; results go to runs/gains
@@ -33,25 +28,24 @@ examples:
 A study file:
   mirdrake: study/1
   diagram: bolt_test_track
-  parameters:                                  knobs of the vehicles, and dotted paths of the diagram
+  parameters:                                  parameters of the vehicles, and dotted paths of the diagram
     ego.speed.kp: {low: 0.3, high: 3, scale: log}
     ego.mass_scale: {values: [0.8, 1, 1.2]}
   sampling: {kind: sobol, runs: 64}            or grid, list, random, latin_hypercube
   metrics: [ego.distance_m, ego.mean_speed_error_percent]
   duration: 20 s"""
 
-ROWS = 12
-"""Rows of the table that are printed."""
+_MOST_ROWS = 12  # of the table
+_LONGEST_REASON = 60  # characters
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("study", help="path of a study file")
-    add_set(parser)
-    parser.add_argument("--workers", type=_count, metavar="N", help="processes (default: as many as cores; 0: none)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose workers run the study")
+    add_set(parser, "sampling.runs=500")
+    add_workers(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="study folder (default: runs/<name>)")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -65,44 +59,22 @@ def run(options: argparse.Namespace) -> int:
 
     spec = load_study(path, overrides=options.set)
     folder = options.out or Path("runs") / spec.name
-    with _executor(options.scheduler) as executor:
+    with open_dask(options.scheduler) as executor:
         result = run_study(
             spec, out=folder, executor=executor, workers=options.workers, resume=True, progress=not options.quiet
         )
     if not options.quiet:
         _print(result)
     if not result.complete:
-        print(f"interrupted; {result.arrow.num_rows} of {result.runs} runs are kept, "
-              "give the same command to go on", file=sys.stderr)  # fmt: skip
+        print(
+            f"interrupted; {result.arrow.num_rows} of {result.runs} runs are kept, give the same command to continue",
+            file=sys.stderr,
+        )
         return 130
     failed = result.counts["failed"]
     if failed:
         print(f"error: {shown(folder)}: {failed} of {result.runs} runs failed; see the column reason", file=sys.stderr)
     return 1 if failed else 0
-
-
-@contextmanager
-def _executor(scheduler: str | None) -> Iterator["Executor | None"]:
-    """The executor of a Dask scheduler, None without one."""
-    if scheduler is None:
-        yield None
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingDependencyError("--scheduler needs Dask: pip install 'mirdrake[cluster]'") from None
-    try:
-        client: Any = Client(scheduler, timeout="10 s", set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ConfigError(
-            f"--scheduler {scheduler}: no Dask scheduler answers ({first}); start one with: dask scheduler"
-        ) from None
-    with client:
-        if not client.scheduler_info()["workers"]:
-            raise ConfigError(f"--scheduler {scheduler}: it has no workers; start some with: dask worker {scheduler}")
-        with client.get_executor() as executor:
-            yield executor
 
 
 def _print(result: "StudyResult") -> None:
@@ -112,19 +84,12 @@ def _print(result: "StudyResult") -> None:
     if not table["reason"].any():
         table = table.drop(columns=["reason"])
     else:
-        table["reason"] = [text if len(text) <= 60 else f"{text[:59]}…" for text in table["reason"]]
+        longest = _LONGEST_REASON
+        table["reason"] = [text if len(text) <= longest else f"{text[: longest - 1]}…" for text in table["reason"]]
     units = result.table.attrs["units"]
     table.columns = [f"{name} [{units[name]}]" if units.get(name) not in (None, "", "1") else name for name in table]
     if len(table):
-        print(table.to_string(max_rows=ROWS, float_format=lambda value: f"{value:.4g}", na_rep="-"))
+        print(table.to_string(max_rows=_MOST_ROWS, float_format=lambda value: f"{value:.4g}", na_rep="-"))
     if result.folder is not None:
-        print(f"  {shown(result.folder)}/")
-        for file, text in (("results.parquet", "all rows"), ("study.json", "what was asked")):
-            if (result.folder / file).is_file():
-                print(f"    {file:16} {text}")
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text} is not allowed; it must be 0 or more")
-    return int(text)
+        files = (("results.parquet", "all rows"), ("study.json", "the study and its settings"))
+        print_files(result.folder, files, indent="  ")

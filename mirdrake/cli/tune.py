@@ -6,18 +6,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mirdrake.cli import tune_apply
-from mirdrake.core.errors import MissingDependencyError
+from mirdrake.cli.common import add_quiet, add_set, add_workers, open_dask
 from mirdrake.core.paths import find
+from mirdrake.core.progress import Progress
 from mirdrake.execution.worker_server import LOOP, start_server
 
-HELP = "tune the gains of a loop: identify, rules, search, robustness; apply writes them into control.yaml"
 MORE = """\
-STUDY.yaml says which loop of which vehicle (mirdrake: tuning/1). The loop is identified on the full plant; rules, loop
-shaping and a search give candidates; the best are confirmed on the plant and shaken. The folder holds tuning.json,
-tables and the page tuning.html. Ctrl-C keeps what is done; the same call goes on from there.
+STUDY.yaml names the loop of a vehicle (mirdrake: tuning/1). The loop is identified on the full plant; tuning rules,
+loop shaping and a search give candidates; the best are confirmed on the plant and evaluated by Monte Carlo. The folder
+holds tuning.json, tables and the page tuning.html. Ctrl-C keeps what is done; the same command continues from there.
 `mirdrake tune apply RESULT` writes the gains into control.yaml; see mirdrake tune apply --help.
-Exit codes: 0 all that a tuned loop shall reach is reached, 1 something is not, 2 bad input, 130 stopped.
+Exit codes: 0 all acceptance criteria are met, 1 one is not, 2 bad input, 130 stopped.
 
 examples:
   mirdrake tune studies/bolt_speed.yaml --out runs/bolt_speed
@@ -27,42 +26,16 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
-    parser.add_argument("study", metavar="STUDY.yaml", help="a tuning file; or the word apply")
-    parser.add_argument("more", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a value of the study; again")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes (default: as many as cores; 0: none)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask scheduler, instead of processes here")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: runs/tune-<study>, taken up again)")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    """Add the arguments of the verb."""
+    parser.add_argument("study", metavar="STUDY.yaml", help="a tuning file (mirdrake: tuning/1)")
+    add_set(parser, "search.trials=200")
+    add_workers(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: runs/tune-<study>, continued)")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Tune, or apply."""
-    if options.study == "apply":
-        parser = argparse.ArgumentParser(
-            prog="mirdrake tune apply",
-            description=tune_apply.HELP,
-            epilog=tune_apply.MORE,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        tune_apply.add_arguments(parser)
-        return tune_apply.run(parser.parse_args(options.more))
-    if options.more:
-        again = argparse.ArgumentParser(prog="mirdrake tune", usage=argparse.SUPPRESS)
-        add_arguments(again)
-        options = again.parse_args([*_given(options), *options.more, options.study])
-    return _tune(options)
-
-
-def _given(options: argparse.Namespace) -> list[str]:
-    """Options that stood before the study, as words."""
-    words = [f"--set={value}" for value in options.set] + (["--quiet"] if options.quiet else [])
-    given = {name: getattr(options, name) for name in ("workers", "scheduler", "out")}
-    return words + [f"--{name}={value}" for name, value in given.items() if value is not None]
-
-
-def _tune(options: argparse.Namespace) -> int:
+    """Tune the loop; 0: all acceptance criteria are met, 1: one is not, 130: stopped."""
     path = find("studies", options.study)
     if options.scheduler is None and options.workers != 0:
         start_server(LOOP)
@@ -72,22 +45,18 @@ def _tune(options: argparse.Namespace) -> int:
     from mirdrake.tuning.tune import StoppedError, tune
 
     folder = options.out or Path("runs") / f"tune-{spec.name}"
-    bar = _Bar(talks=not options.quiet and sys.stderr.isatty())
-    executor: Any = None
-    client: Any = None
-    if options.scheduler is not None:
-        client = _dask(options.scheduler)
-        executor = client.get_executor()
-    try:
-        result = tune(spec, out=folder, executor=executor, workers=options.workers, progress=bar)
-    except StoppedError as stop:
-        bar.end()
-        print(str(stop), file=sys.stderr)
-        return 130
-    finally:
-        bar.end()
-        if client is not None:
-            client.close()
+    with Progress(spec.name, quiet=options.quiet) as progress, open_dask(options.scheduler) as executor:
+
+        def show(stage: str, done: int, total: int, left: float) -> None:
+            time_left = "" if not math.isfinite(left) else f"{left / 60.0:.0f}:{left % 60.0:02.0f} left"
+            progress.update(text=f"{stage} {done}/{total}  {time_left}".rstrip())
+
+        try:
+            result = tune(spec, out=folder, executor=executor, workers=options.workers, progress=show)
+        except StoppedError as stop:
+            progress.close()
+            print(str(stop), file=sys.stderr)
+            return 130
     _report(result)
     met = all(row["met"] for row in result.data["acceptance"])
     if not options.quiet:
@@ -99,20 +68,6 @@ def _report(result: Any) -> None:
     from mirdrake.report.tuning import write_tuning_report  # Matplotlib takes half a second
 
     write_tuning_report(result.folder)
-
-
-def _dask(address: str) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingDependencyError("--scheduler needs Dask: pip install 'mirdrake[cluster]'") from None
-    from mirdrake.core.errors import RunError
-
-    try:
-        return Client(address, timeout="10s")
-    except Exception as error:
-        line = (str(error).splitlines() or [type(error).__name__])[0]
-        raise RunError(f"--scheduler {address}: no scheduler answers there: {line}") from None
 
 
 def _show(result: Any) -> None:
@@ -135,25 +90,3 @@ def _show(result: Any) -> None:
     if data["best"] is None:
         print("  no candidate meets the constraints; relax them, widen search.ranges, or give more trials")
     print(f"  {result.folder}")
-
-
-class _Bar:
-    """A line with stage, share and time left; nothing without a terminal."""
-
-    def __init__(self, *, talks: bool) -> None:
-        self.talks, self._shown = talks, False
-
-    def __call__(self, stage: str, done: int, total: int, left: float) -> None:
-        if not self.talks:
-            return
-        time_left = "" if not math.isfinite(left) else f", {left / 60.0:.0f}:{left % 60.0:02.0f} left"
-        part = done / max(total, 1)
-        print(f"\r\033[K{stage:<14} |{'#' * round(30 * part):<30}| {done}/{total}{time_left}", end="", file=sys.stderr)
-        sys.stderr.flush()
-        self._shown = True
-
-    def end(self) -> None:
-        """Clear the line."""
-        if self._shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
-            self._shown = False

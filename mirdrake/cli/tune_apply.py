@@ -3,11 +3,10 @@
 import argparse
 from pathlib import Path
 
-HELP = "write the gains of a tuning result into control.yaml"
 MORE = """\
 RESULT is the folder of a tuning study. Only the gains change, and what they need (such as the kind of the controller);
 comments, order and layout stay, and a line above says where the gains are from. The difference is shown. A candidate
-that does not meet the constraints of the study is refused. Running it again changes nothing. Exit codes: 0 done,
+that does not meet the constraints of the study is rejected. Running it again changes nothing. Exit codes: 0 done,
 2 bad input.
 
 examples:
@@ -18,7 +17,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("result", type=Path, metavar="RESULT", help="folder of a tuning result")
     parser.add_argument("--candidate", metavar="NAME", help="whose gains (default: the best)")
     parser.add_argument("--vehicle", metavar="FOLDER", help="name or folder of the vehicle (default: the study's)")
@@ -26,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Apply it."""
+    """Plan the changes, print the difference and write it."""
     from mirdrake.core.yaml_io import shown
     from mirdrake.tuning.apply import plan_apply
     from mirdrake.tuning.result_folder import read_result

@@ -1,48 +1,42 @@
 """``mirdrake validate``: a vehicle simulated against published figures of the real one."""
 
 import argparse
-import sys
 from pathlib import Path
 
+from mirdrake.cli.common import add_quiet, add_set, new_folder, parse_names, print_files
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import parse_yaml, shown
+from mirdrake.core.progress import Progress
+from mirdrake.core.yaml_io import parse_yaml
 
-HELP = "compare a vehicle with published figures of the real one, and write a validation report"
 MORE = """\
-The figures, their conditions, sources and how sure they are stand in published_figures.yaml of the vehicle. What they
-need is driven under their conditions.
-Figures are shown by role: predicted, calibrated (fitted to) or input.
+The file published_figures.yaml of the vehicle lists the figures with their conditions, sources and reliability. The
+manoeuvres that they need are driven under these conditions. Figures are shown by role: predicted, calibrated (the
+vehicle was fitted to it) or input.
 The folder holds validation.html, results.json, figures.csv and the runs.
 Exit codes: 0 every figure is within the tolerance, 1 one is not or could not be simulated, 2 bad input.
 
 examples:
   mirdrake validate bolt
-  mirdrake validate bolt --list                                    what is published, without driving
+  mirdrake validate bolt --list                                    the published figures, without driving
   mirdrake validate bolt --only braking_distance,lateral_limit
   mirdrake validate mkz --set tolerance=10 --out runs/mkz_validation
   mirdrake validate bolt --set plant.contact=hydroelastic --set plant.time_step=0.0025"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("vehicle", metavar="VEHICLE", help="name or path of a vehicle; bolt@x is a variant")
     parser.add_argument("--list", action="store_true", help="show the published figures and their sources")
-    parser.add_argument("--only", default="", metavar="QUANTITY", help="quantities, with commas")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="a setting: tolerance=5 (in %%), friction=0.9, plant.time_step=0.002; again",
-    )
+    parser.add_argument("--only", default="", metavar="QUANTITY", help="quantities, separated by commas")
+    add_set(parser, "tolerance=5 (in %%), friction=0.9 or plant.time_step=0.002")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder (default: runs/<vehicle>-validation-<UTC time>)"
     )
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Drive and compare."""
+    """Drive the manoeuvres and compare their figures with the published ones."""
     from mirdrake.manoeuvres.published import load_published
     from mirdrake.manoeuvres.validation import ValidationSettings, driven_name, published_told
     from mirdrake.vehicles import load_vehicle
@@ -50,33 +44,30 @@ def run(options: argparse.Namespace) -> int:
     settings = parse_yaml("", ValidationSettings, name="validate", overrides=options.set)
     vehicle = load_vehicle(options.vehicle)
     published = load_published(vehicle)
-    only = _quantities(options.only, [one.quantity for one in published.figures])
+    only = _quantities(options.only, [figure.quantity for figure in published.figures])
     if options.list:
-        for one in published.figures:
-            if not only or one.quantity in only:
-                print(f"{one.text}: {published_told(one)} ({one.role}; {one.status}; {one.source})")
+        for figure in published.figures:
+            if not only or figure.quantity in only:
+                print(f"{figure.text}: {published_told(figure)} ({figure.role}; {figure.status}; {figure.source})")
         if published.none_because:
             print(published.none_because)
         return 0
 
-    from mirdrake.core.errors import RunError
     from mirdrake.manoeuvres.validation import describe_validation, validate_vehicle, write_validation_results
-    from mirdrake.runs.simulation import default_folder
 
     name = driven_name(options.vehicle, published)
     vehicle = load_vehicle(name)
-    folder = options.out or default_folder(f"{vehicle.name.replace('@', '-')}-validation")
-    if folder.exists() and any(folder.iterdir()):
-        raise RunError(f"{folder}: is not empty; choose another folder with --out")
-    talks = not options.quiet and sys.stderr.isatty()
-
-    def tell(label: str) -> None:
-        if talks:
-            print(f"\r\033[K{vehicle.name}: {label}", end="", file=sys.stderr, flush=True)
-
-    results = validate_vehicle(name, vehicle, published, settings, folder=folder, only=only, tell=tell)
-    if talks:
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
+    folder = new_folder(options.out, f"{vehicle.name.replace('@', '-')}-validation")
+    with Progress(vehicle.name, quiet=options.quiet) as progress:
+        results = validate_vehicle(
+            name,
+            vehicle,
+            published,
+            settings,
+            folder=folder,
+            only=only,
+            tell=lambda label: progress.update(text=label),
+        )
     folder.mkdir(parents=True, exist_ok=True)
     write_validation_results(results)
     from mirdrake.report.validation import write_validation  # Matplotlib takes half a second
@@ -84,19 +75,18 @@ def run(options: argparse.Namespace) -> int:
     write_validation(results)
     if not options.quiet:
         print("\n".join(describe_validation(results)))
-        print(f"{shown(folder)}/ in {results.wall:.1f} s")
-        for file, text in (("validation.html", "report"), ("results.json", "figures"), ("figures.csv", "as a table")):
-            print(f"  {file:16} {text}")
+        files = (("validation.html", "report"), ("results.json", "figures"), ("figures.csv", "figures as a table"))
+        print_files(folder, files, note=f" in {results.wall:.1f} s")
     return results.exit_code
 
 
 def _quantities(text: str, known: list[str]) -> list[str]:
-    """Quantities from ``"braking_distance,top_speed"``.
+    """Return the quantities of a text such as ``"braking_distance,top_speed"``.
 
     Raises:
-        ConfigError: the vehicle has no figure of one of them.
+        ConfigError: the vehicle has no published figure of one of them.
     """
-    names = [name.strip() for name in text.split(",") if name.strip()]
+    names = parse_names(text)
     for name in names:
         if name not in known:
             raise ConfigError(f"--only: nothing is published as '{name}'; {did_you_mean(name, sorted(set(known)))}")

@@ -1,4 +1,4 @@
-"""``mirdrake view``: look at something in Meshcat."""
+"""``mirdrake view``: show a vehicle, a world, a diagram or a run in Meshcat."""
 
 import argparse
 import contextlib
@@ -6,24 +6,23 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mirdrake.cli.verb import kind_of, print_changes
+from mirdrake.cli.common import kind_of, print_changes
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
-HELP = "look at a vehicle, a world, a diagram or a run in Meshcat"
 MORE = """\
-For a vehicle there is a slider for every joint, and buttons show and hide frames (key F), collision shapes (C) and
-meshes (M); the options below say what is shown at first. Escape in the page, or Ctrl-C here, ends it.
-A diagram and a run have the views follow, cockpit and map (keys 1, 2, 3), as a drive has.
+The page of a vehicle has a slider for every joint, and buttons that show and hide frames (key F), collision shapes (C)
+and meshes (M); the options below set what is shown at first. Escape in the page or Ctrl-C here ends it.
+The pages of a diagram and a run have the views follow, cockpit and map (keys 1, 2, 3).
 
 examples:
   mirdrake view bolt
-  mirdrake view bolt --collision --no-meshes     what touches, and nothing else
+  mirdrake view bolt --collision --no-meshes     only the collision shapes
   mirdrake view test_track --out track.html      a page that opens offline"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("name", help="name or path of a vehicle, a world, a diagram or a run folder")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
     vehicle = parser.add_argument_group("for a vehicle")
@@ -33,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show."""
+    """Write the page, or show it until it is closed or Ctrl-C is pressed."""
     from mirdrake.assembly.diagram_spec import load_diagram
     from mirdrake.assembly.scene import make_scene
     from mirdrake.runs.logs import load_run, reads_run
@@ -47,10 +46,10 @@ def run(options: argparse.Namespace) -> int:
 
     kind = kind_of(options.name)
     if kind in {"studies", "files"}:
-        raise ConfigError(f"'{options.name}' is a study or a data file: there is nothing to look at")
+        raise ConfigError(f"'{options.name}' is a study or a data file and cannot be shown")
     layers = [f"--{name.replace('_', '-')}" for name in ("frames", "collision", "no_meshes") if getattr(options, name)]
     if layers and kind != "models":
-        raise ConfigError(f"{', '.join(layers)}: for a vehicle only; '{options.name}' is none")
+        raise ConfigError(f"{', '.join(layers)}: only for a vehicle; '{options.name}' is not a vehicle")
     make = make_meshcat if options.out is None else make_offline_meshcat
     sliders: Any = None
     diagram: Any = None

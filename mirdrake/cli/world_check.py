@@ -3,12 +3,13 @@
 import argparse
 import sys
 
-HELP = "check worlds: every fault with file and line"
+from mirdrake.cli.common import add_param, add_set, plural, world_overrides
+
 MORE = """\
-Props that overlap (how deep and where), that are buried or hang in the air; starts and goals in a prop; goals to which
-a vehicle has no way; broken rules; faults of tests. A vehicle is that of a test or of a rule `drivable`; --vehicle
-tries one more at all starts. At last the plant is built and makes a few steps with that vehicle, or a car, at the first
-start.
+Faults are: props that overlap (with depth and place), that are buried or float; starts and goals inside a prop; goals
+that a vehicle cannot reach; rules that do not hold; faults of tests. The vehicle is that of a test or of a rule
+`drivable`; --vehicle checks one more at all starts. Finally the plant is built and makes a few steps with that vehicle,
+or with a car, at the first start.
 Exit codes: 0 sound, 2 faults.
 
 examples:
@@ -17,51 +18,31 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="names or paths of worlds")
-    add_changes(parser)
-    parser.add_argument("--vehicle", metavar="NAME", help="a vehicle that must have room at all starts")
-
-
-def add_changes(parser: argparse.ArgumentParser) -> None:
-    """The options that change a world: ``--set`` and ``-p``."""
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file, say seed=3"
-    )
-    parser.add_argument(
-        "-p",
-        "--param",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="another value of a parameter, or of seed; may be given again",
-    )
-
-
-def changes(options: argparse.Namespace) -> tuple[str, ...]:
-    """What those options say, as overrides."""
-    given = (text if text.partition("=")[0].strip() == "seed" else f"params.{text}" for text in options.param)
-    return (*options.set, *given)
+    add_set(parser, "seed=3")
+    add_param(parser)
+    parser.add_argument("--vehicle", metavar="NAME", help="a vehicle that must fit at all starts")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check each."""
+    """Check each world and print its faults, or its routes if it is sound."""
     from mirdrake.world_checks import examine
 
     code = 0
     for name in options.files:
-        found = examine(name, overrides=changes(options), vehicle=options.vehicle, first_steps=True)
-        for fault in found.faults:
+        result = examine(name, overrides=world_overrides(options), vehicle=options.vehicle, first_steps=True)
+        for fault in result.faults:
             print(f"error: {fault}", file=sys.stderr)
-        if found.faults:
+        if result.faults:
             code = 2
             continue
-        assert found.world is not None
-        count = len(found.world.props)
-        print(f"{name}: sound{f', {count} props' if count else ''}")
-        for track in found.world.tracks.values():
+        assert result.world is not None
+        count = len(result.world.props)
+        print(f"{name}: sound" + (f", {plural(count, 'prop')}" if count else ""))
+        for track in result.world.tracks.values():
             for note in track.notes:
                 print(f"  {note}")
-        for way in found.ways:
+        for way in result.ways:
             print(f"  {way.vehicle} has a way of {way.length:.1f} m from '{way.start}' to '{way.goal}'")
     return code

@@ -6,18 +6,18 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mirdrake.cli.common import parse_pairs
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
     from mirdrake.importing.worlds import WorldImport
 
-HELP = "make a world file from a .world or .sdf file of Gazebo"
 MORE = """\
-Models are looked for in the folders around the file, on Gazebo's search paths (such as GZ_SIM_RESOURCE_PATH) and in the
-local cache of Fuel. Well-known ones that are not there, such as cones, barriers and cars, become props of mirdrake.
+Models are searched for in the folders around the file, on Gazebo's search paths (such as GZ_SIM_RESOURCE_PATH) and in
+the local cache of Fuel. Well-known models that are missing, such as cones, barriers and cars, become props of mirdrake.
 Roads become tracks and patches of the ground, with a start on them. NAME.md beside the new world lists what was changed
-or left out, why, and what `mirdrake world check` finds in it.
+or left out, the reasons, and the findings of `mirdrake world check`.
 
 examples:
   mirdrake world import old.world
@@ -28,17 +28,17 @@ _MOST_LINES = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("file", type=Path, help=".world or .sdf with a <world>")
-    parser.add_argument("--name", help="of the new world (default: that of the source)")
-    parser.add_argument("--folder", type=Path, metavar="DIR", help="where it goes (default: worlds)")
-    parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="where a model lies")
-    parser.add_argument("--strict", action="store_true", help="refuse if something that could be touched is lost")
+    parser.add_argument("--name", help="name of the new world (default: that of the source)")
+    parser.add_argument("--folder", type=Path, metavar="DIR", help="folder of the new world (default: worlds)")
+    parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="folder of a model")
+    parser.add_argument("--strict", action="store_true", help="reject losses of collision geometry")
     parser.add_argument("--force", action="store_true", help="replace a world of that name")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Import."""
+    """Import the world and print the result."""
     from mirdrake.importing.worlds import import_world
 
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
@@ -56,15 +56,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _packages(texts: list[str]) -> dict[str, Path]:
-    """``NAME=DIR`` texts as a mapping."""
-    packages = {}
-    for text in texts:
-        name, mark, folder = text.partition("=")
-        if not mark or not name:
-            raise ConfigError(f"--package {text}: expected NAME=DIR")
-        if not Path(folder).is_dir():
-            raise ConfigError(f"--package {text}: no such folder; give that of the model or package")
-        packages[name] = Path(folder)
+    packages = {name: Path(folder) for name, folder in parse_pairs("--package", texts).items()}
+    for name, folder in packages.items():
+        if not folder.is_dir():
+            raise ConfigError(f"--package {name}={folder}: no such folder; give that of the model or package")
     return packages
 
 

@@ -1,65 +1,71 @@
-"""``mirdrake world test``: run the tests of worlds with all their variations, and say what does not hold."""
+"""``mirdrake world test``: run the tests of worlds with all their variations and report which fail."""
 
 import argparse
-import os
-import signal
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mirdrake.cli.common import (
+    add_param,
+    add_quiet,
+    core_count,
+    plural,
+    positive_time,
+    table_lines,
+    terminated_like_interrupted,
+    whole_number,
+)
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.progress import Progress
 from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
     from mirdrake.suites import Case, Result, Suite
 
-HELP = "run the tests of worlds with all their variations"
 MORE = """\
-Each variation runs in a worker process; one that raises, hangs or crashes is an error, and the others go on. The folder
-holds report.html, junit.xml, results.jsonl, and below cases/ the run of every case that did not pass, the worst of them
-with a recording that opens offline. A margin is how far a requirement is from changing: positive where it holds.
-Ctrl-C stops early and keeps what is done. Exit codes: 0 all passed, 1 a test failed, 2 invalid worlds or errors, 130
-interrupted.
+Each variation runs in a worker process. A variation that raises an exception, hangs or crashes counts as an error; the
+others continue. The folder holds report.html, junit.xml, results.jsonl, and below cases/ the run of every case that did
+not pass, the worst of them with a recording that opens offline. The margin of a requirement is its distance from the
+limit: positive where it is met. Ctrl-C stops early and keeps what is done.
+Exit codes: 0 all passed, 1 a test failed, 2 invalid worlds or errors, 130 interrupted.
 
 examples:
   mirdrake world test parking_lot barrels -j 4
   mirdrake world test parking_lot --case stops_for_pedestrian#2        one variation, with a recording
   mirdrake world test parking_lot -p mu=0.25 -p seed=7                 other values than those of the file
-  mirdrake world test parking_lot --out runs/lot --resume              go on after a kill"""
+  mirdrake world test parking_lot --out runs/lot --resume              continue after a kill"""
+
+RESULT_HEAD = ("verdict", "values", "margin", "requirement that decides, or reason")
+"""Columns of the tables of results, from the second on in a table of cases."""
 
 _MOST_ROWS = 40  # of the table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verb's arguments."""
+    """Add the arguments of the verb."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="names or paths of world files")
-    parser.add_argument("--case", action="append", default=[], metavar="NAME[#K]", help="only this test, or this one")
+    parser.add_argument("--case", action="append", default=[], metavar="NAME[#K]", help="run only this test or case")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: runs/<name>-<UTC time>)")
-    parser.add_argument("--resume", action="store_true", help="keep the results that --out has of the same cases")
-    add_common(parser)
+    parser.add_argument("--resume", action="store_true", help="keep the results of the same cases in --out")
+    add_test_options(parser)
 
 
-def add_common(parser: argparse.ArgumentParser) -> None:
-    """What testing and searching have in common."""
-    parser.add_argument("-j", "--jobs", type=count, default=_cores(), metavar="N", help="processes (%(default)s)")
+def add_test_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that ``world test`` and ``world search`` share."""
     parser.add_argument(
-        "-p",
-        "--param",
-        action="append",
-        default=[],
-        type=_parameter,
-        metavar="NAME=VALUE",
-        help="value of a parameter, or of seed, in place of its variations; may be given again",
+        "-j", "--jobs", type=whole_number(1), default=core_count(), metavar="N", help="processes (%(default)s)"
     )
-    parser.add_argument("--timeout", type=_seconds, metavar="S", help="wall time a case may take [s]")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    add_param(parser, type=_parameter)
+    parser.add_argument("--timeout", type=positive_time, metavar="S", help="largest wall time of a case [s]")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run all cases and write what became of them."""
-    from mirdrake.core.errors import ConfigError
+    """Run all cases, write their results and print them."""
     from mirdrake.report.junit import write_junit
     from mirdrake.report.suite import write_suite_report
     from mirdrake.report.suite_recordings import write_recordings
@@ -67,58 +73,57 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.suites import collect_cases, run_suite
 
     if options.resume and options.out is None:
-        raise ConfigError("--resume: say with --out which folder goes on")
+        raise ConfigError("--resume: give the folder to continue with --out")
     cases = collect_cases(options.files, only=options.case, values=dict(options.param))
-    if not check_layouts(cases):
+    if not print_world_faults(cases):
         return 2
-    single = cases[0].slug if len(cases) == 1 else Path(cases[0].world).stem
-    folder = options.out or default_folder(single if len({case.world for case in cases}) == 1 else "suite")
+    name = cases[0].slug if len(cases) == 1 else Path(cases[0].world).stem
+    folder = options.out or default_folder(name if len({case.world for case in cases}) == 1 else "suite")
     began = time.monotonic()
     with terminated_like_interrupted():
-        with progress_bar(len(cases), "cases", quiet=options.quiet) as bar:
+        with Progress(name, len(cases), "cases", quiet=options.quiet) as progress:
+            counts: Counter[str] = Counter()
 
-            def progress(done: int, total: int, result: "Result") -> None:  # noqa: ARG001
-                bar.update(done - bar.n)
-                bar.counts[result.verdict] = bar.counts.get(result.verdict, 0) + 1
-                bar.set_postfix_str(", ".join(f"{n} {key}" for key, n in bar.counts.items() if key != "pass"))
+            def show(done: int, _: int, result: "Result") -> None:
+                counts[result.verdict] += result.verdict != "pass"
+                progress.update(done, text=", ".join(f"{count} {verdict}" for verdict, count in (+counts).items()))
 
-            bar.counts = {}
             suite = run_suite(
                 cases,
                 workers=options.jobs,
                 folder=folder,
                 timeout=options.timeout,
-                progress=progress,
+                progress=show,
                 resume=options.resume,
                 keep_all=bool(options.case),
             )
         faults: list[tuple[str, str]] = []
         if suite.complete:
-            with suppress(KeyboardInterrupt):  # the verdicts stand without the pictures
+            with suppress(KeyboardInterrupt):  # the verdicts are valid without the recordings
                 faults = write_recordings(suite)
                 if options.case:
                     _write_run_reports(suite)
     write_suite_report(suite)
     write_junit(suite, folder / "junit.xml")
-    for name, why in faults:
-        print(f"{name}: not recorded: {why}", file=sys.stderr)
+    for name, reason in faults:
+        print(f"{name}: not recorded: {reason}", file=sys.stderr)
     if not options.quiet:
-        print("\n".join(_told(suite, time.monotonic() - began)))
+        print("\n".join(_result_lines(suite, time.monotonic() - began)))
     if not suite.complete:
         left = len(suite.cases) - len(suite.results)
         print(
             f"interrupted: {left} of {len(suite.cases)} cases were not run; "
-            f"--out {shown(folder)} --resume goes on with them",
+            f"continue with --out {shown(folder)} --resume",
             file=sys.stderr,
         )
         return 130
     return suite.exit_code
 
 
-def check_layouts(cases: "Sequence[Case]") -> bool:
-    """Whether the worlds of some cases are sound as their files have them; tells all faults.
+def print_world_faults(cases: "Sequence[Case]") -> bool:
+    """Print all faults of the worlds of some cases as their files have them; return whether there are none.
 
-    What chance or parameters change is judged case by case: what finds no place, and rules on areas.
+    What random draws or parameters change is judged case by case: unplaced props, and rules on areas.
     """
     from mirdrake.world_checks import check_world
 
@@ -128,8 +133,32 @@ def check_layouts(cases: "Sequence[Case]") -> bool:
     return not faults
 
 
+def result_cells(values: dict[str, Any], result: "Result") -> tuple[str, str, str, str]:
+    """Return the cells of :data:`RESULT_HEAD` for a result with its values of parameters."""
+    settings = " ".join(f"{key}={value}" for key, value in values.items())
+    return result.verdict, settings, _format_margin(result), _format_requirement(result)
+
+
+def _format_margin(result: "Result") -> str:
+    """Return the smallest margin with its sign and unit."""
+    worst = result.worst
+    if worst is None:
+        return "-"
+    return "unbounded" if worst["margin"] is None else f"{worst['margin']:+.3g} {worst['unit']}".rstrip()
+
+
+def _format_requirement(result: "Result") -> str:
+    """Return the requirement with the smallest margin, or the reason why there is none."""
+    worst = result.worst
+    if worst is None or result.verdict in {"error", "invalid"}:
+        return result.reason
+    place = f" (at {worst['worst_time']:.2f} s)" if worst["margin"] is not None else ""
+    more = sum(not finding["passed"] for finding in result.findings) - 1
+    return f"{worst['text']}{place}" + (f", and {more} more failed" if more > 0 else "")
+
+
 def _write_run_reports(suite: "Suite") -> None:
-    """report.html in the run folder of each case."""
+    """Write report.html into the run folder of each case."""
     from mirdrake.report import write_report
     from mirdrake.runs.logs import SUMMARY, load_run, reads_run
 
@@ -139,122 +168,40 @@ def _write_run_reports(suite: "Suite") -> None:
             reads_run(write_report)(load_run(place))
 
 
-def _told(suite: "Suite", wall: float) -> Iterator[str]:
-    """What became of the cases, line by line."""
+def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:
+    """Yield the results line by line: failures first, then the files and the command that repeats the worst case."""
     from mirdrake.report.suite_recordings import RECORDING
 
     assert suite.folder is not None
-    rows = [
-        (result.verdict, result.name, values_told(case.values), margin_told(result), asked_told(result))
-        for case, result in suite.ranked()
-    ]
-    bad = sum(row[0] != "pass" for row in rows)
-    most = max(_MOST_ROWS, bad)
-    yield from table(("verdict", "case", "values", "margin", "of the requirement, or why not"), rows[:most])
+    ranked = suite.ranked()
+    rows = []
+    for case, result in ranked:
+        verdict, *others = result_cells(case.values, result)
+        rows.append((verdict, result.name, *others))
+    most = max(_MOST_ROWS, sum(row[0] != "pass" for row in rows))
+    yield from table_lines((RESULT_HEAD[0], "case", *RESULT_HEAD[1:]), rows[:most])
     if len(rows) > most:
         yield f"and {len(rows) - most} more that passed"
     counts = ", ".join(f"{number} {verdict}" for verdict, number in suite.counts.items() if number)
-    yield f"{len(rows)} case{'s' * (len(rows) != 1)}: {counts or 'none done'} ({wall:.1f} s)"
+    yield f"{plural(len(rows), 'case')}: {counts or 'none done'} ({wall:.1f} s)"
     yield f"  {shown(suite.folder)}/"
     yield "    report.html      report"
     yield "    junit.xml        for continuous integration"
     recorded = [
         f"{result.folder}/{RECORDING}"
-        for _, result in suite.ranked()
+        for _, result in ranked
         if result.folder is not None and (suite.folder / result.folder / RECORDING).is_file()
     ]
     if recorded:
         more = f" (and {len(recorded) - 1} more)" if len(recorded) > 1 else ""
-        yield f"    {recorded[0]}      replay, opens offline{more}"
-    worst = next(((case, result) for case, result in suite.ranked() if result.verdict != "pass"), None)
+        yield f"    {recorded[0]}      recording, opens offline{more}"
+    worst = next((case for case, result in ranked if result.verdict != "pass"), None)
     if worst is not None and len(suite.cases) > 1:
-        yield f"  the worst again: {worst[0].command}"
-
-
-# --- what searching uses, too --------------------------------------------------------------------------------------
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Lines of a table whose columns are as wide as they must be; the last one hangs over."""
-    if not rows:
-        return
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head) - 1)]
-    for row in (head, *rows):
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-        yield "  ".join([*cells, row[-1]]).rstrip()
-
-
-def values_told(values: dict[str, Any]) -> str:
-    """``seed=3 mu=0.3``."""
-    return " ".join(f"{key}={value}" for key, value in values.items())
-
-
-def margin_told(result: "Result") -> str:
-    """The smallest margin, with its sign and unit."""
-    worst = result.worst
-    if worst is None:
-        return "-"
-    return "unbounded" if worst["margin"] is None else f"{worst['margin']:+.3g} {worst['unit']}".rstrip()
-
-
-def asked_told(result: "Result") -> str:
-    """The requirement that decides, or why there is none."""
-    worst = result.worst
-    if worst is None or result.verdict in {"error", "invalid"}:
-        return result.reason
-    at = f" (at {worst['worst_time']:.2f} s)" if worst["margin"] is not None else ""
-    more = sum(not finding["passed"] for finding in result.findings) - 1
-    return f"{worst['text']}{at}" + (f", and {more} more failed" if more > 0 else "")
-
-
-@contextmanager
-def progress_bar(total: int, unit: str, *, quiet: bool) -> Iterator[Any]:
-    """A progress bar; none without a terminal."""
-    from tqdm import tqdm
-
-    bar = tqdm(
-        total=total,
-        unit=unit,
-        disable=not (sys.stderr.isatty() and not quiet),
-        bar_format="{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} {unit}, {remaining} left{postfix}",
-    )
-    with bar:
-        yield bar
-
-
-@contextmanager
-def terminated_like_interrupted() -> Iterator[None]:
-    """While inside, SIGTERM ends what is running as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def count(text: str) -> int:
-    """A whole number from 1 on."""
-    if not text.isdecimal() or not 1 <= int(text) <= 100_000:
-        raise argparse.ArgumentTypeError(f"'{text}' is not allowed; it must be a whole number from 1 to 100000")
-    return int(text)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}' is not allowed; it must be a positive time in s")
-    return value
+        yield f"  repeat the worst case: {worst.command}"
 
 
 def _parameter(text: str) -> tuple[str, float | int | str]:
-    from mirdrake.core.errors import ConfigError
+    """Return the name and value of ``NAME=VALUE``; the type of an option."""
     from mirdrake.core.yaml_io import parse_tree
 
     name, sign, given = (part.strip() for part in text.partition("="))

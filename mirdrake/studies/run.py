@@ -1,6 +1,5 @@
 """A study: all runs through an executor, written down as they come, so that a study that was killed can go on."""
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
@@ -13,6 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.progress import Progress
 from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.execution.job import Outcome, run_job
 from mirdrake.execution.journal import Journal
@@ -110,7 +110,9 @@ def run_study(
         runner, ahead = stack.enter_context(
             open_executor(executor, workers, calls=len(missing), limit=GRACE + plan.limit)
         )
-        report = stack.enter_context(_bar(total, len(journal))) if progress is True else progress or None
+        report = (
+            stack.enter_context(_progress_bar(spec.name, total, len(journal))) if progress is True else progress or None
+        )
         with suppress(KeyboardInterrupt):  # the finished runs are kept
             _run_all(plan, journal, missing, runner, ahead, report)
     result = StudyResult(make_table(journal.records, schema), total, folder)
@@ -163,19 +165,8 @@ def _row(plan: Plan, outcome: Outcome) -> Row:
 
 
 @contextmanager
-def _bar(total: int, done: int) -> Iterator[StudyProgress]:
-    """A bar with the time left; nothing without a terminal."""
-    from tqdm import tqdm
-
-    bar = tqdm(
-        total=total,
-        initial=done,
-        disable=not sys.stderr.isatty(),
-        bar_format="{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} runs, {remaining} left{postfix}",
-    )
-    with bar:
-
-        def show(*_: Any) -> None:
-            bar.update()
-
-        yield show
+def _progress_bar(title: str, total: int, done: int) -> Iterator[StudyProgress]:
+    """Yield a function that shows the progress on standard error."""
+    with Progress(title, total, "runs") as progress:
+        progress.update(done)
+        yield lambda count, _, __: progress.update(count)
