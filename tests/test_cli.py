@@ -190,7 +190,7 @@ connect: [[own.y, half.u]]
 
 
 @pytest.mark.parametrize("verb", ["check", "draw"])
-def test_a_module_of_the_users_is_executed_with_trust_only(
+def test_user_modules_are_executed_only_with_trust(
     verb: str, here: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     if verb == "draw" and shutil.which("dot") is None:
@@ -205,7 +205,7 @@ def test_a_module_of_the_users_is_executed_with_trust_only(
         "control.ego (harmful:Harmful)",
         "systems.half (an input is from own)",
     ):
-        assert f"  not {word}: {part}: a module of your own is executed with --trust only" in out
+        assert f"  not {word}: {part}: user modules are executed only with --trust" in out
     assert here(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
     assert (tmp_path / "executed").exists()
 
@@ -286,7 +286,7 @@ def test_the_version_is_that_of_the_package(here: Callable[..., tuple[int, str, 
     assert here("--version")[:2] == (0, f"mirdrake {version('mirdrake')}\n")
 
 
-def test_sources_that_nobody_installed_say_so(
+def test_the_version_of_sources_without_installation_is_unknown(
     here: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import importlib.metadata
@@ -295,7 +295,7 @@ def test_sources_that_nobody_installed_say_so(
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "version", missing)
-    assert here("--version")[:2] == (0, "mirdrake, version unknown: its sources are used, not installed\n")
+    assert here("--version")[:2] == (0, "mirdrake, unknown version: its sources are used without an installation\n")
     assert here("list")[0] == 0
 
 

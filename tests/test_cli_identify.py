@@ -91,7 +91,7 @@ def test_columns_with_known_names_and_units_need_no_mapping(tmp_path, capsys):
         (["log.csv", "--map", "vx=v:m/s", "--time", "time", "--step", "1"], "--step: --time names a clock already"),
         (["log.csv", "--map", "vx=v:m/s", "--repairs", "delay"], "unknown repair 'delay'; did you mean 'delays'"),
         (["none.csv"], "none.csv: no such file"),
-        (["drives.yaml", "--map", "vx=v:m/s"], "--map: drives.yaml has a mapping of its own"),
+        (["drives.yaml", "--map", "vx=v:m/s"], "--map: drives.yaml has its own mapping"),
     ],
 )
 def test_bad_input_of_a_check_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):

@@ -54,7 +54,7 @@ def test_errors_and_paths_come_without_drake() -> None:
     assert (done.stdout, done.stderr) == ("False\n", "")
 
 
-@pytest.mark.parametrize("words", [["--version"], ["--help"], ["world", "--help"], ["list", "--help"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["world", "--help"]], ids=" ".join)
 def test_version_and_help_load_no_heavy_package(words: list[str]) -> None:
     code = (
         "import sys; from mirdrake.cli import main\n"

@@ -4,7 +4,6 @@ import io
 
 import pytest
 
-from mirdrake.core import progress
 from mirdrake.core.progress import Progress
 
 
@@ -17,7 +16,7 @@ class Terminal(io.StringIO):
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The monotonic time that Progress sees, as the only element of a list."""
     time = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: time[0])
+    monkeypatch.setattr("mirdrake.core.progress.time.monotonic", lambda: time[0])
     return time
 
 

@@ -41,7 +41,7 @@ def _files(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
-def test_all_is_written_and_told(yard: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_files_are_written_and_printed(yard: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _run("yard.yaml", "--set", "seed=3", "-p", "mu=0.3", "-p", "crates=4") == 0
     folder = yard / "worlds-out" / "yard"
     lock = yaml.safe_load((folder / "yard.lock.yaml").read_text(encoding="utf-8"))
@@ -50,7 +50,7 @@ def test_all_is_written_and_told(yard: Path, capsys: pytest.CaptureFixture[str])
         "worlds-out/yard/",
         f"  yard.lock.yaml  6 props, seed 3, hash {lock['hash'][:12]}",
         "  yard.sdf        for Gazebo and Drake, with 6 files in meshes/",
-        "  yard.svg        from above",
+        "  yard.svg        plan from above",
         "left out of the SDF world: friction 0.3 of patch 'wet'",
         "overlap: crate[0] and late, 0.5 m²",
     ]

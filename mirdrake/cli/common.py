@@ -83,7 +83,7 @@ def positive_time(text: str) -> float:
     return value
 
 
-def parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+def parse_pairs(option: str, texts: Sequence[str], example: str = "") -> dict[str, str]:
     """Return ``NAME=VALUE`` texts as a mapping.
 
     Raises:
@@ -93,7 +93,7 @@ def parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     for text in texts:
         name, mark, value = text.partition("=")
         if not mark or not name:
-            raise ConfigError(f"{option} {text}: expected NAME=VALUE")
+            raise ConfigError(f"{option} {text}: expected NAME=VALUE{f', {example}' if example else ''}")
         pairs[name] = value
     return pairs
 

@@ -60,10 +60,10 @@ def _parameter_overrides(name: str, texts: Sequence[str]) -> list[str]:
     data, _ = read_tree(find("worlds", name))
     params = data.get("params") if isinstance(data, dict) else None
     known = params if isinstance(params, dict) else {}
-    for key in parse_pairs("-p", texts):
+    for key, value in parse_pairs("-p", texts, "for example mu=0.3").items():
         if key.strip() not in known:
             hint = did_you_mean(key, map(str, known)) if known else "it has none; add it under params"
-            raise ConfigError(f"-p {key}: the world has no parameter '{key}'; {hint}")
+            raise ConfigError(f"-p {key}={value}: the world has no parameter '{key}'; {hint}")
     return [f"params.{text}" for text in texts]
 
 
