@@ -11,6 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles import import_vehicle
 from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
 from mirdrake.importing.vehicles.model import (
@@ -20,7 +21,6 @@ from mirdrake.importing.vehicles.model import (
     Limits,
     Link,
     Plugin,
-    Shape,
     SourceModel,
     Surface,
     Transmission,

@@ -20,9 +20,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.core.paths import cache_folder
-from mirdrake.importing.vehicles.mesh_convex import CutTime
-from mirdrake.importing.vehicles.meshes import MeshError, convert_collision, convert_visual, mesh_bounds
-from mirdrake.importing.vehicles.model import Shape
+from mirdrake.importing.meshes.convert import MeshError, convert_collision, convert_visual, mesh_bounds
+from mirdrake.importing.meshes.convex import CutTime
+from mirdrake.importing.shape import Shape
 from mirdrake.viewer.private_meshcat import make_private_meshcat
 from tests.mesh_rigs import CORNERS, QUADS, TEXTURED, add_eye, box, flat, write_dae, write_stl
 
@@ -393,7 +393,7 @@ def test_a_surface_that_cannot_be_cut_in_time_becomes_its_hull(tmp_path, monkeyp
             raise subprocess.TimeoutExpired(command, 200)
         return subprocess.CompletedProcess(command, end, b"", b"")
 
-    monkeypatch.setattr("mirdrake.importing.vehicles.mesh_convex.find_spec", lambda name: name)
+    monkeypatch.setattr("mirdrake.importing.meshes.convex.find_spec", lambda name: name)
     monkeypatch.setattr(subprocess, "run", run)
     (hull,), (change,) = convert_collision(mesh(write_stl(tmp_path / "l.stl", corner_solid())), tmp_path, name="l")
     assert parts_volume([hull]) == [pytest.approx(2.0625, rel=1e-5)]
@@ -451,7 +451,7 @@ def test_a_primitive_passes_unchanged(tmp_path):
 
 def test_more_triangles_than_can_be_drawn_are_simplified(tmp_path, monkeypatch):
     pytest.importorskip("fast_simplification")
-    monkeypatch.setattr("mirdrake.importing.vehicles.mesh_write.FACE_LIMIT", 1000)
+    monkeypatch.setattr("mirdrake.importing.meshes.write.FACE_LIMIT", 1000)
     ball = trimesh.creation.icosphere(subdivisions=4)
     path = write_stl(tmp_path / "s.stl", ball.triangles)
     written, (change,), _ = converted(mesh(path), tmp_path)
@@ -674,7 +674,7 @@ def hanging_library(folder, monkeypatch, text="import time\ntime.sleep(1000)\n")
     folder.mkdir()
     (folder / "coacd.py").write_text(text)
     monkeypatch.setenv("PYTHONPATH", str(folder))
-    monkeypatch.setattr("mirdrake.importing.vehicles.mesh_convex.find_spec", lambda name: name)
+    monkeypatch.setattr("mirdrake.importing.meshes.convex.find_spec", lambda name: name)
 
 
 @pytest.fixture(autouse=True)
@@ -752,7 +752,7 @@ def test_another_surface_or_version_is_cut_anew_and_a_cache_that_cannot_be_writt
     for number, width in enumerate((0.5, 0.4, 0.5)):
         convert_collision(mesh(write_stl(tmp_path / f"{number}.stl", corner_solid(width))), tmp_path, name=f"{number}")
     assert len(calls) == 2
-    monkeypatch.setattr("mirdrake.importing.vehicles.mesh_convex.installed_version", lambda name: "another")
+    monkeypatch.setattr("mirdrake.importing.meshes.convex.installed_version", lambda name: "another")
     convert_collision(mesh(tmp_path / "0.stl"), tmp_path, name="version")
     assert len(calls) == 3
     (tmp_path / "file").touch()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mirdrake.importing.vehicles.mesh_read import MeshError, read_mesh, select_submesh
-from mirdrake.importing.vehicles.meshes import mesh_bounds, with_known_submesh
-from mirdrake.importing.vehicles.model import Shape
+from mirdrake.importing.meshes.convert import mesh_bounds, with_known_submesh
+from mirdrake.importing.meshes.read import MeshError, read_mesh, select_submesh
+from mirdrake.importing.shape import Shape
 from tests.mesh_rigs import CORNERS, QUADS
 
 LIBRARY = "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n"

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.packages import Packages
 from mirdrake.importing.vehicles.read import read_source
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.vehicles.xacro_render import MissingArgumentsError
@@ -217,14 +217,14 @@ def test_nested_models_and_includes_keep_their_place(tmp_path):
         (
             "<sdf version='1.6'><model name='a'><link name='b'><pose relative_to='c'/></link>"
             "<frame name='c' attached_to='b'/></model></sdf>",
-            "counts from itself",
+            "relative to itself",
         ),
         ("<sdf version='1.6'><model name='a'><link name='b'><pose>1 2</pose></link></model></sdf>", "6 finite numbers"),
         (
             "<sdf version='1.6'><model name='a'><include><uri>model://nobody_has_it</uri></include></model></sdf>",
-            "'nobody_has_it' is not here",
+            "--package nobody_has_it=DIR",
         ),
-        ("<mujoco/>", "is no SDF"),
+        ("<mujoco/>", "is not SDF"),
     ],
 )
 def test_sdf_files_that_are_no_vehicle_are_refused(tmp_path, text, words):
@@ -238,7 +238,7 @@ def test_an_include_that_includes_itself_ends(tmp_path):
     body = "<include><uri>model://loop</uri></include>"
     path = sdf(tmp_path / "loop", body, name="loop")
     written(tmp_path / "loop", "<model><name>loop</name><sdf version='1.7'>model.sdf</sdf></model>", "model.config")
-    with pytest.raises(ModelError, match=r"nested more than|stands here again|includes itself"):
+    with pytest.raises(ModelError, match=r"nested more than|used twice|includes itself"):
         read_source(path)
 
 

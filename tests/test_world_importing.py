@@ -17,9 +17,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake import cli
 from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError
-from mirdrake.importing.vehicles import packages
-from mirdrake.importing.vehicles.mesh_convex import make_hull
-from mirdrake.importing.vehicles.xml_lines import parse_xml
+from mirdrake.importing import packages
+from mirdrake.importing.gazebo_xml import read_gazebo_xml
+from mirdrake.importing.meshes.convex import make_hull
 from mirdrake.importing.worlds import import_world
 from mirdrake.world_checks import check
 from mirdrake.world_checks import first_steps as first_steps_of
@@ -615,9 +615,9 @@ _LENIENT = {
 def test_xml_that_gazebo_reads_is_read(tmp_path, case):
     path = tmp_path / "a.sdf"
     path.write_text(_LENIENT[case], encoding="utf-8")
-    root, places = parse_xml(path)
-    assert [element.tag for element in root.iter()][:2] == ["sdf", "world"]
-    assert places[root].endswith(":4")
+    document = read_gazebo_xml(path)
+    assert [element.tag for element in document.root.iter()][:2] == ["sdf", "world"]
+    assert document.where(document.root).endswith(":4")
 
 
 @pytest.mark.parametrize(
@@ -629,7 +629,7 @@ def test_xml_that_gazebo_does_not_read_is_one_line(tmp_path, text):
     path = tmp_path / "a.sdf"
     path.write_text(text)
     with pytest.raises(ModelError, match=r"a\.sdf") as caught:
-        parse_xml(path)
+        read_gazebo_xml(path)
     assert "\n" not in str(caught.value)
 
 
@@ -638,7 +638,7 @@ def test_damaged_xml_takes_linear_time(tmp_path, text):
     path = tmp_path / "a.sdf"
     path.write_text("<sdf><!-- -- -->" + text * 20_000)
     with pytest.raises(ModelError):
-        parse_xml(path)
+        read_gazebo_xml(path)
 
 
 @pytest.mark.parametrize(

@@ -301,7 +301,7 @@ def broken():
         "nan": (model("bad", pose="nan 0 0 0 0 0"), "finite"),
         "few numbers": (model("bad", pose="1 2 3"), "6 finite"),
         "words": (model("bad", pose="a b c d e f"), "6 finite"),
-        "far": (model("bad", pose="1e9 0 0 0 0 0"), "45 km"),
+        "far": (model("bad", pose="1e9 0 0 0 0 0"), "at most 45000 m"),
         "negative": (model("bad", size="1 -1 1"), "allowed are 1 mm"),
         "tiny": (model("bad", size="1 1e-9 1"), "allowed are 1 mm"),
         "zero radius": (model("bad", "sphere", "0"), "allowed are 1 mm"),
@@ -315,7 +315,7 @@ def broken():
         "no address": (model("bad", "mesh", ""), "no <uri>"),
         "unknown include": (include("model://no_such_model_of_anybody"), "--package no_such_model_of_anybody=DIR"),
         "bare include": ("<include/>", "it has no <uri>"),
-        "strange address": (include("ftp://example.org/gizmo"), "is not understood"),
+        "strange address": (include("ftp://example.org/gizmo"), "is not supported"),
         "unknown frame": (
             model("bad").replace("<static>1</static>", '<static>1</static><pose relative_to="x">0 0 0 0 0 0</pose>'),
             "frame 'x' does not exist",

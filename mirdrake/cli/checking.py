@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.errors import MirdrakeError, ModelError
 from mirdrake.core.paths import resolved
+from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.plant.plant import make_plant, set_start
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -115,11 +115,10 @@ def _not_xml(folder: Path) -> Iterator[str]:
     """Files that are no XML, so that xacro would stop at the first of them."""
     for path in sorted(folder.glob("*.xacro")):
         if path.is_file():
-            parser = expat.ParserCreate()
             try:
-                parser.Parse(path.read_bytes(), True)
-            except expat.ExpatError as error:
-                yield f"{shown(path)}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}"
+                parse_xml(path.read_bytes(), shown(path), error=ModelError)
+            except ModelError as error:
+                yield str(error)
 
 
 def _check_files(folder: Path, variant: str | None, found: Findings) -> None:

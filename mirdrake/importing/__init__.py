@@ -1,1 +1,1 @@
-"""Convert vehicles and worlds of ROS, Gazebo and OpenDRIVE into mirdrake's own folders and files."""
+"""Importers of vehicles and worlds of ROS and Gazebo, over one XML reader, one SDF layer and one mesh reader."""

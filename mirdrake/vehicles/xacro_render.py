@@ -30,6 +30,7 @@ import yaml
 from xacro.substitution_args import convert_value
 
 from mirdrake.core.errors import ModelError, did_you_mean
+from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.xacro_expressions import LARGEST, Evaluator
 
@@ -162,22 +163,11 @@ class _Expansion:
             at = f"{self.where()}: include: " if self.files else ""
             raise ModelError(f"{at}{name}: {problem}")
         self.files.append(path)
-        lines: list[int] = []
-        parser = expat.ParserCreate()
-        parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
-
-        def reject_entity(entity: str, *_: Any) -> None:
-            raise ModelError(
-                f"{name}:{parser.CurrentLineNumber}: declares the entity '{_printable(entity)}'; write it out"
-            )
-
-        parser.EntityDeclHandler = reject_entity
+        lines = parse_xml(data, name, error=ModelError).lines.values()
         try:
-            parser.Parse(data, True)
             document = xml.dom.minidom.parseString(data)
-        except expat.ExpatError as error:
-            what = expat.ErrorString(error.code)
-            raise ModelError(f"{name}:{error.lineno}: not valid XML: {what}") from None
+        except expat.ExpatError as error:  # undeclared name space prefixes
+            raise ModelError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
         for number, words in enumerate(data.decode("utf-8", errors="replace").splitlines(), start=1):
             for match in _USED.finditer(words):
                 self.used.setdefault(match.group(1), (name, number))
@@ -379,10 +369,7 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
         places.append(last)
     _drop_space_and_comments(root_node)
     text: str = root_node.toprettyxml(indent="  ")
-    starts: list[int] = []
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = lambda *_: starts.append(parser.CurrentLineNumber)
-    parser.Parse(text, True)
+    starts = list(parse_xml(text, shown(note.files[0]), error=ModelError).lines.values())
     root = ElementTree.fromstring(text)
     lines = dict(zip(root.iter(), starts, strict=True))
     return Urdf(text, root, dict(zip(starts, places, strict=True)), lines, tuple(note.files), tuple(note.warnings))

@@ -8,13 +8,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
 from xml.etree.ElementTree import Element
-from xml.parsers import expat
 
 import numpy as np
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.xml_reader import parse_xml, read_xml_bytes
 from mirdrake.core.yaml_io import shown
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
@@ -32,46 +31,15 @@ Places = Mapping[Element, str]
 def parse_opendrive(path: Path) -> tuple[Element, Places]:
     """A file as a tree without name spaces, and ``file:line`` of every element.
 
-    Entities are refused: they can grow without bounds and can name other files.
-
     Raises:
         ConfigError: it cannot be read, is no XML or no OpenDRIVE, or declares entities.
     """
-    name = shown(path)
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB of XML; cut out the roads that are needed")
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{name}: {error.strerror or error}") from None
-    places: dict[Element, str] = {}
-    stack: list[Element] = []
-    root: list[Element] = []
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag.rpartition(":")[2], attributes)
-        places[element] = f"{name}:{parser.CurrentLineNumber}"
-        (stack[-1].append if stack else root.append)(element)
-        stack.append(element)
-
-    def end(_: str) -> None:
-        stack.pop()
-
-    def refuse(*_: Any) -> NoReturn:
-        raise ConfigError(f"{name}:{parser.CurrentLineNumber}: entities are not read; write out what they stand for")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = refuse
-    try:
-        parser.Parse(data, True)
-    except expat.ExpatError as error:
-        raise ConfigError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
-    except (ValueError, LookupError) as error:  # an encoding that nobody knows
-        raise ConfigError(f"{name}: not valid XML: {error}") from None
-    if root[0].tag != "OpenDRIVE":
-        raise ConfigError(f"{places[root[0]]}: <{root[0].tag}> is no OpenDRIVE; its root is <OpenDRIVE>")
-    return root[0], places
+    data = read_xml_bytes(path, largest=_LARGEST, error=ConfigError, advice="cut out the roads that are needed")
+    document = parse_xml(data, shown(path), error=ConfigError, prefixes=False)
+    root = document.root
+    if root.tag != "OpenDRIVE":
+        raise ConfigError(f"{document.where(root)}: <{root.tag}> is no OpenDRIVE; its root is <OpenDRIVE>")
+    return root, {element: document.where(element) for element in document.lines}
 
 
 def number_of(element: Element, key: str, places: Places, default: float | None = None) -> float:

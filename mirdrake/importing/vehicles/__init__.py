@@ -20,11 +20,12 @@ from typing import get_args
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import staging
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.convex import CUT_TIME
+from mirdrake.importing.places import Places, shorten
 from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.check import check_loads
-from mirdrake.importing.vehicles.mesh_convex import CUT_TIME
-from mirdrake.importing.vehicles.model import Change, SourceModel
-from mirdrake.importing.vehicles.places import Places, shorten
+from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.importing.vehicles.read import read_source
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair

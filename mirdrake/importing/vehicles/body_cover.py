@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 from pydrake.math import RigidTransform
 
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.car import Layout
-from mirdrake.importing.vehicles.model import Shape
 from mirdrake.importing.vehicles.round_shapes import Bounds, bounds_in
 from mirdrake.vehicles.estimates import estimate
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.vehicles.model import Change, Shape, Vector
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Shape, Vector
 from mirdrake.importing.vehicles.round_shapes import Bounds
 from mirdrake.vehicles.estimates import Estimates
 from mirdrake.vehicles.spec import Drive

@@ -4,8 +4,9 @@ import re
 from collections.abc import Iterable, Mapping
 from math import isfinite
 
+from mirdrake.importing.changes import Change
 from mirdrake.importing.vehicles.kinematics import source_name
-from mirdrake.importing.vehicles.model import Change, Plugin, SourceModel
+from mirdrake.importing.vehicles.model import Plugin, SourceModel
 from mirdrake.vehicles.spec import Drive
 
 _MOVES = ("drive", "ackermann", "steer", "control", "motor", "wheel")

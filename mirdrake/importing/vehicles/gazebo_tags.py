@@ -6,21 +6,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.vehicles.model import Change, Plugin, SensorTag, Shape, SourceModel, Surface
+from mirdrake.importing.changes import Change
+from mirdrake.importing.sdf.colours import colour_of
+from mirdrake.importing.shape import Shape
+from mirdrake.importing.values import leaves, make_pose, read_number, read_numbers
+from mirdrake.importing.vehicles.model import Plugin, SensorTag, SourceModel, Surface
 from mirdrake.importing.vehicles.plugin_sensors import take_plugin
-from mirdrake.importing.vehicles.xml_lines import leaves, make_pose, read_number, read_numbers
 
 Where = Callable[[ElementTree.Element], str]
-
-COLOURS: dict[str, tuple[float, float, float, float]] = {
-    "Black": (0.05, 0.05, 0.05, 1.0), "White": (1.0, 1.0, 1.0, 1.0), "Grey": (0.7, 0.7, 0.7, 1.0),
-    "DarkGrey": (0.175, 0.175, 0.175, 1.0), "FlatBlack": (0.1, 0.1, 0.1, 1.0), "Red": (1.0, 0.0, 0.0, 1.0),
-    "Green": (0.0, 1.0, 0.0, 1.0), "Blue": (0.0, 0.0, 1.0, 1.0), "Yellow": (1.0, 1.0, 0.0, 1.0),
-    "Orange": (1.0, 0.5, 0.0, 1.0), "Purple": (1.0, 0.0, 1.0, 1.0), "Turquoise": (0.0, 1.0, 1.0, 1.0),
-    "Gold": (0.8, 0.65, 0.15, 1.0), "Indigo": (0.33, 0.0, 0.5, 1.0), "SkyBlue": (0.13, 0.44, 0.7, 1.0),
-    "Wood": (0.6, 0.4, 0.2, 1.0),
-}  # fmt: skip
-"""Diffuse colours of Gazebo's named materials, rounded."""
 
 SCRIPT = "a material script of Gazebo's is not read; colours of the mesh, or grey"
 
@@ -122,11 +115,6 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
 def _after(error: ModelError) -> str:
     """What an error says, without its place."""
     return str(error).partition(": ")[2]
-
-
-def colour_of(name: str) -> tuple[float, float, float, float] | None:
-    """The colour of a material of Gazebo's, by its name; None for textures and unknown names."""
-    return COLOURS.get(name.rpartition("/")[2])
 
 
 def _paint(visuals: list[Shape], name: str) -> bool:

@@ -7,9 +7,11 @@ from math import isfinite, sqrt
 import numpy as np
 from pydrake.math import RigidTransform
 
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Mass
 from mirdrake.importing.vehicles.kinematics import Tree
-from mirdrake.importing.vehicles.model import Change, Link, Vector
+from mirdrake.importing.vehicles.model import Link
 from mirdrake.importing.vehicles.round_shapes import Bounds, bounds_in, join_bounds
 
 DENSITY = 140.0

@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Sequence
 from math import isfinite
 
+from mirdrake.importing.changes import Change
 from mirdrake.importing.vehicles.limits import driven_wheels
-from mirdrake.importing.vehicles.model import Change, Controller, Joint, Plugin, SourceModel
+from mirdrake.importing.vehicles.model import Controller, Joint, Plugin, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
 
 MOST_NUMBERS = 24

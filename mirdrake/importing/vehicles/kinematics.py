@@ -8,7 +8,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.vehicles.model import Change, Joint, SourceModel, Vector
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Vector
+from mirdrake.importing.vehicles.model import Joint, SourceModel
 
 FREE = ("floating", "planar")
 """Joints that let a whole model go: what hangs on them is a model of its own."""

@@ -6,8 +6,9 @@ Limits of joints and figures of drive plugins count alike: the tightest one acts
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite, pi
 
+from mirdrake.importing.changes import Change
 from mirdrake.importing.vehicles.car import Number
-from mirdrake.importing.vehicles.model import Change, Limits, Link, Surface
+from mirdrake.importing.vehicles.model import Limits, Link, Surface
 from mirdrake.importing.vehicles.recognise import Roles, Wheel, turns_freely
 from mirdrake.importing.vehicles.stated import Stated, read_stated
 from mirdrake.vehicles.estimates import HOW, Estimates

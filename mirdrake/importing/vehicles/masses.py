@@ -5,10 +5,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Layout, Mass, Part
 from mirdrake.importing.vehicles.inertia import DENSITY, box_inertia, cylinder_inertia, gather, moments_text, widen
 from mirdrake.importing.vehicles.kinematics import Tree
-from mirdrake.importing.vehicles.model import Change, Vector
 from mirdrake.importing.vehicles.round_shapes import Bounds
 
 MIRROR = np.diag([1.0, -1.0, 1.0])

@@ -6,8 +6,9 @@ from math import isfinite
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.vehicles.model import Change, Plugin, SensorTag, SourceModel
-from mirdrake.importing.vehicles.xml_lines import make_pose
+from mirdrake.importing.changes import Change
+from mirdrake.importing.values import make_pose
+from mirdrake.importing.vehicles.model import Plugin, SensorTag, SourceModel
 
 _KINDS = (("imu", "imu"), ("gps|gnss|navsat", "gps"), ("sonar|ultraso|gazebo_ros_range", "sonar"))
 _NONE = {

@@ -6,12 +6,14 @@ from pathlib import Path
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
+from mirdrake.importing.gazebo_xml import read_gazebo_xml
+from mirdrake.importing.packages import Packages
+from mirdrake.importing.sdf.elements import model_file
+from mirdrake.importing.sdf.search import Models
 from mirdrake.importing.vehicles.model import SourceModel
-from mirdrake.importing.vehicles.packages import Packages
-from mirdrake.importing.vehicles.read_sdf import model_file, read_sdf
+from mirdrake.importing.vehicles.read_sdf import read_sdf
 from mirdrake.importing.vehicles.read_urdf import read_urdf
 from mirdrake.importing.vehicles.ros_control import read_controllers
-from mirdrake.importing.vehicles.xml_lines import parse_xml
 
 _LICENCES = ("LICENSE", "LICENCE", "LICENSE.txt", "LICENSE.md", "COPYING")
 
@@ -32,12 +34,12 @@ def read_source(
     """
     path = _main_file(Path(path))
     arguments = {name: _absolute(value) for name, value in (arguments or {}).items()}
-    around = Packages(path, packages)
+    around = Models(path, packages) if _is_sdf(path) else Packages(path, packages)
     name, folder = around.own()
-    if _is_sdf(path):
+    if isinstance(around, Models):
         if arguments:
             raise ModelError(f"{shown(path)}: an SDF file has no arguments, but {', '.join(arguments)} given")
-        model = read_sdf(path, packages=around)
+        model = read_sdf(path, models=around)
     else:
         model = read_urdf(path, packages=around, arguments=arguments)
     if not model.links:
@@ -90,7 +92,7 @@ def _main_file(path: Path) -> Path:
 def _is_whole(path: Path) -> bool:
     """Whether a file is a model of its own and not a part for others: it has a name."""
     try:
-        root, _ = parse_xml(path)
+        root = read_gazebo_xml(path).root
     except ModelError:
         return False
     return root.tag == "sdf" or (root.tag == "robot" and bool(root.get("name")))
@@ -102,7 +104,7 @@ def _is_sdf(path: Path) -> bool:
         return False
     if path.suffix == ".sdf":
         return True
-    root, _ = parse_xml(path)
+    root = read_gazebo_xml(path).root
     return root.tag == "sdf"
 
 
@@ -113,7 +115,7 @@ def _texts(folder: Path) -> dict[str, str]:
         path = folder / name
         if path.is_file():
             try:
-                root, _ = parse_xml(path)
+                root = read_gazebo_xml(path).root
             except ModelError:
                 continue
             licences = [(entry.text or "").strip() for entry in root.iter("license")]

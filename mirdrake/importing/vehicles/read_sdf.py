@@ -1,403 +1,273 @@
 """SDF models into a :class:`SourceModel`.
 
-Poses follow the SDF specification: those of links, frames and nested models count from the model they stand in, that of
-a joint from its child link, unless ``relative_to`` names another frame; a joint's axis counts from the joint frame
-unless ``expressed_in`` says otherwise (before 1.7: ``use_parent_model_frame``, which was the rule before 1.5).
-Names inside nested models are joined with ``::``.
+Poses follow the rules of :mod:`mirdrake.importing.sdf.frames`. The axis of a joint is given in the joint frame unless
+``expressed_in`` names another one (before SDF 1.7: ``use_parent_model_frame``, which was the default before 1.5). Names
+within nested models are joined with ``::``.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.vehicles.gazebo_tags import SCRIPT, colour_of, read_sensor, read_spring_damper
-from mirdrake.importing.vehicles.model import (
-    Change,
-    Inertial,
-    Joint,
-    Limits,
-    Link,
-    Plugin,
-    Shape,
-    SourceModel,
-    Surface,
+from mirdrake.importing.changes import Change
+from mirdrake.importing.gazebo_xml import XmlFiles
+from mirdrake.importing.sdf.colours import Rgba
+from mirdrake.importing.sdf.elements import (
+    DEEPEST,
+    is_true,
+    read_colour,
+    read_placement,
+    read_pose,
+    read_shape,
+    text_of,
+    version_of,
 )
-from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.sdf.frames import WORLD, Frame, Frames, Scope
+from mirdrake.importing.sdf.search import Models
+from mirdrake.importing.shape import Shape
+from mirdrake.importing.values import leaves, read_number, read_numbers
+from mirdrake.importing.vehicles.gazebo_tags import SCRIPT, read_sensor, read_spring_damper
+from mirdrake.importing.vehicles.model import Inertial, Joint, Limits, Link, Plugin, SourceModel, Surface
 from mirdrake.importing.vehicles.plugin_sensors import take_plugin
-from mirdrake.importing.vehicles.xml_lines import leaves, make_pose, parse_xml, read_number, read_numbers
 
-DEEPEST = 20
-"""Levels of nested models and includes."""
-
-_WITHOUT_EFFECT = {"pose", "self_collide", "allow_auto_disable", "static", "enable_wind", "plugin", "link", "joint",
-                   "model", "include", "frame", "gripper"}  # fmt: skip
-
-
-_IN_LINK = {
+_WITHOUT_EFFECT = {"pose", "self_collide", "allow_auto_disable", "static", "enable_wind", "gripper"}
+_LINK_WITHOUT_EFFECT = {
     "pose", "inertial", "gravity", "self_collide", "kinematic", "velocity_decay", "must_be_base_link", "enable_wind"
 }  # fmt: skip
-
 _WITHOUT_AXIS = {"fixed", "ball"}
+_CONTACT = {
+    "mu": ("friction/ode/mu", "friction/bullet/friction"),
+    "mu2": ("friction/ode/mu2", "friction/bullet/friction2"),
+    "stiffness": ("contact/ode/kp",),
+    "damping": ("contact/ode/kd",),
+}
 
 
-@dataclass
-class _Frame:
-    """A named frame: its pose, and the name of the frame that the pose counts from."""
-
-    pose: RigidTransform
-    relative_to: str
-    where: str
-
-
-@dataclass
-class _Scope:
-    """A model, flattened or not: prefix of its names and its frames."""
-
-    prefix: str
-    version: tuple[int, ...]
-    folder: Path
-    frames: dict[str, _Frame] = field(default_factory=dict)
-    """of the whole model, by full name; the model itself is its prefix without the last ``::``"""
-
-
-def read_sdf(path: Path, *, packages: Packages) -> SourceModel:
-    """An SDF file with one model.
+def read_sdf(path: Path, *, models: Models) -> SourceModel:
+    """Read an SDF file with one model.
 
     Raises:
-        ModelError: it is no SDF, holds several models or a static one, or something in it makes no sense.
+        ModelError: it is not SDF, holds several models or a static one, or contains invalid values.
     """
-    root, places = parse_xml(path)
+    files = XmlFiles()
+    root = files.parse(path)
     if root.tag != "sdf":
-        raise ModelError(f"{places[root]}: <{root.tag}> is no SDF; it should begin with <sdf>")
+        raise ModelError(f"{files.where(root)}: <{root.tag}> is not SDF; the root element should be <sdf>")
     model = SourceModel(path.parent.name, files=[path])
-    reader = _Reader(model, packages, places)
-    element = reader.choose(root, path)
+    element = _choose_model(root, model, files)
     model.name = element.get("name", "") or model.name
-    reader.read(element, _version(root), path.parent)
+    _Reader(model, models, files).read(element, Scope("", WORLD, version_of(root), path.parent, (path,)))
     return model
 
 
-def _version(root: ElementTree.Element) -> tuple[int, ...]:
-    try:
-        return tuple(int(part) for part in root.get("version", "1.6").split("."))
-    except ValueError:
-        return (1, 6)
+def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element:
+    """Return the only model of a file that can move."""
+    world = root.find("world")
+    models = root.findall("model") if world is None else world.findall("model")
+    moving = [element for element in models if not is_true(text_of(element, "static"))]
+    if len(moving) == 1:
+        if world is not None:
+            became, why = f"model '{moving[0].get('name', '')}'", "the rest of the world is not a vehicle"
+            what = f"world '{world.get('name', '')}'"
+            model.changes.append(Change(files.where(world), what, f"{len(world)} elements", became, why))
+        return moving[0]
+    if models and not moving:
+        names = ", ".join(element.get("name", "") for element in models[:8])
+        raise ModelError(f"{files.where(models[0])}: static model '{names}': a prop, not a vehicle")
+    names = ", ".join(element.get("name", "") for element in moving[:8]) or "none"
+    place = f"{shown(model.files[0])}:1"
+    raise ModelError(f"{place}: one model is expected in the file; there are {len(moving)} ({names})")
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """An axis of a joint, and the full name of the frame it is expressed in; "" for the joint frame."""
+
+    joint: Joint
+    second: bool
+    frame: str
 
 
 class _Reader:
-    """Reads one model with all that it includes."""
+    """Reads one model with everything that it includes: first all elements, then poses and axes."""
 
-    def __init__(self, model: SourceModel, packages: Packages, places: dict[ElementTree.Element, str]) -> None:
-        self._model, self._packages, self._places = model, packages, places
-        self._frames: dict[str, _Frame] = {}
-        self._poses: dict[str, RigidTransform] = {}
+    def __init__(self, model: SourceModel, models: Models, files: XmlFiles) -> None:
+        self._model, self._models, self._files = model, models, files
+        self._frames = Frames()
+        self._axes: list[_Axis] = []
         self._plugins: list[Plugin] = []
-        self._springs: list[ElementTree.Element] = []
+        self._springs: list[Element] = []
 
-    def where(self, element: ElementTree.Element) -> str:
-        return self._places.get(element, shown(self._model.files[0]))
-
-    def choose(self, root: ElementTree.Element, path: Path) -> ElementTree.Element:
-        """The only model of a file that can move."""
-        world = root.find("world")
-        models = root.findall("model") if world is None else world.findall("model")
-        moving = [model for model in models if (model.findtext("static") or "").strip() not in {"1", "true"}]
-        if len(moving) == 1:
-            if world is not None:
-                why = "the rest of the world is no vehicle"
-                what = f"world '{world.get('name', '')}'"
-                self._change(world, what, f"{len(list(world))} elements", f"model '{moving[0].get('name', '')}'", why)
-            return moving[0]
-        if models and not moving:
-            names = ", ".join(model.get("name", "") for model in models[:8])
-            raise ModelError(f"{self.where(models[0])}: static model '{names}': a prop, not a vehicle")
-        names = ", ".join(model.get("name", "") for model in moving[:8]) or "none"
-        raise ModelError(f"{shown(path)}:1: one model is expected in the file; there are {len(moving)} ({names})")
-
-    def read(self, element: ElementTree.Element, version: tuple[int, ...], folder: Path) -> None:
-        """The model and all in it."""
-        self._frames["__model__"] = _Frame(RigidTransform(), "", self.where(element))
-        scope = _Scope("", version, folder)
-        self._gather(element, scope, 0)
-        for link in self._model.links.values():
-            self._pose(link.name)
+    def read(self, element: Element, scope: Scope) -> None:
+        self._read_model(element, scope, 0)
+        for name in self._model.links:
+            self._frames.pose(name)
         self._set_joints()
-        for plugin in self._plugins:  # which may name links that stand after them
+        for plugin in self._plugins:  # which may name links that follow in the file
             take_plugin(plugin, "", self._model)
         for spring in self._springs:
-            read_spring_damper(spring, self._model, self.where)
-        names = {name: self._pose(name) for name in self._model.links}
-        self._link_poses = names
+            read_spring_damper(spring, self._model, self._files.where)
 
-    # --- frames ---
+    # --- models, frames and includes ---
 
-    def _pose(self, name: str, trail: tuple[str, ...] = ()) -> RigidTransform:
-        """Pose of a frame in the outermost model."""
-        if name in self._poses:
-            return self._poses[name]
-        frame = self._frames.get(name)
-        if frame is None or name in trail or len(trail) > 200:
-            at = self._frames[trail[-1]].where if trail else shown(self._model.files[0])
-            why = "counts from itself" if frame is not None else "does not exist"
-            raise ModelError(f"{at}: frame '{name}' {why}")
-        below = self._pose(frame.relative_to, (*trail, name)) if frame.relative_to else RigidTransform()
-        self._poses[name] = below @ frame.pose
-        return self._poses[name]
-
-    def _read_pose(self, element: ElementTree.Element, scope: _Scope, default: str) -> tuple[RigidTransform, str]:
-        """Pose of an element, and the full name of the frame that it counts from."""
-        pose = element.find("pose")
-        if pose is None:
-            return RigidTransform(), default
-        where = self.where(pose)
-        if pose.get("rotation_format", "euler_rpy") == "quat_xyzw":
-            values = read_numbers(pose.text, count=7, default=[0, 0, 0, 0, 0, 0, 1], where=where, what="<pose>")
-            from pydrake.common.eigen_geometry import Quaternion
-
-            x, y, z, w = values[3:] / (np.linalg.norm(values[3:]) or 1.0)
-            X = RigidTransform(Quaternion(w, x, y, z), values[:3])
-        else:
-            values = read_numbers(pose.text, count=6, default=[0.0] * 6, where=where, what="<pose>")
-            angles = np.radians(values[3:]) if pose.get("degrees") in {"1", "true"} else values[3:]
-            X = make_pose(values[:3], angles)
-        relative = pose.get("relative_to") or (pose.get("frame") if scope.version < (1, 7) else "") or ""
-        return X, self._full(relative, scope) if relative else default
-
-    @staticmethod
-    def _full(name: str, scope: _Scope) -> str:
-        return f"{scope.prefix}{name}"
-
-    # --- gathering ---
-
-    def _gather(self, element: ElementTree.Element, scope: _Scope, depth: int) -> None:
-        """Frames, links and joints of a model and of those nested in it."""
+    def _read_model(self, element: Element, scope: Scope, depth: int) -> None:
+        """Read frames, links and joints of a model and of those nested in it."""
         if depth > DEEPEST:
-            raise ModelError(f"{self.where(element)}: models are nested more than {DEEPEST} deep")
-        origin = f"{scope.prefix}__model__"
+            raise ModelError(f"{self._files.where(element)}: models are nested more than {DEEPEST} deep")
         for child in element:
-            name, full = child.get("name", ""), self._full(child.get("name", ""), scope)
+            name, where = child.get("name", ""), self._files.where(child)
+            full = scope.full(name)
             if child.tag == "link":
-                pose, base = self._read_pose(child, scope, origin)
-                self._frame(full, pose, base, child)
-                self._model.links[full] = self._link(child, full, scope)
+                self._add_frame(full, child, scope)
+                self._model.links[full] = self._read_link(child, full, scope)
             elif child.tag == "frame":
-                attached = child.get("attached_to", "")
-                pose, base = self._read_pose(child, scope, self._full(attached, scope) if attached else origin)
-                self._frame(full, pose, base, child)
+                self._add_frame(full, child, scope, default=scope.base(child.get("attached_to", "")))
             elif child.tag == "joint":
-                self._joint(child, full, scope)
+                self._read_joint(child, full, scope)
             elif child.tag == "model":
-                self._nested(child, name, child, scope, depth, scope.folder, scope.version)
+                self._read_nested(child, full, scope, depth, include=None)
             elif child.tag == "include":
-                self._include(child, scope, depth)
+                self._read_include(child, scope, depth)
             elif child.tag == "plugin":
-                self._plugins.append(Plugin(name, child.get("filename", ""), leaves(child), self.where(child)))
+                self._plugins.append(Plugin(name, child.get("filename", ""), leaves(child), where))
             elif child.tag.endswith("linear_spring_damper"):
                 self._springs.append(child)
             elif child.tag not in _WITHOUT_EFFECT:
-                self._change(child, f"model: <{child.tag}>", "…", "left out", "nothing here corresponds to it")
+                self._change(child, f"model: <{child.tag}>", "…", "left out", "it has no counterpart in mirdrake")
 
-    def _frame(self, name: str, pose: RigidTransform, base: str, element: ElementTree.Element) -> None:
-        if not name or name in self._frames:
-            what = "has no name" if not name else "stands here again; names must differ"
-            raise ModelError(f"{self.where(element)}: <{element.tag}> '{name}' {what}")
-        self._frames[name] = _Frame(pose, base, self.where(element))
+    def _add_frame(self, name: str, element: Element, scope: Scope, *, default: str | None = None) -> None:
+        """Add the frame of a link, joint or frame; `default` is the base if its pose names none."""
+        where = self._files.where(element)
+        if not element.get("name"):
+            raise ModelError(f"{where}: <{element.tag}> without a name")
+        X, relative = read_pose(element.find("pose"), self._files, scope.version)
+        base = scope.full(relative) if relative else scope.origin if default is None else default
+        self._frames.add(name, Frame(X, base, where))
 
-    def _nested(
-        self,
-        element: ElementTree.Element,
-        name: str,
-        placed: ElementTree.Element,
-        scope: _Scope,
-        depth: int,
-        folder: Path,
-        version: tuple[int, ...],
-        *,
-        merge: bool = False,
-    ) -> None:
-        """A model inside another one; `placed` has its pose."""
-        pose, base = self._read_pose(placed, scope, f"{scope.prefix}__model__")
-        if placed is not element and placed.find("pose") is None:
-            pose, _ = self._read_pose(element, scope, "")
-        inner = _Scope(scope.prefix if merge else f"{scope.prefix}{name}::", version, folder)
-        if merge:
-            self._change(placed, f"include '{name}'", "merged", "part of the model", "as merge asks")
-        else:
-            self._frame(f"{inner.prefix}__model__", pose, base, placed)
-            self._frames[f"{scope.prefix}{name}"] = _Frame(
-                RigidTransform(), f"{inner.prefix}__model__", self.where(placed)
-            )
-        self._gather(element, inner, depth + 1)
+    def _read_nested(self, element: Element, full: str, scope: Scope, depth: int, *, include: Element | None) -> None:
+        """Read a model within another one, or one that is included."""
+        self._frames.add(full, read_placement(element, include, full, scope, self._files))
+        self._read_model(element, replace(scope, prefix=f"{full}::", origin=full), depth + 1)
 
-    def _include(self, element: ElementTree.Element, scope: _Scope, depth: int) -> None:
-        address = (element.findtext("uri") or "").strip()
-        where = self.where(element)
-        path, remark = self._packages.resolve(address, folder=scope.folder)
-        if path is None and address.startswith(("model://", "package://")):
-            inside = self._packages.find(address.partition("://")[2].split("/")[0])
-            path = model_file(inside / "/".join(address.partition("://")[2].split("/")[1:])) if inside else None
-        elif path is None and (scope.folder / address).is_dir():
-            path = model_file(scope.folder / address)
+    def _read_include(self, element: Element, scope: Scope, depth: int) -> None:
+        address, where = text_of(element, "uri"), self._files.where(element)
+        path, reason = self._models.find_model(address, scope.folder)
         if path is None:
-            raise ModelError(f"{where}: include '{address}': {remark or 'no model there'}")
-        if path in self._model.files and depth > DEEPEST:
-            raise ModelError(f"{where}: '{address}' includes itself")
-        root, places = parse_xml(path)
-        self._places |= places
+            raise ModelError(f"{where}: include '{address}': {reason}")
+        if path in scope.files:
+            raise ModelError(f"{where}: include '{address}' includes itself")
+        root = self._files.parse(path)
         self._model.files.append(path)
         inner = root.find("model")
         if inner is None:
             raise ModelError(f"{shown(path)}:1: no <model> in the file that {where} includes")
-        name = (element.findtext("name") or "").strip() or inner.get("name", "")
-        merge = element.get("merge") in {"1", "true"}
-        self._nested(inner, name, element, scope, depth, path.parent, _version(root), merge=merge)
+        name = text_of(element, "name") or inner.get("name", "")
+        inside = replace(scope, version=version_of(root), folder=path.parent, files=(*scope.files, path))
+        if not is_true(element.get("merge", "")):
+            self._read_nested(inner, scope.full(name), inside, depth, include=element)
+            return
+        # The parts of a merged model are named as if they were in the including model, but keep their common frame.
+        frame = scope.full(f"__merged__{name}")
+        self._frames.add(frame, read_placement(inner, element, frame, inside, self._files))
+        self._change(element, f"include '{name}'", "merged", "part of the model", "merge is true")
+        self._read_model(inner, replace(inside, origin=frame), depth + 1)
 
     # --- links ---
 
-    def _link(self, element: ElementTree.Element, name: str, scope: _Scope) -> Link:
-        where = self.where(element)
-        link = Link(name, self._inertial(element.find("inertial"), name, scope), where=where)
+    def _read_link(self, element: Element, name: str, scope: Scope) -> Link:
+        link = Link(name, self._read_inertial(element.find("inertial"), name), where=self._files.where(element))
         for child in element:
             if child.tag in {"visual", "collision"}:
-                shape = self._shape(child, f"link '{name}': {child.tag}", scope)
+                shape = self._read_shape(child, f"link '{name}': {child.tag}", scope)
                 if shape is not None:
                     (link.visuals if child.tag == "visual" else link.collisions).append(shape)
                 if child.tag == "collision":
-                    self._surface(child.find("surface"), link)
+                    self._read_surface(child.find("surface"), link)
             elif child.tag == "sensor":
-                self._model.sensors.append(read_sensor(child, name, self.where, self._model))
-            elif child.tag not in _IN_LINK:
-                self._change(child, f"link '{name}': <{child.tag}>", "…", "left out", "nothing here corresponds to it")
+                self._model.sensors.append(read_sensor(child, name, self._files.where, self._model))
+            elif child.tag not in _LINK_WITHOUT_EFFECT:
+                what = f"link '{name}': <{child.tag}>"
+                self._change(child, what, "…", "left out", "it has no counterpart in mirdrake")
         return link
 
-    def _inertial(self, element: ElementTree.Element | None, name: str, scope: _Scope) -> Inertial | None:
+    def _read_inertial(self, element: Element | None, name: str) -> Inertial | None:
+        """Return mass and inertia; what is missing has the defaults of SDF, 1 kg and 1 kg m²."""
         if element is None:
             return None
-        where = self.where(element)
-        mass = read_number(element.findtext("mass"), where=where, what=f"link '{name}': mass")
-        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        defaults = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
-        inertia = element.find("inertia")
-        values = []
-        for key in keys:
-            text = inertia.findtext(key) if inertia is not None else None
-            number = read_number(text, where=where, what=f"link '{name}': {key}")
-            values.append(defaults.get(key, 0.0) if number is None else number)
-        xx, xy, xz, yy, yz, zz = values
-        pose, _ = self._read_pose(element, scope, "")
-        return Inertial(
-            1.0 if mass is None else mass, pose, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), where
-        )
+        where = self._files.where(element)
 
-    def _surface(self, element: ElementTree.Element | None, link: Link) -> None:
+        def number(path: str, default: float) -> float:
+            value = read_number(element.findtext(path), where=where, what=f"link '{name}': {path.rpartition('/')[2]}")
+            return default if value is None else value
+
+        xx, yy, zz = (number(f"inertia/{key}", 1.0) for key in ("ixx", "iyy", "izz"))
+        xy, xz, yz = (number(f"inertia/{key}", 0.0) for key in ("ixy", "ixz", "iyz"))
+        X_LI, _ = read_pose(element.find("pose"), self._files, (1, 7))
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Inertial(number("mass", 1.0), X_LI, inertia, where)
+
+    def _read_surface(self, element: Element | None, link: Link) -> None:
+        """Read friction and contact stiffness of a collision into its link; the first path that is given counts."""
         if element is None:
             return
-        found = {
-            "mu": ("friction/ode/mu", "friction/bullet/friction"),
-            "mu2": ("friction/ode/mu2", "friction/bullet/friction2"),
-            "stiffness": ("contact/ode/kp",),
-            "damping": ("contact/ode/kd",),
-        }
-        link.surface = link.surface or Surface(where=self.where(element))
-        for key, paths in found.items():
-            for path in paths:
-                value = read_number(element.findtext(path), where=self.where(element), what=f"<{path}>")
-                if value is not None:
-                    setattr(link.surface, key, value)
-                    break
+        where = self._files.where(element)
+        link.surface = link.surface or Surface(where=where)
+        for key, paths in _CONTACT.items():
+            values = (read_number(element.findtext(path), where=where, what=f"<{path}>") for path in paths)
+            value = next((value for value in values if value is not None), None)
+            if value is not None:
+                setattr(link.surface, key, value)
         for key in ("min_depth", "max_vel"):
-            text = element.findtext(f"contact/ode/{key}")
+            text = text_of(element, f"contact/ode/{key}")
             if text:
-                link.surface.others[key] = text.strip()
+                link.surface.others[key] = text
 
-    def _shape(self, element: ElementTree.Element, what: str, scope: _Scope) -> Shape | None:
-        where, geometry = self.where(element), element.find("geometry")
-        inner = next(iter(geometry), None) if geometry is not None else None
-        if inner is None or inner.tag == "empty":
+    def _read_shape(self, element: Element, what: str, scope: Scope) -> Shape | None:
+        where = self._files.where(element)
+        read = read_shape(element, self._files, self._models, scope.folder, check_sizes=False)
+        shape, remark = read.shape, read.remark
+        if shape is None or shape.kind == "polyline":
+            if read.tag:
+                self._change(element, what, f"<{read.tag}>", "left out", remark or f"<{read.tag}> is not supported")
             return None
-
-        def size(tag: str, count: int = 1) -> tuple[float, ...]:
-            text = inner.findtext(tag)
-            if text is None:
-                raise ModelError(f"{where}: <{inner.tag}> without <{tag}>")
-            return tuple(read_numbers(text, count=count, default=[], where=where, what=f"<{tag}>").tolist())
-
-        shape: Shape | None = None
-        if inner.tag == "box":
-            shape = Shape("box", size("size", 3))
-        elif inner.tag in {"cylinder", "capsule"}:
-            shape = Shape(inner.tag, (*size("radius"), *size("length")))
-        elif inner.tag == "sphere":
-            shape = Shape("sphere", size("radius"))
-        elif inner.tag == "ellipsoid":
-            shape = Shape("ellipsoid", size("radii", 3))
-        elif inner.tag == "plane":
-            shape = Shape("plane")
-        elif inner.tag == "mesh":
-            shape = self._mesh(inner, what, scope, where)
-        if shape is None:
-            self._change(element, what, f"<{inner.tag}>", "left out", "no such shape is known")
-            return None
-        shape.X_LG, _ = self._read_pose(element, scope, "")
+        if remark and shape.kind == "mesh":
+            became = "left out" if shape.mesh is None else shape.mesh.name
+            self._model.changes.append(Change(where, f"{what} mesh", shape.address, became, remark))
+        elif remark:
+            self._change(element, what, f"<{read.tag}>", shape.kind, remark)
+        shape.X_LG, _ = read_pose(element.find("pose"), self._files, scope.version)
         shape.where = where
-        shape.rgba, shape.texture = self._material(element.find("material"), scope, what)
+        shape.rgba, shape.texture = self._read_material(element.find("material"), scope, what)
         return shape
 
-    def _mesh(self, element: ElementTree.Element, what: str, scope: _Scope, where: str) -> Shape:
-        address = (element.findtext("uri") or "").strip()
-        scale = read_numbers(element.findtext("scale"), count=3, default=[1.0] * 3, where=where, what="<scale>")
-        path, remark = self._packages.resolve(address, folder=scope.folder)
-        if remark:
-            became = "left out" if path is None else path.name
-            self._model.changes.append(Change(where, f"{what} mesh", address, became, remark))
-        submesh = (element.findtext("submesh/name") or "").strip()
-        center = (element.findtext("submesh/center") or "").strip() in {"1", "true"}
-        a, b, c = scale.tolist()
-        return Shape("mesh", mesh=path, address=address, scale=(a, b, c), submesh=submesh, center=center)
-
-    def _material(
-        self, element: ElementTree.Element | None, scope: _Scope, what: str
-    ) -> tuple[tuple[float, float, float, float] | None, Path | None]:
+    def _read_material(self, element: Element | None, scope: Scope, what: str) -> tuple[Rgba | None, Path | None]:
         if element is None:
             return None, None
-        script = (element.findtext("script/name") or "").strip()
-        rgba, texture = colour_of(script), None
-        for key in ("diffuse", "ambient"):
-            text = element.findtext(key)
-            if text:
-                values = [float(word) for word in text.split()] if _all_numbers(text) else []
-                if len(values) in (3, 4):
-                    a, b, c, d = (*values, 1.0)[:4]
-                    rgba = (a, b, c, d)
-                    break
-        address = (element.findtext("pbr/metal/albedo_map") or "").strip()
+        rgba, texture = read_colour(element), None
+        address, script = text_of(element, "pbr/metal/albedo_map"), text_of(element, "script/name")
         if address:
-            texture, remark = self._packages.resolve(address, folder=scope.folder)
+            texture, remark = self._models.resolve(address, folder=scope.folder)
             if remark:
-                self._change(
-                    element, f"{what} texture", address, "left out" if texture is None else texture.name, remark
-                )
+                became = "left out" if texture is None else texture.name
+                self._change(element, f"{what} texture", address, became, remark)
         if script and rgba is None and texture is None:
             self._change(element, f"{what} material", script, "left out", SCRIPT)
         return rgba, texture
 
     # --- joints ---
 
-    def _joint(self, element: ElementTree.Element, name: str, scope: _Scope) -> None:
-        where, kind = self.where(element), element.get("type", "").strip().lower()
+    def _read_joint(self, element: Element, name: str, scope: Scope) -> None:
+        where, kind = self._files.where(element), element.get("type", "").strip().lower()
         if name in self._model.joints:
-            raise ModelError(f"{where}: joint '{name}' stands here again; names must differ")
-        parent, child = (self._end(element, tag) for tag in ("parent", "child"))
-        pose, base = self._read_pose(element, scope, self._full(child, scope))
-        self._frame(name, pose, base, element)
-        above = "world" if parent == "world" else self._full(parent, scope)
-        joint = Joint(name, kind, above, self._full(child, scope), where=where)
-        for number, tag in enumerate(("axis", "axis2")):
+            raise ModelError(f"{where}: the joint name '{name}' is used twice; names must differ")
+        parent, child = (_end_of(element, tag) for tag in ("parent", "child"))
+        self._add_frame(name, element, scope, default=scope.full(child))
+        joint = Joint(name, kind, "world" if parent == "world" else scope.full(parent), scope.full(child), where=where)
+        for tag in ("axis", "axis2"):
             axis = element.find(tag)
             if axis is None:
                 continue
@@ -406,31 +276,23 @@ class _Reader:
                 raise ModelError(f"{where}: joint '{name}': its axis has no direction")
             xyz = axis.find("xyz")
             frame = (xyz.get("expressed_in") or "") if xyz is not None else ""
-            old = (axis.findtext("use_parent_model_frame") or "").strip() in {"1", "true"} or scope.version < (1, 5)
-            joint.others[f"{tag} frame"] = (
-                self._full(frame, scope) if frame else f"{scope.prefix}__model__" if old else ""
-            )
-            limits = self._limits(axis.find("limit"), name, where)
-            dynamics = axis.find("dynamics")
-            if number == 0:
-                joint.axis, joint.limits = vector, limits
-                if dynamics is not None:
-                    damping, friction, stiffness = (
-                        read_number(dynamics.findtext(key), where=where, what=f"joint '{name}': {key}")
-                        for key in ("damping", "friction", "spring_stiffness")
-                    )
-                    joint.damping, joint.friction, joint.stiffness = damping or 0.0, friction or 0.0, stiffness or None
-            else:
+            if not frame and (is_true(text_of(axis, "use_parent_model_frame")) or scope.version < (1, 5)):
+                frame = "__model__"
+            if frame:
+                self._axes.append(_Axis(joint, tag == "axis2", scope.full(frame)))
+            limits = self._read_limits(axis.find("limit"), name, where)
+            if tag == "axis2":
                 joint.axis2, joint.limits2 = vector, limits
+                continue
+            joint.axis, joint.limits = vector, limits
+            damping, friction, stiffness = (
+                read_number(axis.findtext(f"dynamics/{key}"), where=where, what=f"joint '{name}': {key}")
+                for key in ("damping", "friction", "spring_stiffness")
+            )
+            joint.damping, joint.friction, joint.stiffness = damping or 0.0, friction or 0.0, stiffness or None
         self._model.joints[name] = joint
 
-    def _end(self, element: ElementTree.Element, tag: str) -> str:
-        """Name of the parent or child link as written."""
-        end = element.find(tag)
-        text = (end.text or "").strip() if end is not None else ""
-        return text or ((end.findtext("link_name") or "").strip() if end is not None else "")
-
-    def _limits(self, element: ElementTree.Element | None, name: str, where: str) -> Limits:
+    def _read_limits(self, element: Element | None, name: str, where: str) -> Limits:
         if element is None:
             return Limits()
         return Limits(
@@ -441,73 +303,47 @@ class _Reader:
         )
 
     def _set_joints(self) -> None:
-        """Poses of the joints in their links, and axes in the joint frames, now that all frames are known."""
+        """Set the poses of the joints in their links, and the axes in the joint frames, now that frames are known."""
         for name, joint in list(self._model.joints.items()):
-            for end in (joint.parent, joint.child):
-                if end != "world" and end not in self._model.links:
-                    link = self._attached_link(end)
-                    if link is None:
-                        raise ModelError(f"{joint.where}: joint '{name}': link '{end}' does not exist")
-                    if end == joint.parent:
-                        joint.parent = link
-                    if end == joint.child:
-                        joint.child = link
+            joint.parent, joint.child = (
+                end if end == "world" else self._attached_link(end, joint) for end in (joint.parent, joint.child)
+            )
             if joint.parent == "world":
                 why = "a vehicle is not fixed to the ground"
                 self._model.changes.append(Change(joint.where, f"joint '{name}'", "to the world", "left out", why))
                 del self._model.joints[name]
                 continue
-            X_MJ = self._pose(name)
-            joint.X_PJ = self._pose(joint.parent).inverse() @ X_MJ
-            joint.X_JC = X_MJ.inverse() @ self._pose(joint.child)
-            for tag in ("axis", "axis2"):
-                frame = joint.others.pop(f"{tag} frame", "")
-                vector = joint.axis if tag == "axis" else joint.axis2
-                if frame and vector is not None:
-                    vector = (X_MJ.inverse() @ self._pose(frame)).rotation().multiply(vector)
-                    if tag == "axis":
-                        joint.axis = vector
-                    else:
-                        joint.axis2 = vector
+            X_MJ = self._frames.pose(name)
+            joint.X_PJ = self._frames.pose(joint.parent).inverse() @ X_MJ
+            joint.X_JC = X_MJ.inverse() @ self._frames.pose(joint.child)
+        for axis in self._axes:
+            joint = axis.joint
+            if joint.name not in self._model.joints:
+                continue
+            R_JF = (self._frames.pose(joint.name).inverse() @ self._frames.pose(axis.frame)).rotation()
+            if axis.second and joint.axis2 is not None:
+                joint.axis2 = R_JF.multiply(joint.axis2)
+            elif not axis.second:
+                joint.axis = R_JF.multiply(joint.axis)
 
-    def _attached_link(self, name: str) -> str | None:
-        """The link that a frame or model stands for."""
+    def _attached_link(self, name: str, joint: Joint) -> str:
+        """Return the link that a link, frame or model stands for."""
+        step: str | None = name
         for _ in range(DEEPEST):
-            if name in self._model.links:
-                return name
-            frame = self._frames.get(name)
-            if frame is None:
-                return None
-            inside = [link for link in self._model.links if link.startswith(f"{name}::")]
+            if step in self._model.links:
+                return step
+            inside = [link for link in self._model.links if link.startswith(f"{step}::")]
+            if step is None or step not in self._frames:
+                break
             if inside:
                 return inside[0]
-            name = frame.relative_to
-        return None
+            step = self._frames.base(step)
+        raise ModelError(f"{joint.where}: joint '{joint.name}': link '{name}' does not exist")
 
-    def _change(self, element: ElementTree.Element, what: str, was: str, became: str, why: str) -> None:
-        self._model.changes.append(Change(self.where(element), what, was, became, why))
-
-
-def model_file(folder: Path) -> Path | None:
-    """The SDF file of a Gazebo model's folder: of the newest version that its model.config names."""
-    config = folder / "model.config"
-    if config.is_file():
-        root, _ = parse_xml(config)
-        named: dict[tuple[int, ...], Path] = {}
-        for entry in root.findall("sdf"):
-            try:
-                version = tuple(int(part) for part in entry.get("version", "1.0").split("."))
-            except ValueError:
-                version = (0,)
-            named[version] = folder / (entry.text or "").strip()
-        files = [path for _, path in sorted(named.items(), reverse=True) if path.is_file()]
-        if files:
-            return files[0]
-    return folder / "model.sdf" if (folder / "model.sdf").is_file() else None
+    def _change(self, element: Element, what: str, was: str, became: str, why: str) -> None:
+        self._model.changes.append(Change(self._files.where(element), what, was, became, why))
 
 
-def _all_numbers(text: str) -> bool:
-    try:
-        return all(np.isfinite(float(word)) for word in text.split())
-    except ValueError:
-        return False
+def _end_of(element: Element, tag: str) -> str:
+    """Return the name of the parent or child link as written, in either form of SDF."""
+    return text_of(element, tag) or text_of(element, f"{tag}/link_name")

@@ -10,11 +10,13 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
+from mirdrake.importing.changes import Change
+from mirdrake.importing.packages import Packages
+from mirdrake.importing.shape import Shape
+from mirdrake.importing.values import make_pose, read_number, read_numbers
 from mirdrake.importing.vehicles.gazebo_tags import read_gazebo_tag, read_spring_damper
-from mirdrake.importing.vehicles.model import Change, Inertial, Joint, Limits, Link, Shape, SourceModel, Surface
-from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.vehicles.model import Inertial, Joint, Limits, Link, SourceModel, Surface
 from mirdrake.importing.vehicles.ros_control import read_ros2_control, read_transmission
-from mirdrake.importing.vehicles.xml_lines import make_pose, read_number, read_numbers
 from mirdrake.vehicles.xacro_render import MissingArgumentsError, Urdf, render_xacro
 
 _SPRING = re.compile("stiff|spring", re.IGNORECASE)

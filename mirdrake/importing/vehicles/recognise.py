@@ -13,9 +13,11 @@ from math import pi
 import numpy as np
 
 from mirdrake.core.errors import ModelError
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.driven import find_drive
 from mirdrake.importing.vehicles.kinematics import Tree, frame_about, make_tree, source_name
-from mirdrake.importing.vehicles.model import Change, Joint, Limits, SourceModel, Vector
+from mirdrake.importing.vehicles.model import Joint, Limits, SourceModel
 from mirdrake.importing.vehicles.round_shapes import Round, bounds_in, find_rounds
 from mirdrake.importing.vehicles.unusable import unusable_steering, unusable_wheels
 from mirdrake.vehicles.spec import WHEELS, Drive

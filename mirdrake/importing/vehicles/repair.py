@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.convert import WHOLE, with_known_submesh
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.body_cover import COVERED, LARGEST, body_boxes, plan_cover, usual_bounds
 from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part
 from mirdrake.importing.vehicles.joints import imported_gains, say_joints
 from mirdrake.importing.vehicles.kinematics import Tree, source_name
 from mirdrake.importing.vehicles.limits import collect_numbers, driven_wheels, steering_limit
 from mirdrake.importing.vehicles.masses import centre_of_mass, check_balance, gather_masses, total_mass
-from mirdrake.importing.vehicles.meshes import WHOLE, with_known_submesh
-from mirdrake.importing.vehicles.model import Change, Shape, SourceModel
+from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.importing.vehicles.names import Names
 from mirdrake.importing.vehicles.recognise import Roles
 from mirdrake.importing.vehicles.round_shapes import Bounds, join_bounds

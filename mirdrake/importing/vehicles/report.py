@@ -6,10 +6,11 @@ from itertools import groupby
 
 import numpy as np
 
+from mirdrake.importing.changes import Change
+from mirdrake.importing.places import Places
 from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
-from mirdrake.importing.vehicles.model import Change, SourceModel
-from mirdrake.importing.vehicles.places import Places
+from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.vehicles.estimates import HOW
 
 Row = tuple[str, str, str, str]

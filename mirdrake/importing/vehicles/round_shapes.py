@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.math import RigidTransform
 
+from mirdrake.importing.meshes.convert import MeshError, mesh_bounds
+from mirdrake.importing.shape import Shape, Vector
 from mirdrake.importing.vehicles.kinematics import Tree
-from mirdrake.importing.vehicles.meshes import MeshError, mesh_bounds
-from mirdrake.importing.vehicles.model import Shape, Vector
 
 ROUND = 0.1
 """By how much two extents of something round may differ, of the larger one: tread blocks, valves, coarse meshes."""

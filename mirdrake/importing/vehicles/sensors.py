@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform
 
+from mirdrake.importing.changes import Change
 from mirdrake.importing.vehicles.car import Frame
-from mirdrake.importing.vehicles.model import Change, SensorTag, SourceModel
+from mirdrake.importing.vehicles.model import SensorTag, SourceModel
 from mirdrake.importing.vehicles.names import Names
 from mirdrake.importing.vehicles.sensor_fit import FARTHEST, fit_mount
 

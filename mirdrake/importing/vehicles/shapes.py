@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.convert import MeshError, convert_collision, convert_visual
+from mirdrake.importing.meshes.convex import CUT_TIME, CutTime
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.body_cover import COVERED, body_boxes, plan_cover, usual_bounds
 from mirdrake.importing.vehicles.car import Car, Part
-from mirdrake.importing.vehicles.mesh_convex import CUT_TIME, CutTime
-from mirdrake.importing.vehicles.meshes import MeshError, convert_collision, convert_visual
-from mirdrake.importing.vehicles.model import Change, Shape
 from mirdrake.importing.vehicles.names import Names
 from mirdrake.importing.vehicles.round_shapes import Bounds, bounds_in
 

@@ -8,9 +8,10 @@ from math import isfinite, pi, sqrt
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.importing.changes import Change
 from mirdrake.importing.vehicles.car import Layout, Number, Part, SpringSet
 from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
-from mirdrake.importing.vehicles.model import Change, Joint, SourceModel
+from mirdrake.importing.vehicles.model import Joint, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
 from mirdrake.vehicles.estimates import HOW, Estimates
 from mirdrake.vehicles.spec import WHEELS

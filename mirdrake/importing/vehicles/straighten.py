@@ -10,9 +10,11 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Layout
 from mirdrake.importing.vehicles.kinematics import Tree, frame_about, source_name
-from mirdrake.importing.vehicles.model import Change, Joint, Vector
+from mirdrake.importing.vehicles.model import Joint
 from mirdrake.importing.vehicles.recognise import Roles, Wheel
 from mirdrake.vehicles.spec import WHEELS
 

@@ -10,10 +10,11 @@ import numpy as np
 import yaml
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.importing.meshes.convex import CUT_TIME
+from mirdrake.importing.places import Places
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.car import Car, Mass, Part
-from mirdrake.importing.vehicles.mesh_convex import CUT_TIME
-from mirdrake.importing.vehicles.model import Shape, SourceModel
-from mirdrake.importing.vehicles.places import Places
+from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.importing.vehicles.report import readme_words
 from mirdrake.importing.vehicles.shapes import convert_shapes
 

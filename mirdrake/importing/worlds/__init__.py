@@ -26,11 +26,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.vehicles.model import Change
-from mirdrake.importing.vehicles.places import Places
+from mirdrake.importing.changes import Change
+from mirdrake.importing.places import Places
+from mirdrake.importing.sdf.search import Models
 from mirdrake.importing.worlds.convert import Converter
 from mirdrake.importing.worlds.entry import Entry, degrees, into_grids, is_word, number
-from mirdrake.importing.worlds.finding import Models
 from mirdrake.importing.worlds.ground import GroundText, make_ground
 from mirdrake.importing.worlds.model import Array, SourceWorld
 from mirdrake.importing.worlds.placed import find_overlaps, place, reach

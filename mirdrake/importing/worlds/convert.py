@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.importing.vehicles.mesh_read import MeshError
-from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.read import MeshError
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.entry import Entry, degrees, is_word, number
 from mirdrake.importing.worlds.ground import lowered
 from mirdrake.importing.worlds.known import Known, colour_in, find_known, plain_name, stand_in

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from mirdrake.importing.vehicles.mesh_read import MeshError
-from mirdrake.importing.vehicles.model import Shape
+from mirdrake.importing.meshes.read import MeshError
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.model import Array, Thing
 from mirdrake.importing.worlds.prop_folder import as_mesh, pieces_of
 from mirdrake.importing.worlds.surfaces import FLAT, corners_of, kind_of, outline, seen_from_above, tops_at

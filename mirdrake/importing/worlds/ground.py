@@ -13,8 +13,9 @@ import numpy as np
 import shapely
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.vehicles.mesh_read import MeshError
-from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.read import MeshError
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.drivable import (
     ROAD_WORDS,
     Surface,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import pi
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.importing.vehicles.gazebo_tags import colour_of
+from mirdrake.importing.sdf.colours import colour_of
 from mirdrake.worlds.props import load_prop, prop_names
 
 Size = tuple[float, float, float]

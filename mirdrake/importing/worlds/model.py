@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.changes import Change
+from mirdrake.importing.shape import Shape
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,10 @@ import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from trimesh import Trimesh
 
-from mirdrake.importing.vehicles.mesh_convex import make_hull
-from mirdrake.importing.vehicles.mesh_read import (
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.convert import convert_collision
+from mirdrake.importing.meshes.convex import make_hull
+from mirdrake.importing.meshes.read import (
     Material,
     MeshError,
     Note,
@@ -22,9 +24,8 @@ from mirdrake.importing.vehicles.mesh_read import (
     read_mesh,
     select_submesh,
 )
-from mirdrake.importing.vehicles.mesh_write import write_gltf, write_obj
-from mirdrake.importing.vehicles.meshes import convert_collision
-from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.meshes.write import write_gltf, write_obj
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.entry import degrees, number
 from mirdrake.importing.worlds.model import Array, Thing
 from mirdrake.worlds.props import DENSITY

@@ -6,14 +6,17 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.vehicles.xml_lines import read_number, read_numbers
-from mirdrake.importing.worlds.elements import FARTHEST, Tree, read_pose, text_of
+from mirdrake.importing.gazebo_xml import XmlFiles
+from mirdrake.importing.sdf.elements import FARTHEST, read_pose, text_of
+from mirdrake.importing.values import read_number, read_numbers
 from mirdrake.importing.worlds.model import Crowd, Thing
 
 Element = ElementTree.Element
 
 
-def read_crowd(element: Element, thing: Thing, name: str, where: str, tree: Tree, version: tuple[int, ...]) -> Crowd:
+def read_crowd(
+    element: Element, thing: Thing, name: str, where: str, tree: XmlFiles, version: tuple[int, ...]
+) -> Crowd:
     """A ``<population>``.
 
     Args:

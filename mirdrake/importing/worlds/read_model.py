@@ -14,27 +14,26 @@ from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.vehicles.model import Change, Shape
-from mirdrake.importing.vehicles.read_sdf import model_file
-from mirdrake.importing.vehicles.xml_lines import read_number
-from mirdrake.importing.worlds.elements import (
-    Tree,
+from mirdrake.importing.changes import Change
+from mirdrake.importing.gazebo_xml import XmlFiles
+from mirdrake.importing.sdf.elements import (
+    DEEPEST,
+    is_true,
     read_colour,
     read_mu,
+    read_placement,
     read_pose,
     read_shape,
     text_of,
-    truth,
     version_of,
 )
-from mirdrake.importing.worlds.finding import Models, model_name, searched
-from mirdrake.importing.worlds.frames import WORLD, Frame, Frames
+from mirdrake.importing.sdf.frames import Frame, Frames, Scope
+from mirdrake.importing.sdf.search import Models, model_name
+from mirdrake.importing.shape import Shape
+from mirdrake.importing.values import read_number
 from mirdrake.importing.worlds.model import Thing
 
 Element = ElementTree.Element
-
-DEEPEST = 20
-"""Levels of nested models and includes."""
 
 MOST = 50_000
 """Models and links of a world, with all that they include."""
@@ -43,24 +42,6 @@ _TURNING = {"revolute", "continuous", "revolute2", "universal"}
 _SILENT = {"pose", "inertial", "static", "link", "model", "include", "frame", "visual", "collision", "self_collide",
            "allow_auto_disable", "enable_wind", "gravity", "kinematic", "velocity_decay", "must_be_base_link",
            "joint", "light", "script", "audio_source"}  # fmt: skip
-
-
-@dataclass
-class Scope:
-    """Where elements stand: names below `prefix`, poses from the frame `origin`."""
-
-    prefix: str
-    origin: str
-    version: tuple[int, ...]
-    folder: Path
-    files: tuple[Path, ...]
-    """that led here, for includes that include themselves"""
-
-    def full(self, name: str) -> str:
-        """The full name of a frame that is named here."""
-        if name == "__model__":
-            return self.origin
-        return WORLD if not self.prefix and name in {"world", "__world__"} else f"{self.prefix}{name}"
 
 
 @dataclass
@@ -96,7 +77,7 @@ class ModelReader:
     """
 
     def __init__(
-        self, models: Models, tree: Tree, frames: Frames, say: Callable[[Change], None], files: list[Path]
+        self, models: Models, tree: XmlFiles, frames: Frames, say: Callable[[Change], None], files: list[Path]
     ) -> None:
         self._models, self._tree, self._frames, self._say, self._files = models, tree, frames, say, files
         self._parsed: dict[Path, Element] = {}
@@ -129,9 +110,9 @@ class ModelReader:
         self._one_more(where)
         kind = element.get("name", "") or "model"
         full = self._new_name(scope.full(name or kind), where)
-        self._place(element, scope, full, placed, where)
+        self._frames.add(full, read_placement(element, placed, full, scope, self._tree))
         still = element.find("static") if placed is None or placed.find("static") is None else placed.find("static")
-        static = truth(still.text or "") if still is not None else False
+        static = is_true(still.text or "") if still is not None else False
         if draft is None:
             draft = Draft(Thing(full, kind, RigidTransform(), static, where=where), full)
             self.drafts.append(draft)
@@ -149,7 +130,7 @@ class ModelReader:
         where, address = self._tree.where(element), text_of(element, "uri")
         kind = model_name(address)
         name = text_of(element, "name")
-        path, remark = self._find(address, scope.folder)
+        path, remark = self._models.find_model(address, scope.folder)
         if path is not None and (path in scope.files or len(scope.files) > DEEPEST):
             raise ModelError(f"{where}: include '{address}' includes itself")
         if path is None:
@@ -161,15 +142,15 @@ class ModelReader:
         model = root if root.tag == "model" else root.find("model")
         for light in root.findall("light"):
             frame = self._new_name(scope.full(name or light.get("name", "light")), where)
-            self._place(light, inside, frame, element, where)
+            self._frames.add(frame, read_placement(light, element, frame, inside, self._tree))
             self.lights.append((light, frame))
         if model is None:
             if root.find("light") is None:
                 raise ModelError(f"{shown(path)}:1: no <model> in the file that {where} includes")
             return
-        if truth(element.get("merge", "")) and draft is not None:
+        if is_true(element.get("merge", "")) and draft is not None:
             frame = self._new_name(scope.full(f"__merged__{model.get('name', '')}"), where)
-            self._place(model, inside, frame, element, where)
+            self._frames.add(frame, read_placement(model, element, frame, inside, self._tree))
             self._inside(model, replace(inside, origin=frame), draft)
             return
         before = len(self.drafts)
@@ -180,60 +161,20 @@ class ModelReader:
     def _absent(self, element: Element, scope: Scope, name: str, kind: str, where: str, remark: str) -> None:
         self._one_more(where)
         full = self._new_name(scope.full(name), where)
-        self._place(element, scope, full, element, where)
+        self._frames.add(full, read_placement(element, element, full, scope, self._tree))
         static = element.find("static")
         thing = Thing(
-            full, kind, RigidTransform(), truth(static.text or "") if static is not None else True, where=where
+            full, kind, RigidTransform(), is_true(static.text or "") if static is not None else True, where=where
         )
         thing.absent, thing.sources = True, [kind] if kind else []
         thing.broken = [f"{where}: include '{text_of(element, 'uri')}': {remark}"]
         self.drafts.append(Draft(thing, full))
-
-    def _find(self, address: str, folder: Path) -> tuple[Path | None, str]:
-        """The SDF file of an address, or why there is none."""
-        if not address:
-            return None, "it has no <uri>"
-        scheme, mark, rest = address.partition("://")
-        if mark and scheme not in {"model", "package", "file", "http", "https"}:
-            return None, f"{scheme}:// is not understood; model://, package:// and file:// are"
-        if mark and scheme in {"http", "https"}:
-            name = model_name(address)
-            found = self._models.fuel(address) or self._models.find(name) or self._models.find(name.replace(" ", "_"))
-            path = model_file(found) if found and found.is_dir() else None
-            why = f"it is not in the local cache of Fuel, and nothing is downloaded; give it with --package {name}=DIR"
-            return path, "" if path else why
-        name, _, below = rest.partition("/")
-        target = folder / (rest if mark else address)
-        if mark and scheme in {"model", "package"}:
-            top = self._models.find(name)
-            target = top / below if top is not None else target
-            if top is None or not target.exists():
-                joined = self._models.below(rest)
-                if joined is None and top is None:
-                    return None, f"there is no such model; {searched()}; give its folder with --package {name}=DIR"
-                target = joined or target
-        elif not target.exists():
-            target = self._models.below(rest if mark else address) or target
-        if target.is_dir():
-            path = model_file(target)
-            return path, "" if path else "there is no model.sdf in it"
-        if not target.is_file():
-            return None, "no such file"
-        return (target, "") if target.suffix not in {".urdf", ".xacro"} else (None, "it is no SDF")
 
     def _parse(self, path: Path) -> Element:
         if path not in self._parsed:
             self._parsed[path] = self._tree.parse(path)
             self._files.append(path)
         return self._parsed[path]
-
-    def _place(self, element: Element, scope: Scope, full: str, placed: Element | None, where: str) -> None:
-        """The frame of a model, from its own pose or that of the ``<include>``."""
-        pose = placed.find("pose") if placed is not None and placed.find("pose") is not None else element.find("pose")
-        X, relative = read_pose(pose, self._tree, scope.version)
-        spot = (placed.findtext("placement_frame") if placed is not None else None) or element.get("placement_frame")
-        inside = f"{full}::{spot.strip()}" if spot and spot.strip() not in {"", "__model__"} else ""
-        self._frames.add(full, Frame(X, scope.full(relative) if relative else scope.origin, where, inside))
 
     def _new_name(self, wanted: str, where: str) -> str:
         """A name that no frame has; a second model of a name gets a number, as Gazebo does it."""
@@ -260,7 +201,7 @@ class ModelReader:
             elif child.tag == "frame":
                 X, relative = read_pose(child.find("pose"), self._tree, scope.version)
                 base = relative or child.get("attached_to", "")
-                self._frames.add(scope.full(name), Frame(X, scope.full(base) if base else scope.origin, where))
+                self._frames.add(scope.full(name), Frame(X, scope.base(base), where))
             elif child.tag in {"model", "include"}:
                 if len(scope.prefix.split("::")) > DEEPEST:
                     raise ModelError(f"{where}: models are nested more than {DEEPEST} deep")
@@ -296,7 +237,7 @@ class ModelReader:
         self._one_more(where)
         full = scope.full(element.get("name", "link"))
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
-        self._frames.add(full, Frame(X, scope.full(relative) if relative else scope.origin, where))
+        self._frames.add(full, Frame(X, scope.base(relative), where))
         draft.links.append(full)
         if not thing.static and text_of(element, "kinematic") in {"1", "true"}:
             thing.static = True
@@ -331,7 +272,8 @@ class ModelReader:
         for plugin in element.findall("plugin"):
             where_plugin, file = self._tree.where(plugin), plugin.get("filename", "")
             self._say(Change(where_plugin, f"{what}: <plugin>", file, "left out", "plugins do not run here"))
-        shape, remark = read_shape(element, self._tree, self._models, scope.folder)
+        read = read_shape(element, self._tree, self._models, scope.folder, check_sizes=True)
+        shape, remark = read.shape, read.remark
         if shape is None:
             if remark:
                 self._say(Change(where, what, element.get("name", ""), "left out", remark))

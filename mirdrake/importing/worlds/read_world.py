@@ -13,15 +13,17 @@ import shapely
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.vehicles.model import Change, Shape
-from mirdrake.importing.vehicles.xml_lines import read_number, read_numbers
-from mirdrake.importing.worlds.elements import Tree, read_pose, text_of, version_of
-from mirdrake.importing.worlds.finding import Models, model_name
-from mirdrake.importing.worlds.frames import WORLD, Frame, Frames
+from mirdrake.importing.changes import Change
+from mirdrake.importing.gazebo_xml import XmlFiles
+from mirdrake.importing.sdf.elements import read_pose, text_of, version_of
+from mirdrake.importing.sdf.frames import WORLD, Frame, Frames, Scope
+from mirdrake.importing.sdf.search import Models, model_name
+from mirdrake.importing.shape import Shape
+from mirdrake.importing.values import read_number, read_numbers
 from mirdrake.importing.worlds.known import plain_name
 from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Sun, Thing
 from mirdrake.importing.worlds.read_crowd import read_crowd
-from mirdrake.importing.worlds.read_model import Draft, ModelReader, Scope
+from mirdrake.importing.worlds.read_model import Draft, ModelReader
 
 Element = ElementTree.Element
 
@@ -45,7 +47,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     Raises:
         ModelError: it cannot be read, is no XML, or holds no world.
     """
-    tree = Tree()
+    tree = XmlFiles()
     root = tree.parse(path)
     worlds = root.findall("world") if root.tag in {"sdf", "gazebo"} else [root] if root.tag == "world" else []
     if not worlds:
@@ -76,7 +78,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
 class _Reader:
     """Reads one world."""
 
-    def __init__(self, world: SourceWorld, models: Models, tree: Tree, scope: Scope) -> None:
+    def __init__(self, world: SourceWorld, models: Models, tree: XmlFiles, scope: Scope) -> None:
         self._world, self._tree, self._scope = world, tree, scope
         self._frames = Frames()
         self._models = ModelReader(models, tree, self._frames, world.changes.append, world.files)
@@ -152,11 +154,11 @@ class _Reader:
         elif tag == "frame":
             X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
             base = relative or child.get("attached_to", "")
-            self._frames.add(self._scope.full(name), Frame(X, self._scope.full(base) if base else WORLD, where))
+            self._frames.add(self._scope.full(name), Frame(X, self._scope.base(base), where))
         elif tag == "light":
             frame = f"__light__{len(self._lights)}"
             X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
-            self._frames.add(frame, Frame(X, self._scope.full(relative) if relative else WORLD, where))
+            self._frames.add(frame, Frame(X, self._scope.base(relative), where))
             self._lights.append((child, frame))
         elif tag == "actor":
             self._actor(child, where)

@@ -15,7 +15,7 @@ CAR = "bolt"
 """The standard car that must have room."""
 
 _ROOM = 0.3  # [m] on all sides
-_AHEAD = (30.0, 15.0, 6.0, 0.0)  # [m] to be free in front; the first of them for which there is a place
+_AHEAD = (120.0, 60.0, 30.0, 15.0, 6.0, 0.0)  # [m] to be free in front; the first of them for which there is a place
 _LOW = 0.05  # [m] of what is no obstacle
 _STEP = 2.0  # [m] between places that are tried
 _MOST_PLACES = 20_000

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from mirdrake.importing.vehicles.mesh_convex import make_hull
-from mirdrake.importing.vehicles.mesh_write import weld, write_obj
-from mirdrake.importing.vehicles.model import Shape
+from mirdrake.importing.meshes.convex import make_hull
+from mirdrake.importing.meshes.write import weld, write_obj
+from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.model import Array
 from mirdrake.importing.worlds.prop_folder import pieces_of
 

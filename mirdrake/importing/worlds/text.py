@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirdrake.importing.vehicles.model import Change
-from mirdrake.importing.vehicles.places import Places
+from mirdrake.importing.changes import Change
+from mirdrake.importing.places import Places
 from mirdrake.importing.worlds.entry import Entry, degrees, number
 from mirdrake.importing.worlds.ground import GroundText
 from mirdrake.importing.worlds.model import Sun

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.vehicles.model import Change, SourceModel
+from mirdrake.importing.changes import Change
+from mirdrake.importing.vehicles.model import SourceModel
 
 _MARKS = ("package.xml", "model.config")
 _LEVELS = 6

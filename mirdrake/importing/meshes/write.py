@@ -11,7 +11,7 @@ from PIL import Image
 
 from mirdrake.core import meshes
 from mirdrake.core.meshes import Primitive, pbr_material, srgb_to_linear
-from mirdrake.importing.vehicles.mesh_read import Array, Material, Note, Piece
+from mirdrake.importing.meshes.read import Array, Material, Note, Piece
 
 GREY = (0.7, 0.7, 0.7, 1.0)
 """Colour of a surface that has none, in sRGB."""

@@ -24,8 +24,8 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.paths import cache_folder, installed_version
-from mirdrake.importing.vehicles.mesh_cut import SECONDS, settings
-from mirdrake.importing.vehicles.mesh_write import weld
+from mirdrake.importing.meshes.cut import SECONDS, settings
+from mirdrake.importing.meshes.write import weld
 
 Array = NDArray[np.float64]
 
@@ -261,7 +261,7 @@ def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]
     used_up = f"the time for cutting meshes into convex parts, {time.limit:g} s, is used up"
     if seconds <= 0.0:
         return b"", used_up
-    script = Path(__file__).with_name("mesh_cut.py")
+    script = Path(__file__).with_name("cut.py")
     start = monotonic()
     try:
         done = subprocess.run([sys.executable, "-P", str(script)], input=message, capture_output=True, timeout=seconds)

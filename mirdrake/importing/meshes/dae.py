@@ -11,7 +11,7 @@ from collada.polylist import Polylist
 from collada.scene import ControllerNode, GeometryNode, Node, RotateTransform
 from collada.triangleset import TriangleSet
 
-from mirdrake.importing.vehicles.mesh_read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
+from mirdrake.importing.meshes.read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
 
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # ITU-R BT.709-4, as COLLADA 1.4.1 says for RGB_ZERO
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirdrake.core.errors import MissingDependencyError, ModelError, did_you_mean
-from mirdrake.importing.vehicles.model import Change
+from mirdrake.importing.changes import Change
 
 Array = NDArray[np.float64]
 
@@ -389,7 +389,7 @@ def _reader(kind: str) -> Callable[[bytes, TextureFolder], Iterable[Piece]]:
 
 
 def _read_obj(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
-    from mirdrake.importing.vehicles.mesh_obj import read_obj
+    from mirdrake.importing.meshes.obj import read_obj
 
     return read_obj(data, folder)
 
@@ -452,7 +452,7 @@ def _read_dae(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
         import collada
     except ImportError:
         raise MissingDependencyError(f"COLLADA meshes (.dae) need pycollada: {EXTRA}") from None
-    from mirdrake.importing.vehicles.mesh_dae import read_collada
+    from mirdrake.importing.meshes.dae import read_collada
 
     document = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])
     return read_collada(document, folder)

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mirdrake.importing.vehicles.mesh_read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
+from mirdrake.importing.meshes.read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
 
 _OPTION_VALUES = {"-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
                   "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1}  # fmt: skip

@@ -2,7 +2,7 @@
 
 Drake draws .obj and .gltf with its cameras and collides only .obj, .vtk and .gltf, always by the convex hull. COLLADA
 needs pycollada, cutting into convex parts coacd, making large meshes smaller fast-simplification: the extra ``import``.
-How units and axes are taken says :mod:`mirdrake.importing.vehicles.mesh_read`.
+How units and axes are taken says :mod:`mirdrake.importing.meshes.read`.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.importing.vehicles.mesh_convex import CutTime, Hull, Parts, fit_box, fit_cylinder, split_convex
-from mirdrake.importing.vehicles.mesh_read import (
+from mirdrake.importing.changes import Change
+from mirdrake.importing.meshes.convex import CutTime, Hull, Parts, fit_box, fit_cylinder, split_convex
+from mirdrake.importing.meshes.read import (
     Material,
     MeshError,
     Note,
@@ -23,8 +24,8 @@ from mirdrake.importing.vehicles.mesh_read import (
     read_mesh,
     select_submesh,
 )
-from mirdrake.importing.vehicles.mesh_write import write_gltf, write_obj
-from mirdrake.importing.vehicles.model import Change, Shape
+from mirdrake.importing.meshes.write import write_gltf, write_obj
+from mirdrake.importing.shape import Shape
 
 Array = NDArray[np.float64]
 

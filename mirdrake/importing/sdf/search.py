@@ -1,11 +1,16 @@
-"""Where the models of a world lie: folders that were given, Gazebo's search paths, and the folders around the world."""
+"""Search for the models that an SDF file includes.
+
+The folders are those given by the user, Gazebo's search paths, the local cache of Fuel, and the folders around the
+file. Nothing is downloaded.
+"""
 
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import unquote
 
-from mirdrake.importing.vehicles.packages import Packages
+from mirdrake.importing.packages import Packages
+from mirdrake.importing.sdf.elements import model_file
 
 VARIABLES = (
     "GAZEBO_MODEL_PATH",
@@ -25,11 +30,11 @@ _BESIDE = ("", "models", "gazebo_models", "gazebo/models")
 
 
 class Models(Packages):
-    """The models around a world file.
+    """The models around an SDF file.
 
     Args:
-        start: the world file.
-        given: name -> folder, from the user; they win over the search paths of the environment.
+        start: the file.
+        given: name -> folder, from the user; they take precedence over the search paths of the environment.
     """
 
     def __init__(self, start: Path, given: Mapping[str, Path] | None = None) -> None:
@@ -38,7 +43,7 @@ class Models(Packages):
         self._tops = [*_search_folders(), *around]
 
     def find(self, name: str) -> Path | None:
-        """The folder of a model or package, also of a model without model.config; None if it is not to be found."""
+        """Return the folder of a model or package, also of a model without model.config; None if there is none."""
         if name not in self._known and _is_plain(name):
             near = (top / name for top in self._tops if (top / name / "model.sdf").is_file())
             folder = next(near, None)
@@ -47,9 +52,9 @@ class Models(Packages):
         return super().find(name) if _is_plain(name) else None
 
     def below(self, rest: str) -> Path | None:
-        """A file or folder below the search paths, as Gazebo joins both: ``my_package/models/cone``; None if none is.
+        """Return a file or folder below the search paths, such as ``my_package/models/cone``; None if there is none.
 
-        Gazebo asks for no model.config or package.xml in the folders between.
+        As in Gazebo, the folders between need no model.config or package.xml.
         """
         parts = [part for part in rest.split("/") if part not in {"", "."}]
         if not parts or ".." in parts or "\0" in rest:
@@ -57,7 +62,7 @@ class Models(Packages):
         return next((top.joinpath(*parts) for top in self._tops if top.joinpath(*parts).exists()), None)
 
     def fuel(self, address: str) -> Path | None:
-        """What the local cache of Fuel has of an address, in its newest version; None if it has nothing.
+        """Return the newest version of an address in the local cache of Fuel; None if it is not there.
 
         ``https://fuel.gazebosim.org/1.0/OpenRobotics/models/Cone/2/files/meshes/cone.dae`` is
         ``fuel.gazebosim.org/openrobotics/models/cone/2/meshes/cone.dae`` there.
@@ -81,6 +86,45 @@ class Models(Packages):
                     return folder.joinpath(*below)
         return None
 
+    def find_model(self, address: str, folder: Path) -> tuple[Path | None, str]:
+        """Return the SDF file of an ``<include>``, or None and the reason.
+
+        Args:
+            address: its ``<uri>``.
+            folder: of the file that includes it.
+        """
+        if not address:
+            return None, "it has no <uri>"
+        scheme, mark, rest = address.partition("://")
+        if mark and scheme not in {"model", "package", "file", "http", "https"}:
+            return None, f"{scheme}:// is not supported; model://, package:// and file:// are"
+        if mark and scheme in {"http", "https"}:
+            name = model_name(address)
+            found = self.fuel(address) or self.find(name) or self.find(name.replace(" ", "_"))
+            path = model_file(found) if found and found.is_dir() else None
+            why = f"it is not in the local cache of Fuel, and nothing is downloaded; give it with --package {name}=DIR"
+            return path, "" if path else why
+
+        # A folder of the package of that name; else what Gazebo finds when it joins its search paths and the address.
+        name, _, below = rest.partition("/")
+        target = folder / (rest if mark else address)
+        if mark and scheme in {"model", "package"}:
+            top = self.find(name)
+            target = top / below if top is not None else target
+            if top is None or not target.exists():
+                joined = self.below(rest)
+                if joined is None and top is None:
+                    return None, f"there is no such model; {searched()}; give its folder with --package {name}=DIR"
+                target = joined or target
+        elif not target.exists():
+            target = self.below(rest if mark else address) or target
+        if target.is_dir():
+            path = model_file(target)
+            return path, "" if path else "there is no model.sdf in it"
+        if not target.is_file():
+            return None, "no such file"
+        return (target, "") if target.suffix not in {".urdf", ".xacro"} else (None, "it is not an SDF file")
+
     def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
         """See :meth:`Packages.resolve`; a missing file is reported with the folders that were searched."""
         text = unquote(address.strip())
@@ -100,18 +144,18 @@ class Models(Packages):
 
 
 def searched() -> str:
-    """Where models were looked for, in words."""
+    """Return a clause that lists the folders in which models were searched."""
     parts = []
     for variable in VARIABLES:
         folders = [entry for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
         count = f"{len(folders)} folder{'s' if len(folders) != 1 else ''}" if folders else "not set"
         if folders or variable in {"GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH"}:
             parts.append(f"{variable} ({count})")
-    return f"searched were {', '.join(parts)} and the folders beside and above the file"
+    return f"searched: {', '.join(parts)} and the folders beside and above the file"
 
 
 def model_name(address: str) -> str:
-    """The name of the model that an address means.
+    """Return the name of the model that an address refers to.
 
     ``cone`` of ``model://cone/meshes/cone.dae`` and of ``model://my_package/models/cone``.
     """
@@ -137,13 +181,13 @@ def _is_plain(name: str) -> bool:
 
 
 def _search_folders() -> list[Path]:
-    """The folders that the environment names, in Gazebo's order."""
+    """Return the folders of the environment variables, in Gazebo's order."""
     entries = [entry for variable in VARIABLES for entry in os.environ.get(variable, "").split(os.pathsep)]
     return [Path(entry) for entry in dict.fromkeys(entries) if entry]
 
 
 def _from_environment() -> dict[str, Path]:
-    """Models in the folders that the environment names, the first one of a name."""
+    """Return the models in the folders of the environment variables, the first one of a name."""
     found: dict[str, Path] = {}
     for top in _search_folders():
         try:

@@ -1,0 +1,107 @@
+"""XML files as trees whose elements know their line: bounded in size, without entities, nothing else is opened."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element
+from xml.parsers import expat
+
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.yaml_io import shown
+
+__all__ = ["Element", "XmlDocument", "parse_xml", "read_xml_bytes"]
+
+_TEXT_AFTER_ROOT = expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]
+
+
+@dataclass(frozen=True)
+class XmlDocument:
+    """A parsed file.
+
+    Attributes:
+        root: element; tags keep their prefix and attributes their order.
+        lines: line of the start tag of each element, in the order of the document.
+        name: of the file, for messages.
+    """
+
+    root: Element
+    lines: Mapping[Element, int]
+    name: str
+
+    def where(self, element: Element) -> str:
+        """Return ``file:line`` of an element."""
+        return f"{self.name}:{self.lines[element]}"
+
+
+def read_xml_bytes(path: Path, *, largest: int, error: type[MirdrakeError], advice: str) -> bytes:
+    """Return the content of an XML file.
+
+    Args:
+        path: the file.
+        largest: size that is allowed [bytes].
+        error: class of the errors.
+        advice: what the user can do about a larger file.
+
+    Raises:
+        MirdrakeError: of the given class; the file cannot be read or is too large.
+    """
+    try:
+        if path.stat().st_size > largest:
+            raise error(f"{shown(path)}: more than {largest // 1_000_000} MB of XML; {advice}")
+        return path.read_bytes()
+    except OSError as fault:
+        raise error(f"{shown(path)}: {fault.strerror or fault}") from None
+
+
+def parse_xml(
+    data: bytes | str, name: str, *, error: type[MirdrakeError], prefixes: bool = True, text_after_root: bool = False
+) -> XmlDocument:
+    """Parse a document.
+
+    Entities are rejected: they can grow without bounds and can refer to other files.
+
+    Args:
+        data: content of the file.
+        name: of the file, for messages.
+        error: class of the errors.
+        prefixes: keep the name space prefix of tags.
+        text_after_root: ignore what follows the root element instead of rejecting it.
+
+    Raises:
+        MirdrakeError: of the given class; the data are not valid XML or declare entities.
+    """
+    lines: dict[Element, int] = {}
+    stack: list[Element] = []
+    root: list[Element] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag if prefixes else tag.rpartition(":")[2], attributes)
+        lines[element] = parser.CurrentLineNumber
+        (stack[-1].append if stack else root.append)(element)
+        stack.append(element)
+
+    def end(_: str) -> None:
+        stack.pop()
+
+    def text(words: str) -> None:
+        if stack:
+            stack[-1].text = (stack[-1].text or "") + words
+
+    def reject_entity(entity: str, *_: Any) -> NoReturn:
+        shown_entity = "".join(letter if letter.isprintable() else "?" for letter in str(entity))[:60]
+        place = f"{name}:{parser.CurrentLineNumber}"
+        raise error(f"{place}: declares the XML entity '{shown_entity}'; write out what it stands for")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = reject_entity
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as fault:
+        complete = bool(root) and not stack
+        if not (text_after_root and complete and fault.code == _TEXT_AFTER_ROOT):
+            raise error(f"{name}:{fault.lineno}: not valid XML: {expat.ErrorString(fault.code)}") from None
+    except (ValueError, LookupError) as fault:  # an unknown encoding
+        raise error(f"{name}: not valid XML: {fault}") from None
+    return XmlDocument(root[0], lines, name)

@@ -1,0 +1,76 @@
+"""Numbers and poses in the text of XML files, with errors that name the place."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.core.errors import ModelError
+from mirdrake.importing.shape import Vector
+
+
+def read_numbers(text: str | None, *, count: int, default: Sequence[float], where: str, what: str) -> Vector:
+    """Numbers from a text; `default` where there is none.
+
+    Raises:
+        ModelError: not so many finite numbers.
+    """
+    if text is None or not text.strip():
+        return np.array(default, dtype=float)
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        wanted = f"{count} finite numbers" if count > 1 else "a finite number"
+        raise ModelError(f"{where}: {what} '{' '.join(text.split())[:60]}' should be {wanted}{_template(text)}")
+    return np.array(values)
+
+
+def read_number(text: str | None, *, where: str, what: str) -> float | None:
+    """A number that may be infinite, or None where there is none.
+
+    Raises:
+        ModelError: it is no number.
+    """
+    if text is None or not text.strip():
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise ModelError(f"{where}: {what} '{text.strip()[:60]}' should be a number{_template(text)}")
+    return value
+
+
+def _template(text: str) -> str:
+    """What to do about an expression that some program should have replaced."""
+    for mark, name in (("${", "xacro"), ("$(", "xacro"), ("<%", "ERB"), ("{{", "Jinja"), ("@(", "Empy")):
+        if mark in text:
+            return f"; it is an expression of {name} that was not expanded: give the expanded file"
+    return ""
+
+
+def make_pose(xyz: Sequence[float] | Vector, rpy: Sequence[float] | Vector) -> RigidTransform:
+    """A pose from place [m] and roll, pitch, yaw [rad]."""
+    return RigidTransform(RollPitchYaw(*[float(angle) for angle in rpy]), [float(value) for value in xyz])
+
+
+def leaves(element: Element, prefix: str = "") -> dict[str, str]:
+    """Texts and attributes of all elements below one, by dotted path; the second of a kind is ``tag[2]``."""
+    found: dict[str, str] = {}
+    count: Counter[str] = Counter()
+    for child in element:
+        count[child.tag] += 1
+        path = f"{prefix}{child.tag}" + (f"[{count[child.tag]}]" if count[child.tag] > 1 else "")
+        for key, value in child.attrib.items():
+            found[f"{path}.{key}"] = value
+        if len(child):
+            found |= leaves(child, f"{path}.")
+        elif (child.text or "").strip():
+            found[path] = (child.text or "").strip()
+    return found
