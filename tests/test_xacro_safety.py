@@ -382,9 +382,7 @@ def test_entities_are_an_error(tmp_path):
     file = tmp_path / "car.urdf.xacro"
     entities = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10 if i else "lol"}">' for i in range(12))
     file.write_text(f'<!DOCTYPE robot [{entities}]>\n<robot name="&l11;"/>', encoding="utf-8")
-    with pytest.raises(
-        ModelError, match=r"car.urdf.xacro:1: declares the XML entity 'l0'; write out"
-    ):
+    with pytest.raises(ModelError, match=r"car.urdf.xacro:1: declares the XML entity 'l0'; write out"):
         render_xacro(file)
     file.write_text('<!DOCTYPE robot [<!ENTITY x SYSTEM "/etc/passwd">]>\n<robot name="&x;"/>', encoding="utf-8")
     with pytest.raises(ModelError, match="declares the XML entity 'x'"):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mirdrake.core.yaml_io import shown
 from mirdrake.importing.changes import Change
-from mirdrake.importing.vehicles.model import SourceModel
 
 _MARKS = ("package.xml", "model.config")
 _LEVELS = 6
@@ -53,20 +52,6 @@ class Places:
         """A change whose texts name no folder of this machine."""
         texts = {key: self.text(getattr(change, key)) for key in ("what", "was", "became", "why")}
         return replace(change, where=self.short(change.where), **texts)
-
-
-def shorten(model: SourceModel) -> Places:
-    """Make every place in a model short, and return how."""
-    places = Places(model.files[0])
-    parts: list[object] = [*model.sensors, *model.plugins, *model.transmissions, *model.controllers]
-    for link in model.links.values():
-        parts += [link, link.inertial, link.surface, *link.visuals, *link.collisions]
-    parts += model.joints.values()
-    for part in parts:
-        if part is not None:
-            part.where = places.short(part.where)  # type: ignore[attr-defined]
-    model.changes = [places.change(change) for change in model.changes]
-    return places
 
 
 def _is_package(folder: Path) -> bool:

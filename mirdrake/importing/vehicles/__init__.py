@@ -22,10 +22,10 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import staging
 from mirdrake.importing.changes import Change
 from mirdrake.importing.meshes.convex import CUT_TIME
-from mirdrake.importing.places import Places, shorten
+from mirdrake.importing.places import Places
 from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.check import check_loads
-from mirdrake.importing.vehicles.model import SourceModel
+from mirdrake.importing.vehicles.model import SourceModel, shorten_places
 from mirdrake.importing.vehicles.read import read_source
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
@@ -162,7 +162,7 @@ def plan_import(
     model = read_source(Path(path), packages=packages, arguments=arguments)
     name = name or _plain(model.name)
     target = vehicle_place(name, folder=folder, force=force)
-    places = shorten(model)
+    places = shorten_places(model)
     say("recognising wheels and steering")
     roles = recognise(model, drive)
     say("repairing")

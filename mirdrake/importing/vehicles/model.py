@@ -12,6 +12,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.importing.changes import Change
+from mirdrake.importing.places import Places
 from mirdrake.importing.shape import Shape, Vector
 
 
@@ -197,3 +198,17 @@ class SourceModel:
     changes: list[Change] = field(default_factory=list)
     texts: dict[str, str] = field(default_factory=dict)
     hints: list[str] = field(default_factory=list)
+
+
+def shorten_places(model: SourceModel) -> Places:
+    """Replace every place in a model by its short form, and return what shortens places."""
+    places = Places(model.files[0])
+    parts: list[object] = [*model.sensors, *model.plugins, *model.transmissions, *model.controllers]
+    for link in model.links.values():
+        parts += [link, link.inertial, link.surface, *link.visuals, *link.collisions]
+    parts += model.joints.values()
+    for part in parts:
+        if part is not None:
+            part.where = places.short(part.where)  # type: ignore[attr-defined]
+    model.changes = [places.change(change) for change in model.changes]
+    return places
