@@ -14,7 +14,7 @@ from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle
-from mirdrake.vehicles.spec import Pid
+from mirdrake.vehicles.joint_control import WheelPid
 from mirdrake.worlds import load_world
 
 GRAVITY = 9.80665
@@ -22,7 +22,7 @@ GRAVITY = 9.80665
 
 def free_rolling(vehicle: Vehicle) -> Vehicle:
     """The vehicle without wheel servos: nothing drives or brakes it."""
-    control = vehicle.control.model_copy(update={"wheel_speed": Pid(kind="pid", kp=0.0)})
+    control = vehicle.control.model_copy(update={"wheel_speed": WheelPid(kind="pid", kp=0.0)})
     return replace(vehicle, control=control)
 
 

@@ -224,11 +224,10 @@ def test_a_folder_that_cannot_be_written_is_said_and_the_drive_goes_on(tmp_path)
 
 def test_the_pedals_vehicle_has_the_gains_of_its_pedals():
     from mirdrake.vehicles import load_vehicle
-    from mirdrake.viewer.cockpit.gains import list_gains
 
-    assert [gain.path for gain in list_gains(load_vehicle("bolt@handling"))] == ["wheel_speed.kp", "wheel_speed.ki"]
-    assert [gain.path for gain in list_gains(load_vehicle("unior"))][:2] == ["speed.kp", "speed.ki"]
-    assert "wheel_speed.kp" in [gain.path for gain in list_gains(load_vehicle("unior"))]
+    assert [gain.path for gain in load_vehicle("bolt@handling").control.gains()] == ["wheel_speed.kp", "wheel_speed.ki"]
+    assert [gain.path for gain in load_vehicle("unior").control.gains()][:2] == ["speed.kp", "speed.ki"]
+    assert "wheel_speed.kp" in [gain.path for gain in load_vehicle("unior").control.gains()]
 
 
 # --- the page's server -----------------------------------------------------------------------------------------------

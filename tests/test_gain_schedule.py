@@ -17,12 +17,11 @@ from mirdrake.core.vectors import STATE
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.execution.parameters import find_knobs
 from mirdrake.runs.simulation import Simulation
-from mirdrake.single_track.chain import SingleTrackControl
+from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.result_folder import read_result
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.spec import ControlSpec
-from mirdrake.viewer.cockpit.gains import list_gains
 from mirdrake.worlds import load_world
 from tests.tuning_sample import result_data
 
@@ -104,7 +103,7 @@ def test_gains_on_a_schedule_are_no_knobs(scheduled: Path) -> None:
     knobs = find_knobs({"ego": vehicle}, load_world("empty"))
     assert "ego.speed.kp" in knobs
     assert not any(".wheel_speed." in name for name in knobs)
-    assert [gain.path for gain in list_gains(vehicle)] == ["speed.kp", "speed.ki"]
+    assert [gain.path for gain in vehicle.control.gains()] == ["speed.kp", "speed.ki"]
 
 
 def test_apply_writes_the_schedule_once_and_other_gains_take_it_away(tmp_path: Path, scheduled: Path) -> None:

@@ -20,8 +20,8 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.leaf_system import FreeableType, LeafSystem, declare_cached_value
 from mirdrake.core.paths import find
 from mirdrake.runs.simulation import simulate
-from mirdrake.single_track.chain import make_single_track_vehicle
 from mirdrake.single_track.dynamics import Tyres
+from mirdrake.single_track.vehicle import make_single_track_vehicle
 from mirdrake.vehicles import load_vehicle
 
 _RANGE = {"near": 1.0, "far": 50.0}

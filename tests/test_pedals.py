@@ -15,7 +15,6 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from mirdrake.assembly.diagram import assemble, make_diagram
 from mirdrake.controllers import VehicleControl
-from mirdrake.controllers.pedal_control import PedalLaw, PedalState
 from mirdrake.controllers.schedule import ConstantCommand
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import data_root
@@ -24,8 +23,8 @@ from mirdrake.plant.powertrain import Measured, PowertrainLaw
 from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import make_single_track_vehicle
 from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.joint_control.pedals import PedalControl, PedalLaw, PedalState
 from mirdrake.vehicles.powertrain_spec import Actuators, SteeringActuator
-from mirdrake.vehicles.spec import PedalControl
 from mirdrake.worlds import load_world
 
 RADIUS = 0.3175
@@ -55,7 +54,7 @@ def rolling(speed: float) -> Measured:
 def test_the_pedals_give_the_force_that_is_wanted(name, acceleration):
     foot, law = foot_of(load_vehicle(f"{name}@handling"))
     speed = 2.5  # no gear is being changed
-    _, pedals = foot.step(PedalState(), speed, acceleration, speed, gains=foot.gains(1.0, 0.3))
+    _, pedals = foot.advance(PedalState(), speed, acceleration, speed, gains=foot.numbers([1.0, 0.3]))
     _, torques = law.step(law.rest(speed), pedals, rolling(speed))
     spec = load_vehicle(f"{name}@handling").spec
     resistance = spec.tyres.rolling_resistance * 1616.0 * 9.80665 + 0.6 * spec.aerodynamics.drag_area * speed**2
@@ -69,7 +68,7 @@ def test_the_pedals_give_the_force_that_is_wanted(name, acceleration):
 def test_a_standing_command_holds_the_brake_and_forgets_the_integral():
     foot, law = foot_of(load_vehicle("bolt@handling"))
     state = PedalState(1.0, PedalState().loop._replace(integral=500.0))
-    state, pedals = foot.step(state, 0.0, 0.0, 0.2, gains=foot.gains(1.0, 0.5))
+    state, pedals = foot.advance(state, 0.0, 0.0, 0.2, gains=foot.numbers([1.0, 0.5]))
     assert state == PedalState()
     assert pedals.throttle == 0.0
     _, torques = law.step(law.rest(), pedals, rolling(0.0))
@@ -78,11 +77,11 @@ def test_a_standing_command_holds_the_brake_and_forgets_the_integral():
 
 def test_the_gear_changes_at_standstill_only():
     foot, _ = foot_of(load_vehicle("bolt@handling"))
-    gains = foot.gains(1.5, 0.5)
-    state, pedals = foot.step(PedalState(), -2.0, -3.0, 4.0, gains=gains)
+    gains = foot.numbers([1.5, 0.5])
+    state, pedals = foot.advance(PedalState(), -2.0, -3.0, 4.0, gains=gains)
     assert (pedals.gear, pedals.throttle) == (1.0, 0.0)
     assert pedals.brake > 0.1
-    state, pedals = foot.step(state, -2.0, -3.0, 0.1, gains=gains)
+    state, pedals = foot.advance(state, -2.0, -3.0, 0.1, gains=gains)
     assert pedals.gear == -1.0
     assert pedals.throttle > 0.1
 

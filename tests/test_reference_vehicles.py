@@ -17,7 +17,7 @@ from mirdrake.core.paths import data_root
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle, variants
 from mirdrake.vehicles.inspection import inspect_vehicle
-from mirdrake.vehicles.spec import Pid
+from mirdrake.vehicles.joint_control import SteeringPid, WheelPid
 
 GRAVITY = 9.80665
 INCH, FOOT, POUND = 0.0254, 0.3048, 0.45359237
@@ -283,8 +283,8 @@ def test_the_published_unior_is_a_cuboid_with_the_copied_gains():
     assert body.moments == pytest.approx(cuboid, rel=1e-9)
     vehicle = load_vehicle("unior@published")
     assert vehicle.spec.steering.law == "unior_printed"
-    for loop in (vehicle.control.wheel_speed, vehicle.control.steering):
-        assert loop == Pid(kind="pid", kp=100, ki=0.01, kd=10)
+    assert vehicle.control.wheel_speed == WheelPid(kind="pid", kp=100, ki=0.01, kd=10)
+    assert vehicle.control.steering == SteeringPid(kind="pid", kp=100, ki=0.01, kd=10)
 
 
 def test_the_published_unior_limps():

@@ -13,7 +13,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.result_folder import read_result
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.spec import Pid
+from mirdrake.vehicles.joint_control.pid import Pid
 from tests.tuning_sample import result_data
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning import (
     FirstOrder,
     FrequencyResponse,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning import (
     FirstOrder,
     FrequencyResponse,

@@ -12,8 +12,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.stats import beta
 
-from mirdrake.controllers.pid import PidGains, PidState, pid_step
 from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.pid import PidGains, PidState, pid_step
 from mirdrake.tuning.robustness import draw_conditions, failure_rate, monte_carlo, read_ranges, spread_of
 from mirdrake.tuning.schedule import GainTable, ScheduledPid, check_schedule, tune_schedule
 from tests.tuning_rigs import TextbookLoop

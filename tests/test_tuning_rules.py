@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mirdrake.controllers.pid import PidGains, PidState, pid_step
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains, PidState, pid_step
 from mirdrake.tuning import (
     FirstOrder,
     Integrator,

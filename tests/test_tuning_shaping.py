@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mirdrake.controllers.pid import PidGains, PidLimits
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains, PidLimits
 from mirdrake.tuning import (
     FirstOrder,
     FrequencyResponse,

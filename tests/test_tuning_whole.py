@@ -32,8 +32,8 @@ from mirdrake.tuning.spec import load_tuning, make_tuning
 from mirdrake.tuning.trials import Trial
 from mirdrake.tuning.tune import tune
 from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.joint_control.pid import Pid
 from mirdrake.vehicles.scaffold import new_vehicle
-from mirdrake.vehicles.spec import Pid
 from tests import trap_packages
 from tests.tuning_rigs import short_study
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.controllers.pid import PidGains
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning import (
     LinearProcess,
     TransferFunction,

@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from mirdrake.controllers.pid import PidGains, PidLimits
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains, PidLimits
 from mirdrake.tuning import (
     FirstOrder,
     LinearProcess,

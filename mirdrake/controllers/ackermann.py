@@ -18,6 +18,7 @@ centre over that of the rear axle centre::
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
@@ -95,6 +96,8 @@ class SteeringNumbers(NamedTuple):
 
 WheelAngles = tuple[float, float]
 WheelRatios = tuple[float, float, float, float]
+SteeringLaw = Callable[[SteeringNumbers, float], tuple[WheelAngles, WheelRatios]]
+"""Angles of the wheels and ratios of their speeds for a bicycle angle, or for the input of the robot."""
 
 
 def approach(numbers: SteeringNumbers, steering: float, wanted: float, period: float) -> float:

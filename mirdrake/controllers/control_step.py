@@ -1,15 +1,15 @@
 """One step of the control unit of a vehicle, for Python and for machine code (:mod:`mirdrake.core.compiled`).
 
-The laws are those of this package, each also a system of its own.
+Each law called here is also a system of its own: dead-man (``command``), steering geometry (``ackermann``), speed loop
+(``cruise``), joint loops (:mod:`mirdrake.vehicles.joint_control`).
 """
 
-from collections.abc import Callable, MutableSequence, Sequence
-from typing import NamedTuple
+from collections.abc import MutableSequence, Sequence
+from typing import Any, NamedTuple
 
 from mirdrake.controllers.ackermann import (
+    SteeringLaw,
     SteeringNumbers,
-    WheelAngles,
-    WheelRatios,
     ackermann_wheels,
     approach,
     bicycle_angle,
@@ -20,46 +20,44 @@ from mirdrake.controllers.ackermann import (
 )
 from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
-from mirdrake.controllers.pid import PidLimits, PidNumbers, pid_step, read_pid, write_pid
+from mirdrake.core.pid import PidLimits, PidNumbers, pid_step, read_pid, write_pid
 from mirdrake.plant.powertrain.actuator import ActuatorNumbers, actuator_step, follow
+from mirdrake.vehicles.joint_control.base import JointLaw
 
-MESSAGE, LAST, LATE = 0, 3, 5
-"""Places in the memory: last message (3), last speed and steering set-point (2), the steering on its way."""
-
-SPEED_LOOP, WHEEL_LOOP, STEERING_LOOP = 0, 1, 2
-"""Order of the gains."""
+MESSAGE, LAST, STEERING_ACTUATOR = 0, 3, 5
+"""Indices in the memory: last message (3), last set-points of speed and steering (2), steering actuator."""
 
 
 class ControlSetup(NamedTuple):
-    """What a control unit is, in plain numbers.
+    """Constants of a control unit, as plain numbers.
 
     Attributes:
-        period: between two steps [s].
-        acceleration: largest slope of the speed set-point [m/s²].
-        deceleration: the same to lower speeds [m/s²].
-        command: limits of commands.
-        steering: the steering law.
-        actuator: of the steering.
-        late: numbers that it remembers.
-        speed_limits: of the speed loop's trim [m/s].
-        wheel_limits: of the wheels' torques [N m].
-        steering_limits: of the steering's torques [N m].
-        radii: of the wheels [m].
-        push: torque of a wheel per acceleration [N m s²/m].
-        pedals: whether pedals drive and brake, and not the wheels' actuators.
-        wheel_pid: whether a PID turns the wheels, and not their servos.
-        steering_pid: whether PIDs steer, and not the servos.
-        open_differential: whether the wheel servos of an axle share their torque.
-        turned: which wheels the unit turns.
-        speed_loop: place of the speed loop in the memory.
-        wheel_loops: places of the wheels' loops.
-        steering_loops: places of the steering's loops, left and right.
-        wheel_inputs: of the wheels among the actuators.
-        steering_inputs: of the steering joints among the actuators.
-        wheel_velocities: of the wheels in the plant's state.
-        steering_positions: of the steering joints in the plant's state.
-        quaternion: of the vehicle in the plant's state.
-        velocity: of its origin in the plant's state.
+        period: time between two steps [s].
+        acceleration: largest slope of the speed set-point while it rises [m/s²].
+        deceleration: largest slope while it falls [m/s²].
+        command: limits of the command.
+        steering: numbers of the steering law.
+        actuator: numbers of the steering actuator.
+        actuator_size: length of its memory.
+        speed_limits: limits of the trim of the speed loop [m/s].
+        wheel_limits: limits of the torque of a wheel [N m].
+        steering_limits: limits of the torque of a steering joint [N m].
+        radii: radii of the wheels [m].
+        torque_per_acceleration: torque of each wheel that accelerates the vehicle [N m s²/m].
+        pedals: whether pedals drive and brake in place of the wheels' actuators.
+        wheel_servo: whether Drake's servos follow the set-points of the wheels.
+        steering_servo: whether Drake's servos follow the set-points of the steering joints.
+        open_differential: whether the two wheel servos of an axle share their torque.
+        driven: which wheels the unit drives.
+        speed_loop: start of the speed loop in the memory.
+        wheel_loops: start of each wheel's loop in the memory.
+        steering_loops: start of the loops of the left and right steering joint in the memory.
+        wheel_inputs: index of each wheel among the actuators.
+        steering_inputs: index of each steering joint among the actuators.
+        wheel_velocities: index of each wheel's rate in the state of the plant.
+        steering_positions: index of each steering joint's angle in the state of the plant.
+        quaternion: start of the orientation of the vehicle in the state of the plant.
+        velocity: start of the velocity of its origin in the state of the plant.
     """
 
     period: float
@@ -68,17 +66,17 @@ class ControlSetup(NamedTuple):
     command: CommandLimits
     steering: SteeringNumbers
     actuator: ActuatorNumbers
-    late: int
+    actuator_size: int
     speed_limits: PidLimits
     wheel_limits: PidLimits
     steering_limits: PidLimits
     radii: tuple[float, float, float, float]
-    push: tuple[float, float, float, float]
+    torque_per_acceleration: tuple[float, float, float, float]
     pedals: bool
-    wheel_pid: bool
-    steering_pid: bool
+    wheel_servo: bool
+    steering_servo: bool
     open_differential: bool
-    turned: tuple[bool, bool, bool, bool]
+    driven: tuple[bool, bool, bool, bool]
     speed_loop: int
     wheel_loops: tuple[int, int, int, int]
     steering_loops: tuple[int, int]
@@ -91,36 +89,48 @@ class ControlSetup(NamedTuple):
 
 
 def control_step(
-    law: Callable[[SteeringNumbers, float], tuple[WheelAngles, WheelRatios]],
+    steering_law: SteeringLaw,
+    wheel_law: JointLaw,
+    joint_law: JointLaw,
     x: Sequence[float],
     command: Sequence[float],
     time: float,
     setups: Sequence[ControlSetup],
-    gains: Sequence[PidNumbers],
+    speed_gains: Sequence[PidNumbers],
+    wheel_gains: Sequence[Any],
+    steering_gains: Sequence[Any],
     memory: MutableSequence[float],
     desired: MutableSequence[float],
     actuation: MutableSequence[float],
     status: MutableSequence[float],
-) -> float:
-    """One step of everything but the pedals.
+) -> tuple[float, float]:
+    """Advance everything but the pedals by one period.
+
+    Sequences of one element stand for that element: a record of Numba is always part of an array.
 
     Args:
-        law: of the steering.
+        steering_law: angles of the wheels and ratios of their speeds for a steering angle.
+        wheel_law: torque of a wheel.
+        joint_law: torque of a steering joint.
         x: state of the plant, positions and velocities.
         command: speed [m/s], steering [rad], stamp [s].
-        time: now [s].
-        setups: one.
-        gains: of the speed loop, the wheels' loops and the steering's loops.
-        memory: changed.
-        desired: angles [rad], then rates [rad/s] for the actuators; zeros, changed.
-        actuation: torques for the actuators [N m]; zeros, changed.
+        time: present time [s].
+        setups: constants of the unit.
+        speed_gains: gains of the speed loop.
+        wheel_gains: numbers of the wheels' law.
+        steering_gains: numbers of the steering joints' law.
+        memory: updated in place.
+        desired: angles [rad], then rates [rad/s] for the servos of the actuators; zeros, updated in place.
+        actuation: torques of the actuators [N m]; zeros, updated in place.
         status: set-points of speed [m/s] and steering [rad], trim of the speed [m/s]; overwritten.
 
     Returns:
-        Slope of the speed set-point [m/s²].
+        Slope of the speed set-point [m/s²] and the trimmed speed [m/s].
     """
     setup = setups[0]
     period, actuators = setup.period, len(actuation)
+
+    # Dead-man: without messages the set-point of the speed is zero.
     message = CommandState(memory[MESSAGE], memory[MESSAGE + 1], memory[MESSAGE + 2])
     message, result = command_step(message, command[0], command[1], command[2], time, setup.command)
     memory[MESSAGE], memory[MESSAGE + 1], memory[MESSAGE + 2] = message.speed, message.steering, message.stamp
@@ -134,10 +144,13 @@ def control_step(
     steering = approach(setup.steering, memory[LAST + 1], result.setpoint.steering, period)
     memory[LAST], memory[LAST + 1] = speed, steering
     slope = (speed - last_speed) / period
-    last_angles, _ = law(setup.steering, memory[LATE + setup.late - 1])
-    angles, ratios = law(setup.steering, actuator_step(memory, LATE, setup.late, steering, setup.actuator))
 
-    # Speed loop, unless it is the pedals': trimmed wheel speeds until the vehicle has the speed.
+    # Steering actuator of vehicle.yaml: delay, lag and rate between the set-point and the joints.
+    last_angles, _ = steering_law(setup.steering, memory[STEERING_ACTUATOR + setup.actuator_size - 1])
+    angle = actuator_step(memory, STEERING_ACTUATOR, setup.actuator_size, steering, setup.actuator)
+    angles, ratios = steering_law(setup.steering, angle)
+
+    # Speed loop and wheels, unless pedals drive: the trim corrects the wheel speeds until the vehicle has its speed.
     trimmed = speed
     if not setup.pedals:
         loop, trimmed = cruise_step(
@@ -145,54 +158,49 @@ def control_step(
             speed,
             forward_speed(x, setup.quaternion, setup.velocity),
             period,
-            gains[SPEED_LOOP],
+            speed_gains[0],
             setup.speed_limits,
         )
         write_pid(memory, setup.speed_loop, loop)
         rates = wheel_speed_setpoints(trimmed, ratios, setup.radii)
         for i in range(4):
-            if not setup.turned[i]:
+            if not setup.driven[i]:
                 continue
-            push = setup.push[i] * slope
-            if setup.wheel_pid:
-                at, spin = setup.wheel_loops[i], x[setup.wheel_velocities[i]]
-                loop, push = pid_step(
-                    read_pid(memory, at), rates[i], spin, gains[WHEEL_LOOP], period, setup.wheel_limits, push
-                )
-                write_pid(memory, at, loop)
-            else:
+            actuation[setup.wheel_inputs[i]] = wheel_law(
+                memory, setup.wheel_loops[i], rates[i], x[setup.wheel_velocities[i]],
+                setup.torque_per_acceleration[i] * slope, wheel_gains[0], period, setup.wheel_limits,
+            )  # fmt: skip
+            if setup.wheel_servo:
                 rate = rates[i]
                 if setup.open_differential:
-                    # Each servo of Drake holds its own wheel. When its set-point has the difference of speed that the
-                    # wheels have, its error is that of the axle's mean speed, and both torques are equal.
+                    # Each servo of Drake controls its own wheel. If its set-point contains the measured difference of
+                    # the two wheels, its error is that of the axle's mean speed, and both torques are equal.
                     other = i ^ 1
                     difference = x[setup.wheel_velocities[i]] - x[setup.wheel_velocities[other]]
                     rate = 0.5 * (rates[i] + rates[other] + difference)
                 desired[actuators + setup.wheel_inputs[i]] = rate
-            actuation[setup.wheel_inputs[i]] = push
+
+    # Steering joints.
     for i in range(2):
         joint = setup.steering_inputs[i]
-        if setup.steering_pid:
-            at, angle = setup.steering_loops[i], x[setup.steering_positions[i]]
-            loop, torque = pid_step(
-                read_pid(memory, at), angles[i], angle, gains[STEERING_LOOP], period, setup.steering_limits, 0.0
-            )
-            write_pid(memory, at, loop)
-            actuation[joint] = torque
-        else:
+        actuation[joint] = joint_law(
+            memory, setup.steering_loops[i], angles[i], x[setup.steering_positions[i]],
+            0.0, steering_gains[0], period, setup.steering_limits,
+        )  # fmt: skip
+        if setup.steering_servo:
             desired[joint] = angles[i]
             desired[actuators + joint] = (angles[i] - last_angles[i]) / period
     status[0], status[1], status[2] = speed, steering, trimmed - speed
-    return slope
+    return slope, trimmed
 
 
 def forward_speed(x: Sequence[float], quaternion: int, velocity: int) -> float:
-    """Speed of a floating frame's origin along its x axis [m/s].
+    """Return the speed of a floating frame's origin along its x axis [m/s].
 
     Args:
         x: state of the plant.
-        quaternion: place of its orientation.
-        velocity: place of its origin's velocity.
+        quaternion: index of the frame's orientation in it.
+        velocity: index of the velocity of its origin.
     """
     w, i, j, k = x[quaternion], x[quaternion + 1], x[quaternion + 2], x[quaternion + 3]
     vx, vy, vz = x[velocity], x[velocity + 1], x[velocity + 2]
@@ -205,4 +213,4 @@ CONTROL_PARTS = (
     unior_wheels, actuator_step, follow, cruise_step, wheel_speed_setpoints, pid_step, read_pid, write_pid,
     forward_speed,
 )  # fmt: skip
-"""What :func:`control_step` calls beside the law."""
+"""Functions that :func:`control_step` calls besides its laws."""

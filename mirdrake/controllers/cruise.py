@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
-from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.core.checks import check_number
 from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.pid import PidGains, PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.core.vectors import SETPOINT, WHEEL_SPEEDS
 
@@ -86,7 +86,7 @@ class SpeedControl(LeafSystem):
 
     Parameters of the Context: kp [1], ki [1/s] of the trim.
 
-    State: discrete, group 0 the wheel speeds, group 1 a :class:`~mirdrake.controllers.pid.PidState`.
+    State: discrete, group 0 the wheel speeds, group 1 a :class:`~mirdrake.core.pid.PidState`.
 
     Args:
         geometry: lengths and limits of the vehicle.

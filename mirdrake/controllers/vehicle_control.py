@@ -1,260 +1,333 @@
-"""The control unit of a vehicle: from a command to what its joints shall do.
+"""The control unit of a vehicle: from a command to the set-points and torques of its joints.
 
 All loops of control.yaml run in one discrete update (:mod:`mirdrake.controllers.control_step`), because in Python the
-update itself costs more than the laws in it.
+update itself costs more than the laws in it. :class:`ControlUnit` holds the step, its gains and its memory;
+:class:`VehicleControl` connects it to a MultibodyPlant,
+:class:`mirdrake.single_track.SingleTrackControl` to the reduced model.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, make_steering_law
+from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, SteeringLaw, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState
 from mirdrake.controllers.control_step import (
     CONTROL_PARTS,
     LAST,
-    LATE,
-    SPEED_LOOP,
-    STEERING_LOOP,
-    WHEEL_LOOP,
+    STEERING_ACTUATOR,
     ControlSetup,
     control_step,
     forward_speed,
 )
-from mirdrake.controllers.gain_schedule import GainTable, read_schedule
-from mirdrake.controllers.pedal_control import PedalLaw, PedalState
-from mirdrake.controllers.pid import PidGains, PidLimits, PidNumbers, PidState
 from mirdrake.core.compiled import compiled, records
 from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.pid import PidGains, PidLimits, PidNumbers, PidState
 from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.core.vectors import COMMAND, WHEELS
-from mirdrake.plant.powertrain import PEDALS, ActuatorLaw
+from mirdrake.plant.powertrain import PEDALS, ActuatorLaw, PowertrainLaw
 from mirdrake.plant.powertrain.system import make_law
+from mirdrake.vehicles import Vehicle
+from mirdrake.vehicles.joint_control.base import NoNumbers, PedalController, PedalPositions, feedforward_only
 from mirdrake.vehicles.spec import Beliefs
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import VehicleInPlant
 
-GAINS = ("kp", "ki", "kd")
-"""Order of the gains in a parameter."""
-
 Vector = npt.NDArray[np.float64]
-_STATUS = signals(
-    ("speed_setpoint", "m/s", "speed asked of the wheels, before the trim"),
+STATUS = signals(
+    ("speed_setpoint", "m/s", "set-point of the speed, before the trim"),
     ("steering_setpoint", "rad", "bicycle steering angle after limit and rate"),
-    ("speed_trim", "m/s", "correction of the speed loop"),
+    ("speed_trim", "m/s", "correction by the speed loop"),
 )
 
 
-class VehicleControl(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Dead-man, Ackermann steering, speed loop and wheel loops of one vehicle.
+class StepResult(NamedTuple):
+    """Outputs of one step.
+
+    Attributes:
+        memory: memory for the next step.
+        desired: angles [rad], then rates [rad/s] for the servos of the actuators.
+        actuation: torques of the actuators [N m].
+        status: in the order of :data:`STATUS`.
+        trimmed: speed after the trim [m/s].
+        pedals: throttle, brake and gear; None: pedals do not drive.
+    """
+
+    memory: Sequence[float]
+    desired: Sequence[float]
+    actuation: Sequence[float]
+    status: Sequence[float]
+    trimmed: float
+    pedals: PedalPositions | None
+
+
+class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Dead-man, steering law, speed loop and joint loops of one vehicle; base of its two connections to a model.
+
+    Parameters of the Context: 0: kp, ki of the speed loop; 1: gains of ``wheel_speed``; 2: gains of ``steering``, in
+    the order of :attr:`mirdrake.vehicles.joint_control.JointControl.gains`. Gains with a schedule in control.yaml are
+    read from it at the measured speed, whatever the parameter is.
+
+    The steering actuator of vehicle.yaml (delay, lag, rate) is between the steering set-point and the joints.
+
+    Args:
+        vehicle: a loaded vehicle.
+        mass: its mass [kg].
+        radii: effective radii of the wheels [m], from which the controllers calculate wheel speeds.
+        driven: which wheels the unit drives.
+        places: fields of :class:`ControlSetup` that locate joints in the state of the model and among its actuators.
+        actuators: number of actuators.
+        powertrain: law of the powertrain if pedals drive this vehicle.
+        single_track: whether the model takes the steering angle itself and all its wheels roll at the same speed.
+        machine_code: whether the step is compiled.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        *,
+        mass: float,
+        radii: tuple[float, float, float, float],
+        driven: Sequence[bool],
+        places: dict[str, Any],
+        actuators: int,
+        powertrain: PowertrainLaw | None,
+        single_track: bool = False,
+        machine_code: bool = False,
+    ) -> None:
+        super().__init__()
+        control, spec = vehicle.control, vehicle.spec
+        self._period, self._count = 1.0 / control.rate, actuators
+        believed = believed_geometry(vehicle.geometry, control.believes)
+        self._steering_law = make_steering_law(believed, spec.steering.law, factor=spec.steering.factor)
+        self._actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
+        wheel, steering = control.wheel_speed, control.steering
+        self._pedal_law: PedalController | None = None
+        if powertrain is not None:
+            self._pedal_law = wheel.make_pedal_controller(powertrain, spec, self._period)
+
+        # The memory is one vector: message, last set-points, steering actuator, then the state of every loop.
+        memory = [*CommandState(), 0.0, 0.0, *self._actuator.rest(0.0)]
+        speed_loop = _append(memory, PidState()).start
+        wheel_loops = [_append(memory, wheel.memory).start if drives else -1 for drives in driven]
+        steering_loops = [_append(memory, steering.memory).start for _ in range(2)]
+        if self._pedal_law is not None:
+            self._pedal_memory = _append(memory, self._pedal_law.rest())
+
+        share = sum(name in spec.driven_wheels() for name in WHEELS)
+        correction = control.speed.max_correction
+        self._setup = ControlSetup(
+            period=self._period,
+            acceleration=control.speed.max_acceleration,
+            deceleration=control.speed.max_deceleration,
+            command=CommandLimits(timeout=control.dead_man),
+            steering=self._steering_law.numbers,
+            actuator=self._actuator.numbers,
+            actuator_size=self._actuator.size,
+            speed_limits=PidLimits(-correction, correction),
+            wheel_limits=wheel.torque_limits(spec.powertrain.max_torque / share),
+            steering_limits=steering.torque_limits(np.inf),
+            radii=radii,
+            torque_per_acceleration=tuple(mass * radius / share for radius in radii),  # type: ignore[arg-type]
+            pedals=self._pedal_law is not None,
+            wheel_servo=wheel.servo_gains() is not None,
+            steering_servo=steering.servo_gains() is not None,
+            open_differential=wheel.has_open_differential(),
+            driven=tuple(driven),  # type: ignore[arg-type]
+            speed_loop=speed_loop,
+            wheel_loops=tuple(wheel_loops),  # type: ignore[arg-type]
+            steering_loops=tuple(steering_loops),
+            **places,
+        )
+        self._start_memory = memory
+
+        # Gains are parameters of the Context; their numbers are made anew only when a value changes.
+        loops = (wheel, steering)
+        values = [[control.speed.kp, control.speed.ki], *(loop.gain_values() for loop in loops)]
+        self._gains = [self.DeclareNumericParameter(BasicVector(list(group))) for group in values]
+        schedules = (None, *(loop.gain_schedule() for loop in loops))
+        self._tables = [None if schedule is None else schedule.table() for schedule in schedules]
+        self._gain_names = (("kp", "ki"), *(tuple(loop.gains) for loop in loops))
+        self._make_numbers: list[Callable[[Sequence[float]], Any]] = [
+            lambda gains: PidGains(*gains).numbers(),
+            wheel.numbers if self._pedal_law is None else self._pedal_law.numbers,
+            steering.numbers,
+        ]
+        self._known_gains: dict[int, tuple[list[float], Any]] = {}
+
+        # The step takes the laws of the kinds; a law without gains keeps its numbers.
+        laws = (
+            feedforward_only if self._pedal_law is not None else wheel.torque_law(),
+            feedforward_only if single_track else steering.torque_law(),
+        )
+        numbers = [PidNumbers()] + [
+            NoNumbers() if law is feedforward_only else loop.numbers(loop.gain_values())
+            for law, loop in zip(laws, loops, strict=True)
+        ]
+        used = (self._pedal_law is None, *(law is not feedforward_only for law in laws))
+        self._groups_in_use = [group for group in range(3) if used[group]]
+        self._setups: Any = (self._setup,)
+        self._gain_numbers: list[Any] = [[number] for number in numbers]
+        wheels = _with_equal_speeds(self._steering_law.wheels) if single_track else self._steering_law.wheels
+        self._run: Callable[..., tuple[float, float]] = partial(control_step, wheels, *laws)
+        self._machine_code = machine_code
+        if machine_code:
+            self._setups = records(ControlSetup, [self._setup])
+            self._gain_numbers = [records(type(number), [number]) for number in numbers]
+            parts: list[Callable[..., Any]] = [*CONTROL_PARTS, *wheel.law_parts, *steering.law_parts]
+            self._run = compiled(control_step, (wheels, *laws), parts=parts)
+
+    @abstractmethod
+    def _read_state(self, context: Context) -> Vector:
+        """Return the state that the step reads, in the layout of the setup's indices."""
+
+    def _start(self, context: Context, speed: float, steering: float) -> Vector:
+        """Return the memory of a unit whose last set-points are the present speed and steering angle."""
+        memory: Vector = context.get_discrete_state(self._memory).value().copy()
+        memory[LAST : LAST + 2] = speed, steering
+        memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self._setup.actuator_size] = steering
+        return memory
+
+    def _step(self, context: Context, x: Vector, memory: Vector) -> StepResult:
+        """Return the outputs of one step; the memory is not changed."""
+        count = self._count
+        given: tuple[Any, ...] = (x, self.command.Eval(context))
+        changed: tuple[Any, ...] = (memory.copy(), np.zeros(2 * count), np.zeros(count), np.zeros(3))
+        if not self._machine_code:  # lists are faster in Python
+            given = tuple(array.tolist() for array in given)
+            changed = tuple(array.tolist() for array in changed)
+        for group in self._groups_in_use:
+            self._gain_numbers[group][0] = self._read_gains(context, group, x)
+        slope, trimmed = self._run(*given, context.get_time(), self._setups, *self._gain_numbers, *changed)
+        after, desired, actuation, status = changed
+        pedals = None
+        if self._pedal_law is not None:
+            after[self._pedal_memory], pedals = self._pedal_law.step(
+                after[self._pedal_memory],
+                float(status[0]),
+                slope,
+                self._forward_speed(x),
+                gains=self._read_gains(context, 1, x),
+            )
+        return StepResult(after, desired, actuation, status, trimmed, pedals)
+
+    def _forward_speed(self, x: Sequence[float] | Vector) -> float:
+        return float(forward_speed(x, self._setup.quaternion, self._setup.velocity))  # type: ignore[arg-type]
+
+    def _read_gains(self, context: Context, group: int, x: Vector) -> Any:
+        """Return the gains of a loop from the Context, and from its schedule at the present speed."""
+        values = context.get_numeric_parameter(self._gains[group]).value().tolist()
+        table = self._tables[group]
+        if table is not None:
+            for name, value in table.at(abs(self._forward_speed(x))).items():
+                values[self._gain_names[group].index(name)] = value
+        known = self._known_gains.get(group)
+        if known is None or known[0] != values:
+            known = self._known_gains[group] = values, self._make_numbers[group](values)
+        return known[1]
+
+
+class VehicleControl(ControlUnit):
+    """Dead-man, Ackermann steering, speed loop and wheel loops of one vehicle in a MultibodyPlant.
 
     Input ports:
-        command (3) [m/s, rad, s]: wanted speed of the rear axle's centre, bicycle steering angle, time stamp.
+        command (3) [m/s, rad, s]: set-points of the rear axle centre's speed and of the bicycle steering angle, stamp.
         plant_state: the plant's state, positions and velocities.
     Output ports:
         desired_state (2 x actuators): for the plant's desired-state port of this vehicle, [rad] then [rad/s].
         actuation (actuators) [N m]: for the plant's actuation port of this vehicle.
         status (3) [m/s, rad, m/s]: speed_setpoint, steering_setpoint, speed_trim.
-        pedals (3) [1]: throttle, brake, gear; only with a wheel_speed of kind pedals, which drives and brakes with them
-            and leaves the wheels' actuators alone.
+        pedals (3) [1]: throttle, brake, gear; only with a ``wheel_speed`` that drives and brakes with the pedals, and
+            then the wheels' actuators get no torque.
 
-    Parameters of the Context: 0: kp, ki of the speed loop; then, for loops of kind pid, kp, ki, kd of the
-    wheel-speed loop and of the steering loop; with pedals kp, ki of theirs and a zero for the wheel-speed loop. Gains
-    that control.yaml schedules over speed are read there, at the measured speed, whatever the parameter says.
-
-    Between steering set-point and joints stands the steering actuator of vehicle.yaml: delay, lag, rate.
-
-    The outputs are discrete states, updated `rate` times a second.
+    The outputs are discrete states, updated `rate` times a second. Parameters: see :class:`ControlUnit`.
 
     Args:
         plant: the finalised plant.
         part: the vehicle in it.
-        machine_code: whether the step is compiled; half a second more to begin with, and about half of the time from
-            then on. Pedals stay in Python, so there nothing is gained.
+        machine_code: whether the step is compiled; half a second more at the start, and about half of the time from
+            then on. Pedals stay in Python.
     """
 
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, machine_code: bool = False) -> None:
-        super().__init__()
-        control, spec = part.vehicle.control, part.vehicle.spec
-        self._period = 1.0 / control.rate
-        self._ackermann = make_steering_law(
-            believed_geometry(part.vehicle.geometry, control.believes), spec.steering.law, factor=spec.steering.factor
+        vehicle, positions = part.vehicle, plant.num_positions()
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        inputs = [int(actuator.input_start()) - first for actuator in (*part.wheel_actuators, *part.steering_actuators)]
+        believed = vehicle.control.believes.wheel_radius
+        front, rear = [believed or radius for radius in part.rolling_radii(plant)]
+        driven = vehicle.spec.driven_wheels()
+        uses_pedals = vehicle.control.wheel_speed.uses_pedals and not part.parked
+        super().__init__(
+            vehicle,
+            mass=plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance]),
+            radii=(front, front, rear, rear),
+            driven=[not part.parked and wheel in driven for wheel in WHEELS],
+            places={
+                "wheel_inputs": tuple(inputs[: len(WHEELS)]),
+                "steering_inputs": tuple(inputs[len(WHEELS) :]),
+                "wheel_velocities": tuple(positions + joint.velocity_start() for joint in part.wheels),
+                "steering_positions": tuple(joint.position_start() for joint in part.steering),
+                "quaternion": part.base.floating_positions_start(),
+                "velocity": positions + part.base.floating_velocities_start_in_v() + 3,
+            },
+            actuators=plant.num_actuators(part.instance),
+            powertrain=make_law(plant, part) if uses_pedals else None,
+            machine_code=machine_code,
         )
-        self._actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
-        self._pedal_law = None
-        if control.wheel_speed.kind == "pedals" and not part.parked:
-            self._pedal_law = PedalLaw(control.wheel_speed, make_law(plant, part), spec, self._period)
-        setup, memory = self._set_up(plant, part)
-        self._setup = setup
-
         self.command = declare_vector_input(self, "command", COMMAND)
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        self._gains = [self.DeclareNumericParameter(_vector([control.speed.kp, control.speed.ki]))]
-        self._filter_times = [0.0]
-        self._tables: list[GainTable | None] = [None]
-        for loop in (control.wheel_speed, control.steering):
-            gains = [0.0, 0.0, 0.0]
-            if loop.kind != "servo":
-                gains = [loop.kp, loop.ki, loop.kd if loop.kind == "pid" else 0.0]
-            self._gains.append(self.DeclareNumericParameter(_vector(gains)))
-            self._filter_times.append(loop.filter if loop.kind == "pid" else 0.0)
-            self._tables.append(read_schedule(getattr(loop, "schedule", None)))
-        self._known_gains: dict[int, tuple[list[float], PidNumbers]] = {}
-        in_use = {SPEED_LOOP: not setup.pedals, WHEEL_LOOP: setup.wheel_pid, STEERING_LOOP: setup.steering_pid}
-        self._in_use = [group for group, used in in_use.items() if used]
-
-        self._count = count = plant.num_actuators(part.instance)
-        self._desired = self.DeclareDiscreteState(2 * count)
-        self._actuation = self.DeclareDiscreteState(count)
-        self._status = self.DeclareDiscreteState(3)
-        if self._pedal_law is not None:
-            self._foot = _append(memory, PedalState().flat())
-        self._memory = self.DeclareDiscreteState(memory)
+        self._desired = self.DeclareDiscreteState(2 * self._count)
+        self._actuation = self.DeclareDiscreteState(self._count)
+        self._status = self.DeclareDiscreteState(len(STATUS))
+        self._memory = self.DeclareDiscreteState(self._start_memory)
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
         self.actuation = self.DeclareStateOutputPort("actuation", self._actuation)
-        self.status = declare_state_output(self, "status", _STATUS, self._status)
-        if self._pedal_law is not None:
+        self.status = declare_state_output(self, "status", STATUS, self._status)
+        if uses_pedals:
             self._pedals = self.DeclareDiscreteState(len(PEDALS))
             self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
-
-        law, numbers = self._ackermann.wheels, [PidNumbers() for _ in in_use]
-        self._setups: Any = (setup,)
-        self._gain_numbers: Any = numbers
-        self._run: Callable[..., float] = partial(control_step, law)
-        self._machine_code = machine_code
-        if machine_code:
-            self._setups, self._gain_numbers = records(ControlSetup, [setup]), records(PidNumbers, numbers)
-            self._run = compiled(control_step, law, parts=CONTROL_PARTS)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
 
-    def _set_up(self, plant: MultibodyPlant, part: "VehicleInPlant") -> tuple[ControlSetup, list[float]]:
-        """The unit in numbers, and its memory at the start but for the pedals."""
-        control, spec = part.vehicle.control, part.vehicle.spec
-        positions, driven = plant.num_positions(), [WHEELS.index(wheel) for wheel in spec.driven_wheels()]
-        turned = [not part.parked and i in driven for i in range(len(WHEELS))]
-        front, rear = [control.believes.wheel_radius or radius for radius in part.rolling_radii(plant)]
-        radii = (front, front, rear, rear)
-        mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
-        wheel_pid = control.wheel_speed if control.wheel_speed.kind == "pid" else None
-        steering_pid = control.steering if control.steering.kind == "pid" else None
-        torque = spec.powertrain.max_torque / len(driven)
-        if wheel_pid is not None and wheel_pid.max_torque is not None:
-            torque = wheel_pid.max_torque
-        steering_limits = PidLimits()
-        if steering_pid is not None and steering_pid.max_torque is not None:
-            steering_limits = PidLimits(-steering_pid.max_torque, steering_pid.max_torque)
-        correction = control.speed.max_correction
-        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
-        inputs = [int(one.input_start()) - first for one in (*part.wheel_actuators, *part.steering_actuators)]
-        memory = [*CommandState(), 0.0, 0.0, *self._actuator.rest(0.0)]
-        speed_loop = _append(memory, PidState()).start
-        wheel_loops = [_append(memory, PidState()).start if wheel_pid and turns else -1 for turns in turned]
-        steering_loops = [_append(memory, PidState()).start if steering_pid else -1 for _ in part.steering]
-        setup = ControlSetup(
-            period=self._period,
-            acceleration=control.speed.max_acceleration,
-            deceleration=control.speed.max_deceleration,
-            command=CommandLimits(timeout=control.dead_man),
-            steering=self._ackermann.numbers,
-            actuator=self._actuator.numbers,
-            late=self._actuator.size,
-            speed_limits=PidLimits(-correction, correction),
-            wheel_limits=PidLimits(-torque, torque),
-            steering_limits=steering_limits,
-            radii=radii,
-            push=tuple(mass * radius / len(driven) for radius in radii),
-            pedals=self._pedal_law is not None,
-            wheel_pid=wheel_pid is not None,
-            steering_pid=steering_pid is not None,
-            open_differential=control.wheel_speed.kind == "servo" and control.wheel_speed.differential == "open",
-            turned=tuple(turned),  # type: ignore[arg-type]
-            speed_loop=speed_loop,
-            wheel_loops=tuple(wheel_loops),  # type: ignore[arg-type]
-            steering_loops=tuple(steering_loops),  # type: ignore[arg-type]
-            wheel_inputs=tuple(inputs[: len(WHEELS)]),
-            steering_inputs=tuple(inputs[len(WHEELS) :]),
-            wheel_velocities=tuple(positions + joint.velocity_start() for joint in part.wheels),
-            steering_positions=tuple(joint.position_start() for joint in part.steering),
-            quaternion=part.base.floating_positions_start(),
-            velocity=positions + part.base.floating_velocities_start_in_v() + 3,
-        )
-        return setup, memory
+    def _read_state(self, context: Context) -> Vector:
+        x: Vector = self.plant_state.Eval(context)
+        return x
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
-        """Start from the speed and steering angle that the vehicle has, so that nothing jerks.
+        """Start from the present speed and steering angle, so that the set-points do not jump.
 
-        The first outputs are shown; the update at the same time is the first that counts.
+        The outputs show the result of a first step; the update at the same time is the first one that counts.
         """
-        x = self.plant_state.Eval(context)
+        x = self._read_state(context)
         left, right = (float(x[index]) for index in self._setup.steering_positions)
-        speed, steering = self._forward_speed(x), self._ackermann.bicycle_angle(left, right)
-        memory = context.get_discrete_state(self._memory).value().copy()
-        memory[LAST : LAST + 2] = speed, steering
-        memory[LATE : LATE + self._setup.late] = steering
-        self._step(context, state, x, memory.copy())
+        speed, steering = self._forward_speed(x), self._steering_law.bicycle_angle(left, right)
+        memory = self._start(context, speed, steering)
+        self._write(state, self._step(context, x, memory))
         state.set_value(self._status, [speed, steering, 0.0])
         state.set_value(self._memory, memory)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        memory = context.get_discrete_state(self._memory).value().copy()
-        self._step(context, state, self.plant_state.Eval(context), memory)
+        memory = context.get_discrete_state(self._memory).value()
+        self._write(state, self._step(context, self._read_state(context), memory))
 
-    def _step(self, context: Context, state: DiscreteValues, x: Vector, memory: Vector) -> None:
-        """One step of everything; the memory may be changed."""
-        count = self._count
-        given: tuple[Any, ...] = (x, self.command.Eval(context))
-        changed: tuple[Any, ...] = (memory, np.zeros(2 * count), np.zeros(count), np.zeros(3))
-        if not self._machine_code:  # lists are quicker in Python
-            given, changed = tuple(one.tolist() for one in given), tuple(one.tolist() for one in changed)
-        for group in self._in_use:
-            self._gain_numbers[group] = self._read_gains(context, group, x)
-        slope = self._run(*given, context.get_time(), self._setups, self._gain_numbers, *changed)
-        after, desired, actuation, status = changed
-        if self._pedal_law is not None:
-            foot, pedals = self._pedal_law.step(
-                PedalState.read(after[self._foot]),
-                float(status[0]),
-                slope,
-                self._forward_speed(x),
-                gains=self._read_gains(context, WHEEL_LOOP, x),
-            )
-            after[self._foot] = foot.flat()
-            state.get_mutable_value(self._pedals)[:] = pedals
-        state.get_mutable_value(self._desired)[:] = desired
-        state.get_mutable_value(self._actuation)[:] = actuation
-        state.get_mutable_value(self._status)[:] = status
-        state.get_mutable_value(self._memory)[:] = after
-
-    def _forward_speed(self, x: Sequence[float] | Vector) -> float:
-        return float(forward_speed(x, self._setup.quaternion, self._setup.velocity))  # type: ignore[arg-type]
-
-    def _read_gains(self, context: Context, group: int, x: Vector) -> PidNumbers:
-        """Gains of a loop from the Context, and from its table at the speed now; those read last are not made anew."""
-        values = context.get_numeric_parameter(self._gains[group]).value().tolist()
-        table = self._tables[group]
-        if table is not None:
-            for name, value in table.at(abs(self._forward_speed(x))).items():
-                values[GAINS.index(name)] = value
-        known = self._known_gains.get(group)
-        if known is None or known[0] != values:
-            kp, ki, kd = values if group else (*values, 0.0)
-            if group == WHEEL_LOOP and self._pedal_law is not None:
-                gains = self._pedal_law.gains(kp, ki)
-            else:
-                gains = PidGains(kp, ki, kd, filter_time=self._filter_times[group])
-            known = self._known_gains[group] = values, gains.numbers()
-        return known[1]
+    def _write(self, state: DiscreteValues, result: StepResult) -> None:
+        if result.pedals is not None:
+            state.get_mutable_value(self._pedals)[:] = result.pedals
+        state.get_mutable_value(self._desired)[:] = result.desired
+        state.get_mutable_value(self._actuation)[:] = result.actuation
+        state.get_mutable_value(self._status)[:] = result.status
+        state.get_mutable_value(self._memory)[:] = result.memory
 
 
 def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> SteeringGeometry:
-    """The geometry that a controller calculates with: the model's, or what control.yaml says instead."""
+    """Return the geometry that the controllers calculate with: the model's, or that of ``believes`` in control.yaml."""
     if believes.wheelbase is None and believes.track is None:
         return geometry
     return AxleGeometry(
@@ -267,11 +340,12 @@ def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> Steering
     )
 
 
+def _with_equal_speeds(law: SteeringLaw) -> SteeringLaw:
+    """Return a steering law whose wheels all roll at the speed of the rear axle's centre."""
+    return lambda numbers, steering: (law(numbers, steering)[0], (1.0, 1.0, 1.0, 1.0))
+
+
 def _append(memory: list[float], values: Sequence[float]) -> slice:
-    """Make room in the memory for values, and put them there; their place."""
+    """Append values to the memory and return where they are."""
     memory.extend(values)
     return slice(len(memory) - len(values), len(memory))
-
-
-def _vector(values: Sequence[float]) -> BasicVector:
-    return BasicVector(list(values))

@@ -63,7 +63,10 @@ def plain(value: Any) -> Any:
 
 
 def compiled(
-    function: Callable[..., Any], law: Callable[..., Any] | None = None, *, parts: Sequence[Callable[..., Any]]
+    function: Callable[..., Any],
+    law: Callable[..., Any] | tuple[Callable[..., Any], ...] | None = None,
+    *,
+    parts: Sequence[Callable[..., Any]],
 ) -> Callable[..., Any]:
     """A function in machine code.
 
@@ -71,19 +74,20 @@ def compiled(
 
     Args:
         function: to compile.
-        law: its first argument if that is a function; the compiled one goes without.
+        law: its first argument, or its first three, if these are functions; the compiled one goes without.
         parts: what both call, and what those call.
     """
-    return _compiled(function, law, tuple(parts))
+    laws = () if law is None else law if isinstance(law, tuple) else (law,)
+    return _compiled(function, laws, tuple(parts))
 
 
 @cache
 def _compiled(
-    function: Callable[..., Any], law: Callable[..., Any] | None, parts: tuple[Callable[..., Any], ...]
+    function: Callable[..., Any], laws: tuple[Callable[..., Any], ...], parts: tuple[Callable[..., Any], ...]
 ) -> Callable[..., Any]:
     from numba import njit
 
-    everything = [one for one in (function, law, *parts, *COMPILED_FORMS) if one is not None]
+    everything = [function, *laws, *parts, *COMPILED_FORMS]
     for part in everything:
         _register(part)
     version = _version(everything)  # a part of the key under which Numba keeps code: it looks at one source file only
@@ -94,9 +98,15 @@ def _compiled(
 
     def call_with_law(*arguments: Any) -> Any:
         _ = version
-        return function(law, *arguments)
+        return function(first, *arguments)
 
-    calling = call if law is None else call_with_law
+    def call_with_three(*arguments: Any) -> Any:
+        _ = version
+        return function(first, second, third, *arguments)
+
+    # Numba resolves functions in the closure at compile time only if each is a variable of its own.
+    first, second, third = (*laws, None, None, None)[:3]
+    calling: Callable[..., Any] = {0: call, 1: call_with_law, 3: call_with_three}[len(laws)]
     try:
         compiling: Callable[..., Any] = njit(cache=True)(calling)
     except RuntimeError:  # nowhere to write

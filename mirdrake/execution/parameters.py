@@ -2,8 +2,8 @@
 
 ==============================  ======  =============================================================================
 ``<vehicle>.speed.kp``, ``ki``  1, 1/s  trim of the speed loop; not of a vehicle with pedals
-``<vehicle>.wheel_speed.*``     own     wheel loops of kind pid: kp, ki, kd; of kind pedals: kp, ki
-``<vehicle>.steering.*``        own     steering loops of kind pid: kp, ki, kd
+``<vehicle>.wheel_speed.*``     own     gains of the wheel loops' kind: kp, ki, kd of pid; kp, ki of pedals
+``<vehicle>.steering.*``        own     gains of the steering loops' kind: kp, ki, kd of pid
 ``<vehicle>.mass_scale``        1       mass and inertia of all its bodies, times this; its controllers do not know
 ``road.friction``               1       coefficient of the whole road, where it is the same everywhere
 ==============================  ======  =============================================================================
@@ -26,11 +26,8 @@ from mirdrake.assembly.diagram import Assembly
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.plant import matched_friction
 from mirdrake.vehicles import WHEELS, Vehicle
+from mirdrake.vehicles.spec import RuntimeGain
 from mirdrake.worlds import World
-
-GAINS = ("kp", "ki", "kd")
-_WHEEL_UNITS = ("N m s/rad", "N m/rad", "N m s²/rad")
-_STEERING_UNITS = ("N m/rad", "N m/(rad s)", "N m s/rad")
 
 
 @dataclass(frozen=True)
@@ -59,33 +56,18 @@ def find_knobs(vehicles: Mapping[str, Vehicle], world: World) -> dict[str, Knob]
     """
     knobs: list[Knob] = []
     for name, vehicle in vehicles.items():
-        control = vehicle.control
-        if control.wheel_speed.kind == "pedals":
-            knobs += _loop(name, "wheel_speed", 1, ("1/s", "1/s²"))
-        else:
-            knobs += _loop(name, "speed", 0, ("1", "1/s"))
-        if control.wheel_speed.kind == "pid":
-            knobs += _loop(name, "wheel_speed", 1, _WHEEL_UNITS)
-        if control.steering.kind == "pid":
-            knobs += _loop(name, "steering", 2, _STEERING_UNITS)
-        fixed = {f"{name}.{path}" for path in control.scheduled_gains()}
-        knobs = [knob for knob in knobs if knob.name not in fixed]
+        knobs += [
+            Knob(f"{name}.{gain.path}", gain.unit, partial(_set_gain, name, gain)) for gain in vehicle.control.gains()
+        ]
         knobs.append(Knob(f"{name}.mass_scale", "1", partial(_scale_mass, name), positive=True))
     if len({world.ground.mu, *(mu for _, mu in world.friction_areas)}) == 1:
         knobs.append(Knob("road.friction", "1", _set_friction, positive=True))
     return {knob.name: knob for knob in knobs}
 
 
-def _loop(vehicle: str, loop: str, group: int, units: tuple[str, ...]) -> list[Knob]:
-    return [
-        Knob(f"{vehicle}.{loop}.{gain}", unit, partial(_set_gain, vehicle, group, GAINS.index(gain)))
-        for gain, unit in zip(GAINS, units, strict=False)
-    ]
-
-
-def _set_gain(vehicle: str, group: int, index: int, assembly: Assembly, context: Context, value: float) -> None:
+def _set_gain(vehicle: str, gain: RuntimeGain, assembly: Assembly, context: Context, value: float) -> None:
     control = assembly.diagram.GetSubsystemByName(f"{vehicle}.control")
-    control.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(group).SetAtIndex(index, value)
+    control.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(gain.group).SetAtIndex(gain.index, value)
 
 
 def _scale_mass(vehicle: str, assembly: Assembly, context: Context, value: float) -> None:

@@ -130,7 +130,7 @@ def find_facts(vehicle: Vehicle) -> Facts:
         steering_rate=geometry.steering_rate,
         tyres=spec.tyres.kind,
         has_tyre_law=spec.tyres.has_law,
-        pedals=str(vehicle.control.wheel_speed.kind) == "pedals",
+        pedals=vehicle.control.wheel_speed.uses_pedals,
         top_speed=_top_speed(vehicle, parameters, radius),
         full_throttle=spec.powertrain.max_torque / radius / parameters.mass,
         scale=1.0 if length >= SMALL else length / CAR_WHEELBASE,

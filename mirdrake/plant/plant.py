@@ -253,8 +253,8 @@ def add_vehicle(
     """Put a vehicle into a plant that is not finalised yet.
 
     The tyre cylinders of the vehicle file become smooth contact shapes
-    (:func:`mirdrake.plant.wheel_shape.make_wheel_shape`), and the joints that control.yaml calls servos get their
-    gains, which Drake then solves implicitly.
+    (:func:`mirdrake.plant.wheel_shape.make_wheel_shape`), and the joints whose control has an implicit servo
+    get its gains, which Drake then solves implicitly.
 
     Args:
         plant: a plant with a scene graph.
@@ -292,22 +292,22 @@ def add_vehicle(
     wheel_actuators = tuple(actuators[joint.index()] for joint in wheels)
     steering_actuators = tuple(actuators[joint.index()] for joint in steering)
 
-    control = vehicle.control
-    driven = vehicle.spec.driven_wheels()
+    wheel_gains, driven = vehicle.control.wheel_speed.servo_gains(), vehicle.spec.driven_wheels()
     for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
         if parked:
             actuator.set_controller_gains(PdControllerGains(p=PARKING_STIFFNESS, d=PARKING_STIFFNESS / 100.0))
             actuator.set_default_gear_ratio(1.0)
             actuator.set_default_rotor_inertia(PARKING_INERTIA)
-        elif control.wheel_speed.kind == "servo" and wheel in driven:
-            actuator.set_controller_gains(PdControllerGains(p=0.0, d=control.wheel_speed.gain))
+        elif wheel_gains is not None and wheel in driven:
+            actuator.set_controller_gains(PdControllerGains(p=wheel_gains.stiffness, d=wheel_gains.damping))
         rotor = rotor_inertia(vehicle.spec.powertrain, drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
         if rotor > 0.0 and not parked:
             actuator.set_default_gear_ratio(1.0)
             actuator.set_default_rotor_inertia(rotor)
-    if control.steering.kind == "servo":
+    steering_gains = vehicle.control.steering.servo_gains()
+    if steering_gains is not None:
         for actuator in steering_actuators:
-            gains = PdControllerGains(p=control.steering.stiffness, d=control.steering.damping)
+            gains = PdControllerGains(p=steering_gains.stiffness, d=steering_gains.damping)
             actuator.set_controller_gains(gains)
 
     tyres, turning = [], not vehicle.spec.tyres.has_law

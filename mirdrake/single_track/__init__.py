@@ -1,6 +1,6 @@
 """Reduced model of a vehicle: a single track of two axles, for fast studies, linearisation and identification."""
 
-from mirdrake.single_track.chain import SingleTrackControl, make_single_track_vehicle
+from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.single_track.from_vehicle import estimate_parameters, make_single_track
 from mirdrake.single_track.linear import (
     LinearSingleTrack,
@@ -13,6 +13,7 @@ from mirdrake.single_track.linear import (
 )
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack, SingleTrack_
+from mirdrake.single_track.vehicle import make_single_track_vehicle
 
 __all__ = [
     "LinearSingleTrack",

@@ -152,8 +152,8 @@ def estimate_parameters(
     for index in driven:
         radius, motor = geometry.wheel_radii[index], actuators[wheels[index].name()]
         most += float(motor.effort_limit()) / radius
-        if vehicle.control.wheel_speed.kind == "servo":
-            gain += vehicle.control.wheel_speed.gain / radius**2
+        servo_gains = vehicle.control.wheel_speed.servo_gains()
+        gain += 0.0 if servo_gains is None else servo_gains.damping / radius**2
     hanging = _unsprung(vehicle, plant)
     body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]), hanging)
     axles = find_axles(vehicle, body, friction=friction, roll=roll)
@@ -164,7 +164,6 @@ def estimate_parameters(
             Axle(FRONT_STIFFNESS * front_load, grip, lengths[0]),
             Axle(REAR_STIFFNESS * rear_load, grip, lengths[1]),
         )
-    servo = vehicle.control.steering
     v1 = BLEND_FROUDE * (down * geometry.wheelbase) ** 0.5
     return SingleTrackParameters(
         mass=mass,
@@ -185,7 +184,7 @@ def estimate_parameters(
         front_brake=spec.brakes.front_share,
         max_force=most,
         servo_gain=gain,
-        steering_lag=servo.damping / servo.stiffness if servo.kind == "servo" and servo.damping > 0.0 else 0.02,
+        steering_lag=vehicle.control.steering.lag(),
         gravity_x=float(gravity[0]),
         gravity_y=float(gravity[1]),
         gravity_z=float(gravity[2]),

@@ -6,10 +6,11 @@ from typing import Any
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
-from mirdrake.core.yaml_io import Schema, parse_tree, parse_yaml, read_text, shown, where
+from mirdrake.core.yaml_io import parse_tree, parse_yaml, read_text, shown, where
 from mirdrake.tuning.result_folder import TuningResult
 from mirdrake.vehicles.file_change import FileChange, change_file
-from mirdrake.vehicles.spec import ControlSpec, PedalControl, Pid, PositionServo, VariantSpec, VelocityServo
+from mirdrake.vehicles.joint_control import JOINT_CONTROLS
+from mirdrake.vehicles.spec import ControlSpec, VariantSpec
 from mirdrake.vehicles.vehicle import find_vehicle, load_part, load_variant, variants
 
 DIGITS = 6
@@ -19,13 +20,6 @@ Values = dict[str, float | str | tuple[float, ...]]
 """What to write, by dotted path in control.yaml."""
 
 _PROVENANCE = "tuned "
-_KINDS: dict[tuple[str, str], type[Schema]] = {
-    ("wheel_speed", "servo"): VelocityServo,
-    ("wheel_speed", "pid"): Pid,
-    ("wheel_speed", "pedals"): PedalControl,
-    ("steering", "servo"): PositionServo,
-    ("steering", "pid"): Pid,
-}
 
 
 def plan_apply(
@@ -163,7 +157,7 @@ class _Target:
         dropped = []
         for section in sorted(self.sections):
             given = values.get(f"{section}.kind", getattr(getattr(control, section, None), "kind", None))
-            schema = _KINDS.get((section, str(given)))
+            schema = JOINT_CONTROLS.get(section, {}).get(str(given))
             if schema is None:
                 continue
             for path in values:

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series
 from mirdrake.tuning.identify import Identified
 from mirdrake.tuning.margins import ultimate_point

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.controllers.pid import NO_LIMITS, PidLimits
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import NO_LIMITS, PidLimits
 from mirdrake.tuning.models import Floats
 
 

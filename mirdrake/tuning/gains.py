@@ -17,9 +17,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.models import Complexes, TransferFunction
 
 FILTER_RATIO = 10.0
@@ -90,7 +90,7 @@ def controller_response(gains: PidGains, frequencies: ArrayLike, *, period: floa
         gains: the gains.
         frequencies: ω [rad/s], any shape.
         period: time between updates h [s]; None: the continuous controller. With a period: the difference equations of
-            :func:`~mirdrake.controllers.pid.pid_step` at z = exp(jωh), and the hold of the control over h. Aliases
+            :func:`~mirdrake.core.pid.pid_step` at z = exp(jωh), and the hold of the control over h. Aliases
             are left out, so keep below π/h.
     """
     s = 1j * np.asarray(frequencies, dtype=float)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # which imports its parts when they are first named
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.frequency_response import FrequencyResponse
 from mirdrake.tuning.gains import controller_response
 from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction, frequency_range

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mirdrake.controllers.gain_schedule import GainTable
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.identify import check_identified, identify_loop
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
@@ -20,6 +19,7 @@ from mirdrake.tuning.outcome import Candidate
 from mirdrake.tuning.scenarios import hardest
 from mirdrake.tuning.space import known_starts, leaders_of, space_around
 from mirdrake.tuning.stages import Stages, rounded
+from mirdrake.vehicles.joint_control import GainTable
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 import scipy  # which imports its parts when they are first named
 from numpy.typing import ArrayLike
 
-from mirdrake.controllers.pid import NO_LIMITS, PidGains, PidLimits, PidState, pid_step
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import NO_LIMITS, PidGains, PidLimits, PidState, pid_step
 from mirdrake.tuning.models import Floats, TransferFunction
 
 Process = Callable[[float], float]

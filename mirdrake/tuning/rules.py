@@ -18,9 +18,9 @@ Sources:
 
 from typing import Literal
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series, from_standard
 from mirdrake.tuning.models import FirstOrder, Integrator, SecondOrder
 

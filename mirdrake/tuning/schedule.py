@@ -13,10 +13,10 @@ from typing import Any
 import pandas as pd
 from pydrake.systems.framework import Context
 
-from mirdrake.controllers.gain_schedule import GainTable
-from mirdrake.controllers.pid import NO_LIMITS, DiscretePid, PidGains, PidLimits
+from mirdrake.controllers.pid import DiscretePid
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import RunError
+from mirdrake.core.pid import NO_LIMITS, PidGains, PidLimits
 from mirdrake.core.signals import declare_vector_input, signals
 from mirdrake.execution.calls import open_executor
 from mirdrake.execution.journal import Journal
@@ -24,6 +24,7 @@ from mirdrake.studies.optimise import LEARNING
 from mirdrake.tuning.loops.base import Evaluation, Evaluator
 from mirdrake.tuning.search import LIMIT, Evaluations, search
 from mirdrake.tuning.trials import judge
+from mirdrake.vehicles.joint_control import GainTable
 
 EvaluatorAt = Callable[[float], Evaluator]
 """The evaluator of the loop at a speed [m/s]."""

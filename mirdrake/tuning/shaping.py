@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # which imports its parts when they are first named
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import FILTER_RATIO
 from mirdrake.tuning.margins import frequency_grid, loop_range
 from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from mirdrake.controllers.pid import PidGains
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import controller_transfer_function
 from mirdrake.tuning.models import Complexes, Floats, TransferFunction
 

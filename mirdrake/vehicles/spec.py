@@ -5,15 +5,16 @@ Dimensions and masses are not repeated here; they are measured on the kinematics
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from mirdrake.core.errors import did_you_mean
-from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed, Torque
+from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed
 from mirdrake.tyres import TyreSpec
 from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints
+from mirdrake.vehicles.joint_control import JointControl, SteeringControl, WheelSpeedControl
 from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain
 
 Drive = Literal["front", "rear", "all"]
@@ -141,85 +142,23 @@ class Beliefs(Schema):
     wheel_radius: Length | None = Field(default=None, gt=0, description="[m] of all wheels, when rolling")
 
 
-class VelocityServo(Schema):
-    """Torque = gain x (wanted - measured wheel speed), solved implicitly by Drake.
+@dataclass(frozen=True)
+class RuntimeGain:
+    """A gain that may change while a simulation runs.
 
-    With an open differential, wanted and measured speed are the means of an axle's two wheels, so that both wheels get
-    the same torque and the drive makes no yaw moment.
+    Attributes:
+        path: dotted path in control.yaml.
+        unit: unit of the gain.
+        value: value in control.yaml.
+        group: number of the numeric parameter of :class:`~mirdrake.controllers.VehicleControl` that holds it.
+        index: element of that parameter.
     """
 
-    kind: Literal["servo"]
-    gain: float = Field(gt=0, description="[N m s/rad] per wheel")
-    differential: Literal["none", "open"] = Field(
-        default="none", description="none: a motor and a set-point per wheel; open: one drive per axle, equal torques"
-    )
-
-
-class PositionServo(Schema):
-    """Torque = stiffness x angle error - damping x rate error, solved implicitly by Drake."""
-
-    kind: Literal["servo"]
-    stiffness: float = Field(gt=0, description="[N m/rad] per steered wheel")
-    damping: float = Field(ge=0, description="[N m s/rad] per steered wheel")
-
-
-class GainSchedule(Schema):
-    """Gains over the measured speed of the car, forward or backward: straight lines between the speeds, held beyond."""
-
-    speeds: list[Annotated[Speed, Field(ge=0)]] = Field(min_length=2, description="[m/s] rising")
-    kp: list[Annotated[float, Field(ge=0)]] | None = Field(default=None, description="[-] as kp of the loop")
-    ki: list[Annotated[float, Field(ge=0)]] | None = Field(default=None, description="[-] as ki of the loop")
-    kd: list[Annotated[float, Field(ge=0)]] | None = Field(default=None, description="[-] as kd of the loop")
-
-    @model_validator(mode="after")
-    def _fits(self) -> "GainSchedule":
-        if any(not low < high for low, high in pairwise(self.speeds)):
-            raise ValueError(f"speeds: must rise, got {', '.join(f'{speed:g}' for speed in self.speeds)}")
-        rows = self.rows()
-        if not rows:
-            raise ValueError("no gain is given; write for example kp: [300, 400], one for each speed")
-        for name, values in rows.items():
-            if len(values) != len(self.speeds):
-                raise ValueError(f"{name}: {len(self.speeds)} values are needed, one for each speed, not {len(values)}")
-        return self
-
-    def rows(self) -> dict[str, tuple[float, ...]]:
-        """Values of each gain that is scheduled, by name."""
-        given = {"kp": self.kp, "ki": self.ki, "kd": self.kd}
-        return {name: tuple(values) for name, values in given.items() if values is not None}
-
-
-class Pid(Schema):
-    """Torque from a discrete PID controller; the unit of the error is rad (steering) or rad/s (wheel speed)."""
-
-    kind: Literal["pid"]
-    kp: float = Field(ge=0, description="[N m per unit]")
-    ki: float = Field(default=0.0, ge=0, description="[N m per unit and s]")
-    kd: float = Field(default=0.0, ge=0, description="[N m s per unit]")
-    filter: Duration = Field(default=0.0, ge=0, description="[s] time constant of the derivative's low-pass")
-    max_torque: Torque | None = Field(default=None, gt=0, description="[N m] limit; empty: the joint's own limit")
-    max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part alone")
-    schedule: GainSchedule | None = Field(default=None, description="gains over speed, in place of those above")
-
-
-class PedalControl(Schema):
-    """The speed is held by throttle and brake pedal: mirdrake/controllers/pedal_control.py.
-
-    Only with tyres that take torques, brush or magic_formula; kp, ki and max_correction of `speed` are not used.
-    """
-
-    kind: Literal["pedals"]
-    kp: float = Field(default=1.5, ge=0, description="[1/s] acceleration over speed error")
-    ki: float = Field(default=0.5, ge=0, description="[1/s²]")
-    hold_speed: Speed = Field(default=0.3, gt=0, description="[m/s] below it a standing command presses the hold brake")
-    hold_grade: float = Field(default=0.3, ge=0, description="[-] grade on which the hold brake holds, as weight share")
-    schedule: GainSchedule | None = Field(default=None, description="gains over speed, in place of those above; no kd")
-
-    @model_validator(mode="after")
-    def _no_kd(self) -> "PedalControl":
-        if self.schedule is not None and self.schedule.kd is not None:
-            raise ValueError("schedule: pedals have no kd; leave it out")
-        return self
+    path: str
+    unit: str
+    value: float
+    group: int
+    index: int
 
 
 class ControlSpec(Schema):
@@ -229,18 +168,28 @@ class ControlSpec(Schema):
     dead_man: Duration = Field(default=0.2, gt=0, description="[s] without a command until zero speed is commanded")
     believes: Beliefs = Field(default_factory=Beliefs)
     speed: SpeedControl = Field(default_factory=SpeedControl)
-    wheel_speed: Annotated[VelocityServo | Pid | PedalControl, Field(discriminator="kind")]
-    steering: Annotated[PositionServo | Pid, Field(discriminator="kind")]
+    wheel_speed: Annotated[WheelSpeedControl, Field(discriminator="kind")]
+    steering: Annotated[SteeringControl, Field(discriminator="kind")]
 
-    def scheduled_gains(self) -> frozenset[str]:
-        """Dotted paths of the gains that follow a schedule over speed."""
-        loops = {"wheel_speed": self.wheel_speed, "steering": self.steering}
-        return frozenset(
-            f"{name}.{gain}"
-            for name, loop in loops.items()
-            if loop.kind != "servo" and loop.schedule is not None
-            for gain in loop.schedule.rows()
-        )
+    def gains(self) -> list["RuntimeGain"]:
+        """Return the gains that may change while a simulation runs, in the order of the control unit's parameters.
+
+        Two sorts of gains are not part of it: those of Drake's servos, which are fixed once the plant is built, and
+        those that follow a schedule over speed. Pedals replace the speed loop.
+        """
+        speed = () if self.wheel_speed.uses_pedals else (("kp", "1"), ("ki", "1/s"))
+        result = [
+            RuntimeGain(f"speed.{name}", unit, getattr(self.speed, name), 0, ("kp", "ki").index(name))
+            for name, unit in speed
+        ]
+        loops: dict[str, JointControl] = {"wheel_speed": self.wheel_speed, "steering": self.steering}
+        for group, (section, loop) in enumerate(loops.items(), start=1):
+            schedule = loop.gain_schedule()
+            scheduled = {} if schedule is None else schedule.rows()
+            for index, (name, unit) in enumerate(loop.gains.items()):
+                if name not in scheduled:
+                    result.append(RuntimeGain(f"{section}.{name}", unit, getattr(loop, name), group, index))
+        return result
 
 
 # --- variants/<name>.yaml ----------------------------------------------------------------------------------------

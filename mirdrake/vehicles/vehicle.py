@@ -193,7 +193,7 @@ def check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
     Raises:
         ConfigError: the wheels are driven by pedals, and the tyres have no law.
     """
-    if control.wheel_speed.kind == "pedals" and not spec.tyres.has_law:
+    if control.wheel_speed.uses_pedals and not spec.tyres.has_law:
         raise ConfigError(
             f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind {' or '.join(kinds_with_law())}, and "
             f"those of vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"

@@ -138,7 +138,7 @@ class PlantModel(SimulatedModel):
         """Assemble the plant with the tables that replace driver, torques and rolling resistance."""
         systems: dict[str, Any] = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
         connect = [["steering_table.y", f"{EGO}.steering_reference"]]
-        pedals = self._vehicle.control.wheel_speed.kind == "pedals"
+        pedals = self._vehicle.control.wheel_speed.uses_pedals
         if self._way == "speed":
             systems["speed_table"] = {"kind": f"{_BLOCKS}Table", "size": 1}
             connect.append(["speed_table.y", f"{EGO}.speed_reference"])
@@ -359,7 +359,7 @@ def _find_drive(requested: str | None, channels: set[str], vehicle: Vehicle) -> 
     Raises:
         ConfigError: not possible for this vehicle, or a channel is missing.
     """
-    able = {"torque": vehicle.spec.tyres.has_law, "pedals": vehicle.control.wheel_speed.kind == "pedals"}
+    able = {"torque": vehicle.spec.tyres.has_law, "pedals": vehicle.control.wheel_speed.uses_pedals}
     if requested is None:
         fits = (name for name, needs in DRIVES.items() if set(needs) <= channels and able.get(name, True))
         return next(fits)

@@ -53,3 +53,11 @@ class PedalMaps:
         if brake[-1][0] < 1.0:
             brake.append((1.0, brake_torque))
         self.brake: Rows = brake
+
+    def throttle_position(self, share: float) -> float:
+        """Return the pedal position [1] for a share of the drive torque [1]."""
+        return invert_map(self.throttle, share)
+
+    def brake_position(self, torque: float) -> float:
+        """Return the pedal position [1] for a torque of the four brakes [N m]."""
+        return invert_map(self.brake, torque)

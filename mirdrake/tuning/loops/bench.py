@@ -13,9 +13,9 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
-from mirdrake.controllers.pid import PidLimits
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.pid import PidLimits
 from mirdrake.execution.job import _NUMERICS
 from mirdrake.execution.parameters import find_knobs
 from mirdrake.plant.wheels import RoadFriction

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mirdrake.controllers.pid import NO_LIMITS, PidLimits
+from mirdrake.core.pid import NO_LIMITS, PidLimits
 from mirdrake.tuning.figures import response_figures
 from mirdrake.tuning.loops.base import Evaluation
 from mirdrake.tuning.models import Floats

@@ -13,6 +13,7 @@ from mirdrake.plant.plant import PlantSpec
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.spec import PUBLISHED, TuningSpec
 from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.joint_control import JOINT_CONTROLS
 from mirdrake.worlds import load_world
 
 EGO = "ego"
@@ -20,11 +21,6 @@ _BLOCKS = "mirdrake.tuning.loops.blocks:"
 _NEVER = 1e6
 """Dead-man time of a bench [s]: its commands come without stamps."""
 
-_TORQUE = {
-    "steering": {"kp": "N m/rad", "ki": "N m/(rad s)", "kd": "N m s/rad"},
-    "wheel": {"kp": "N m s/rad", "ki": "N m/rad", "kd": "N m s²/rad"},
-    "pedals": {"kp": "1/s", "ki": "1/s²"},
-}
 SLOPE = 0.6
 """Slope of the speed's set-point [m/s²]: one driven axle can give it at a friction of 0.3 on a climb of 5°."""
 
@@ -54,13 +50,14 @@ def make_loop_spec(spec: TuningSpec, *, noise: bool | None = None, speed: float 
         raise ConfigError(f"{place}: {spec.world} has friction that is not the same everywhere; take empty, say")
     noisy = spec.robustness.noise > 0.0 if noise is None else noise
     joint = "steering" if spec.loop == "steering" else "wheel"
-    pedals = joint == "wheel" and vehicle.control.wheel_speed.kind == "pedals"
+    pedals = joint == "wheel" and vehicle.control.wheel_speed.uses_pedals
     if pedals and spec.loop == "wheel_speed":
         raise ConfigError(
             f"{where(spec, 'loop')}: {vehicle.name} is driven by pedals and has no wheel-speed loop; take speed"
         )
-    units = _TORQUE["pedals" if pedals else joint]
     section = "steering" if joint == "steering" else "wheel_speed"
+    # Pedals are tuned as they are; joint torques come from the PID controller of the section.
+    units = vehicle.control.wheel_speed.gains if pedals else JOINT_CONTROLS[section]["pid"].gains
     rate = vehicle.control.rate
     settings: dict[str, Any] = {}
     if not pedals:
@@ -74,7 +71,7 @@ def make_loop_spec(spec: TuningSpec, *, noise: bool | None = None, speed: float 
         group, key = path.split(".")
         control.setdefault(group, {})[key] = value
     control.setdefault(section, {}).update(dict.fromkeys(units, 0.0))
-    if getattr(getattr(vehicle.control, section), "schedule", None) is not None:
+    if getattr(vehicle.control, section).gain_schedule() is not None:
         control[section]["schedule"] = None
     if joint == "wheel":
         slope = SLOPE if spec.test.slope is None else spec.test.slope
@@ -157,7 +154,7 @@ def make_course(spec: TuningSpec, vehicle: Vehicle, *, speed: float | None = Non
     else:
         step = round(2.0 * scale, 2)
         load = -0.05 * vehicle.spec.powertrain.max_torque / driven  # a grade of about 2.5 %
-    pedals = spec.loop != "steering" and vehicle.control.wheel_speed.kind == "pedals"
+    pedals = spec.loop != "steering" and vehicle.control.wheel_speed.uses_pedals
     return {
         "speed": even,
         "step": step if test.step is None else test.step,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.controllers.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains, PidLimits, PidState, pid_step
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.margins import find_margins

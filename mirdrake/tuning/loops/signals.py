@@ -23,7 +23,7 @@ from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import where
 from mirdrake.execution.job import _NUMERICS
-from mirdrake.execution.parameters import GAINS, find_knobs
+from mirdrake.execution.parameters import find_knobs
 from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.judge import judge
@@ -32,6 +32,9 @@ from mirdrake.worlds import load_world
 
 LOOK = 0.2
 """Time for which a diagram is run to see which signals it has [s]."""
+
+PID_GAINS = ("kp", "ki", "kd")
+"""Gains of a block of kind pid that are tuned."""
 
 PATH_GAINS = ("convergence_time", "damping")
 """Gains of a driver that tracks a path."""
@@ -113,7 +116,7 @@ def knobs_of(assembly: Assembly) -> dict[str, Turn]:
     for system in assembly.diagram.GetSystems():
         name = system.get_name()
         if isinstance(system, DiscretePid):
-            for gain in GAINS:
+            for gain in PID_GAINS:
                 turns[f"{name}.{gain}"] = lambda context, value, system=system, gain=gain: _set(  # type: ignore[misc]
                     system, context, gain, value
                 )
@@ -132,7 +135,7 @@ def present_gains(assembly: Assembly) -> dict[str, float]:
     for system in assembly.diagram.GetSystems():
         if isinstance(system, DiscretePid | PathTracker):
             gains = system.get_gains(system.GetMyContextFromRoot(context))
-            names = GAINS if isinstance(system, DiscretePid) else PATH_GAINS
+            names = PID_GAINS if isinstance(system, DiscretePid) else PATH_GAINS
             found |= {f"{system.get_name()}.{name}": float(getattr(gains, name)) for name in names}
     return found
 

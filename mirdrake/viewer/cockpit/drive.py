@@ -29,7 +29,7 @@ from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import default_folder
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT, Wheel
 from mirdrake.viewer.cockpit.driver import HumanDriver
-from mirdrake.viewer.cockpit.gains import get_gain, list_gains, set_gain
+from mirdrake.viewer.cockpit.gains import get_gain, set_gain
 from mirdrake.viewer.cockpit.hands import STANDING, HandState, hand_step, stop_step
 from mirdrake.viewer.cockpit.log import DriveLog
 from mirdrake.viewer.cockpit.overlays import Overlays
@@ -78,7 +78,7 @@ class Cockpit:
         self.assembly = assemble(spec, scene=scene)
         self.part = self.assembly.parts.vehicles[NAME]
         self.limits = hand_limits(self.part)
-        self.gains = list_gains(self.part.vehicle)
+        self.gains = self.part.vehicle.control.gains()
         self.wheel = Wheel(timeout=timeout)
         self.told: dict[str, Any] = {}
         self.runs: list[Run] = []
@@ -94,7 +94,7 @@ class Cockpit:
         self.picture = Picture(meshcat, self.assembly, NAME) if meshcat is not None else None
         self.overlays = Overlays(meshcat, self.assembly, NAME) if meshcat is not None else None
         self._orders: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
-        self._values = {gain.path: gain.given for gain in self.gains}
+        self._values = {gain.path: gain.value for gain in self.gains}
         self._log: DriveLog | None = None
         self._hand, self._paused, self._lost, self._over = HandState(), False, False, threading.Event()
         self._alarm = False
@@ -263,7 +263,7 @@ class Cockpit:
 
     def _changed(self) -> dict[str, float]:
         """Gains that are not as given, by name."""
-        return {gain.path: self._values[gain.path] for gain in self.gains if self._values[gain.path] != gain.given}
+        return {gain.path: self._values[gain.path] for gain in self.gains if self._values[gain.path] != gain.value}
 
     def _record_on(self) -> None:
         """Start a run folder; the clock starts again at 0, the vehicle is where it is."""

@@ -11,6 +11,7 @@ from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.scene import make_scene
 from mirdrake.viewer.cockpit.dead_man import TIMEOUT
 from mirdrake.viewer.cockpit.drive import Cockpit
+from mirdrake.viewer.cockpit.gains import slider_of
 from mirdrake.viewer.cockpit.server import make_server
 from mirdrake.viewer.cockpit.start import NAME
 from mirdrake.viewer.meshcat import make_meshcat_behind
@@ -99,7 +100,7 @@ class OpenCockpit:
             "world": assembly.parts.world.name.replace("_", " "),
             "views": [asdict(view) for view in drive.picture.views.values()],
             "layers": list(drive.overlays.there),
-            "gains": [{**asdict(gain), "most": gain.most} for gain in drive.gains],
+            "gains": [slider_of(gain) for gain in drive.gains],
             "forward": limits.forward,
             "backward": limits.backward,
             "steering": limits.steering,

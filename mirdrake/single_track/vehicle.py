@@ -1,0 +1,66 @@
+"""The single-track model of a vehicle together with its control unit and powertrain, as one diagram."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from mirdrake.core.signals import copy_signals
+from mirdrake.single_track.control import SingleTrackControl
+from mirdrake.single_track.dynamics import Tyres, Variant
+from mirdrake.single_track.from_vehicle import estimate_parameters
+from mirdrake.single_track.parameters import SingleTrackParameters
+from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
+from mirdrake.single_track.system import SingleTrack
+from mirdrake.vehicles import Vehicle
+
+
+def make_single_track_vehicle(
+    vehicle: Vehicle,
+    *,
+    tyres: Tyres = "linear",
+    relaxation: bool = False,
+    roll: bool = False,
+    parameters: SingleTrackParameters | None = None,
+    delay: float = 0.0,
+) -> Diagram:
+    """The single-track model of a vehicle behind its control unit, driven like the full vehicle.
+
+    Input ports of the diagram: command (3). Output ports: state (12), motion (7), status (3), with pedals also
+    powertrain_status (9). Its systems are called "single_track" and "control", with pedals also "powertrain". The
+    control unit is for floats only; for derivatives take the model alone.
+
+    Args:
+        vehicle: a loaded vehicle.
+        tyres: "kinematic", "linear" or "brush".
+        relaxation: whether slip builds up over the relaxation length.
+        roll: whether the body rolls.
+        parameters: in place of those of :func:`estimate_parameters`.
+        delay: of the actuators [s], a multiple of the period of control.yaml.
+
+    Raises:
+        ConfigError: an argument makes no sense.
+    """
+    parameters = parameters or estimate_parameters(vehicle, roll=roll)
+    builder = DiagramBuilder()
+    variant = Variant(tyres, relaxation, actuators=True, roll=roll)
+    model = builder.AddNamedSystem("single_track", SingleTrack(parameters, variant))
+    mass, rotating = parameters.mass, parameters.rotating_mass
+    control = builder.AddNamedSystem("control", SingleTrackControl(vehicle, mass=mass, rotating=rotating, delay=delay))
+    outputs = {"state": model.state, "motion": model.motion, "status": control.status}
+    if control.HasOutputPort("pedals"):
+        law = make_single_track_law(vehicle, mass=mass, rotating=rotating)
+        powertrain = builder.AddNamedSystem("powertrain", SingleTrackPowertrain(law))
+        builder.Connect(control.pedals, powertrain.pedals)
+        builder.Connect(model.state, powertrain.state)
+        builder.Connect(powertrain.forces, model.forces)
+        outputs["powertrain_status"] = powertrain.powertrain_status
+    else:
+        builder.Connect(control.forces, model.forces)
+    builder.Connect(control.steering, model.steering)
+    builder.Connect(model.state, control.state)
+    builder.Connect(model.steering_angle, control.steering_angle)
+    builder.ExportInput(control.command, "command")
+    ports = [(port, builder.ExportOutput(port, name)) for name, port in outputs.items()]
+    diagram = builder.Build()
+    for port, index in ports:
+        copy_signals(port, diagram.get_output_port(index))
+    diagram.set_name("single_track_vehicle")
+    return diagram
