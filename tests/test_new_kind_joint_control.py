@@ -82,10 +82,13 @@ else:
     raise AssertionError("a negative width is accepted")
 """
 
-COMPILED = CHECK.split("# It steers")[0] + """\
+COMPILED = (
+    CHECK.split("# It steers")[0]
+    + """\
 runs = [Simulation(assemble(spec(code))).run(duration=1.0).signals for code in (False, True)]
 assert runs[0].equals(runs[1])
 """
+)
 
 
 def run(folder, check):
