@@ -13,7 +13,8 @@ import trimesh
 from mirdrake.cli import main
 from mirdrake.core.paths import data_root
 from mirdrake.report import surfaces
-from mirdrake.report.inspection import describe, draw_links, write_inspection
+from mirdrake.report.inspection import write_inspection
+from mirdrake.report.inspection_text import describe, draw_links
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.inspection import inspect_vehicle
@@ -262,7 +263,7 @@ def test_the_drawings_are_whole_svg_with_a_picture_in_the_first_two(page):
 
 def test_a_page_without_graphviz_and_without_shapes_says_what_to_install(bolt, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr("mirdrake.report.inspection_page.collect_surfaces", lambda *_, **__: [])
+    monkeypatch.setattr("mirdrake.report.inspection.collect_surfaces", lambda *_, **__: [])
     write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"), portrait=False)
     assert "apt install graphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
 

@@ -268,7 +268,7 @@ def test_a_name_that_looks_like_html_is_shown_as_text(tmp_path):
 
 def test_a_killed_run_reports_what_was_recorded(tmp_path):
     page = render_report(short_run(tmp_path, summary={}, events=[]))
-    assert "did not reach its end" in page
+    assert "The run did not end" in page
     # 20 s at 5 m/s less 0.9 s of launch, on a straight
     assert "The Bolt drove 95.5\u00a0m in 20.0\u00a0s on test_track; largest lateral error" in page
 

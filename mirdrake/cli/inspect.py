@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the figures of the vehicle."""
     from mirdrake.core.files import write_file
-    from mirdrake.report.inspection import describe, draw_links, write_links_dot
+    from mirdrake.report.inspection_text import describe, draw_links, write_links_dot
     from mirdrake.vehicles import load_vehicle
     from mirdrake.vehicles.inspection import inspect_vehicle
 

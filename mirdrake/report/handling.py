@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.files import write_file
-from mirdrake.manoeuvres.base import Chart, Outcome
+from mirdrake.manoeuvres.base import Chart, Metric, Outcome
 from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import render_page
@@ -72,13 +72,12 @@ def render_handling(results: HandlingResults) -> str:
     return render_page(
         _TEMPLATE,
         filters={"figure": _figure, "value": value_told, "status": status_told},
-        results=results,
-        facts=facts,
-        sections=sections,
-        model="full plant" if results.model == "full" else "single-track model",
+        title=f"{facts.title} · handling",
+        over=f"{facts.name} · handling report · {'full plant' if results.model == 'full' else 'single-track model'}",
+        headline=f"{facts.title}: {_headline(results.outcomes)}",
         tiles=_tiles(results),
-        warnings=_warnings(results),
-        counts=_counts(results.outcomes),
+        notices=_warnings(results),
+        sections=sections,
     )
 
 
@@ -125,20 +124,39 @@ def _warnings(results: HandlingResults) -> list[str]:
     return found
 
 
-def _counts(outcomes: Sequence[Outcome]) -> str:
+def _headline(outcomes: Sequence[Outcome]) -> str:
+    """Return the result: manoeuvres that failed, and the first headline figure of up to three others."""
     words = [_WORDS[outcome.verdict] for outcome in outcomes]
-    return ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
+    bad = [word for word in dict.fromkeys(words) if word not in {"done", "passed"}]
+    parts = [f"{words.count(word)} of {len(words)} manoeuvres {word}" for word in bad]
+    figures = [figures[0] for outcome in outcomes if (figures := _headline_figures(outcome))]
+    parts += [_figure_text(metric) for metric in figures[: _MOST_FIGURES - len(parts)]]
+    return ", ".join(parts) or f"{len(words)} manoeuvres done"
+
+
+def _headline_figures(outcome: Outcome) -> list[Metric]:
+    """Return the headline figures of a manoeuvre that have a value."""
+    if outcome.verdict in {"not possible", "diverged"}:
+        return []
+    keys = _KEYS.get(outcome.name, ())
+    return [metric for metric in outcome.metrics if metric.key in keys and metric.value is not None]
 
 
 def _key_figures(outcome: Outcome) -> str:
-    """The first figures, for the table at the top."""
+    """Return the headline figures as a text, or the reason why there are none."""
     if outcome.verdict in {"not possible", "diverged"}:
         return outcome.reason
-    keys = _KEYS.get(outcome.name, ())
-    chosen = [m for m in outcome.metrics if m.key in keys and m.value is not None]
-    return "; ".join(f"{m.text[:1].lower()}{m.text[1:]} {_figure(m.value)} {m.unit}" for m in chosen)
+    return "; ".join(map(_figure_text, _headline_figures(outcome)))
 
 
+def _figure_text(metric: Metric) -> str:
+    """Return a figure within a sentence: ``understeer gradient 0.87 deg/g``."""
+    text = metric.text
+    lower = text if text[:2].isupper() or text[1:2] in {"", ",", " "} else f"{text[:1].lower()}{text[1:]}"
+    return f"{lower} {_figure(metric.value)} {metric.unit}".rstrip()
+
+
+_MOST_FIGURES = 3  # of the title
 _KEYS = {
     "steady_state_circle": ("understeer", "largest"),
     "step_steer": ("yaw_response", "yaw_overshoot"),
@@ -187,7 +205,7 @@ def _chart(chart: Chart, prefix: str, *, wide: bool) -> dict[str, Any]:
     text = "From above" if chart.y_label == "y" else text
     picture = embed_svg(to_svg(figure), prefix, attributes={"class": "plot", "role": "img", "aria-label": text})
     legend = [
-        (line.name, f"var(--{_COLOURS[line.colour]})", line.style)
+        (line.name, _COLOURS[line.colour], line.style)
         for line in chart.lines
         if line.name and len({one.name for one in chart.lines if one.name}) > 1
     ]

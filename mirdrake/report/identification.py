@@ -83,7 +83,13 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     with drawing_style():
         sections = _data_sections(report, data, pictures=True)
     return _render(
-        title=f"{name}: {headline}", over="data check", tiles=tiles, sections=sections, result=None, fit=None
+        title=f"{name}: {headline}",
+        headline=f"{name}: {headline}",
+        over="data check",
+        tiles=tiles,
+        sections=sections,
+        result=None,
+        fit=None,
     )
 
 
@@ -104,7 +110,8 @@ def render_identification(result: Identification) -> str:
     ]
     with drawing_style():
         return _render(
-            title=f"{result.name}: {good} of {len(free)} parameters identified",
+            title=f"{result.name} · identification",
+            headline=f"{result.name}: {good} of {len(free)} parameters identified",
             over=f"identification · {fit.model}",
             tiles=tiles,
             sections=_data_sections(check, None, pictures=False),

@@ -1,194 +1,182 @@
-"""An inspection in words for a terminal, and a vehicle's links and joints as a picture."""
+"""The inspection report: the vehicle to scale, its figures, findings, links and joints."""
 
-import html
+import base64
+import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from mirdrake.assembly.drawing import run_dot
-from mirdrake.core.constants import GRAVITY
+from markupsafe import Markup
+
+from mirdrake.core.errors import MissingDependencyError
 from mirdrake.core.files import write_file
+from mirdrake.report.inspection_text import axis_name, draw_links, limits_of
+from mirdrake.report.page import Tile, render_page
+from mirdrake.report.surfaces import collect_surfaces
+from mirdrake.report.svg import embed_svg, svg_size
+from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
+from mirdrake.report.words import title_case
 from mirdrake.vehicles import Vehicle
-from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
+from mirdrake.vehicles.figures import Inspection, SensorFigures
+from mirdrake.viewer.portrait import try_portrait
 
-_COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "sensor": "#f3e5f5", "frame": "#eceff1"}
-
-
-def describe(figures: Inspection) -> str:
-    """The figures as text with aligned columns."""
-    front, rear = figures.loads
-    length, width, height = figures.size
-    inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
-    roll, pitch, yaw = figures.inertia
-    x, y, z = (round(value, 3) + 0.0 for value in figures.com)
-    rows = [
-        ("mass", f"{figures.mass:.1f} kg" if figures.mass >= 100.0 else f"{figures.mass:.4g} kg"),
-        ("centre of mass", f"{x:.3f} m ahead of the rear axle, {y:.3f} m to the left, {z:.3f} m above the road"),
-        (
-            "axle loads",
-            f"front {_load(front)} ({100 * figures.front_share:.1f} %), rear {_load(rear)}",
-        ),
-        ("left wheels", f"{100 * figures.side_share:.1f} % of the load"),
-        ("wheelbase", f"{figures.wheelbase:.3f} m"),
-        ("track", f"front {figures.tracks[0]:.3f} m, rear {figures.tracks[1]:.3f} m"),
-        ("between steering axes", f"{figures.kingpin_track:.3f} m"),
-        ("wheels", _wheels(figures)),
-        ("size", f"{length:.3f} x {width:.3f} x {height:.3f} m (collision shapes)"),
-        *(
-            [("", "{:.3f} x {:.3f} x {:.3f} m (what is seen)".format(*figures.visual_size))]
-            if figures.visual_size
-            else []
-        ),
-        ("ground clearance", f"{figures.ground_clearance:.3f} m" if math.isfinite(figures.ground_clearance) else "-"),
-        ("full lock", f"inner wheel {inner:.1f} deg, outer wheel {outer:.1f} deg"),
-        ("turning radius", f"{figures.turning_radius:.2f} m (rear axle's centre)"),
-        ("turning circle", f"{figures.turning_circle:.2f} m (kerb to kerb, diameter)"),
-        ("", f"{figures.wall_circle:.2f} m (wall to wall, corners of the collision shapes)"),
-        ("inertia", f"roll {roll:.4g}, pitch {pitch:.4g}, yaw {yaw:.4g} kg m² (about the centre of mass)"),
-        ("radii of gyration", "roll {:.3f}, pitch {:.3f}, yaw {:.3f} m".format(*figures.gyration)),
-        ("dynamic index", f"{figures.dynamic_index:.2f} (k² / a b of the yaw inertia; cars have 0.8 to 1.1)"),
-        ("static stability", f"{figures.static_stability:.2f} (tips at so many g sideways)"),
-    ]
-    parts = [
-        f"{figures.vehicle}: {figures.title}, {figures.drive} drive, grade {figures.grade}",
-        _columns(rows, indent=2),
-        "links",
-        _columns(
-            [
-                ("", "mass [kg]", "principal moments [kg m²]", "box of that inertia [m]", "box of its shapes [m]", ""),
-                *(_link_row(link) for link in figures.links if link.mass),
-            ],
-            indent=2,
-        ),
-        "joints",
-        _columns(
-            [
-                ("", "type", "parent", "axis", "limits [rad]", "[rad/s]", "[N m s/rad]", "role"),
-                *(_joint_row(joint) for joint in figures.joints if joint.kind != "fixed"),
-            ],
-            indent=2,
-        ),
-    ]
-    rows_of = [(actuator.joint, f"{actuator.effort:.4g}", actuator.moves) for actuator in figures.actuators]
-    parts += ["actuators", _columns([("", "[N m]", "what it does"), *rows_of], indent=2)]
-    if figures.sensors:
-        mounts = [(s.name, s.kind, s.frame, numbers(s.place), f"{s.rate:g} Hz") for s in figures.sensors]
-        parts += ["sensors", _columns([("", "kind", "frame", "place [m]", "rate"), *mounts], indent=2)]
-    parts.append("warnings" if figures.warnings else "no warnings")
-    parts += [f"  {warning}" for warning in figures.warnings]
-    return "\n".join(parts)
-
-
-def draw_links(figures: Inspection) -> str:
-    """Links and joints as an SVG picture: body, knuckles, wheels and frames, each joint an arrow.
-
-    Raises:
-        MissingDependencyError: Graphviz is not installed.
-    """
-    return run_dot(write_links_dot(figures), purpose="drawing the links")
-
-
-def write_links_dot(figures: Inspection) -> str:
-    """Links and joints in Graphviz' language."""
-    roles = {joint.child: joint.role for joint in figures.joints}
-    mounts = {sensor.frame for sensor in figures.sensors}
-    lines = [
-        "digraph {",
-        '  graph [rankdir=LR, nodesep=0.2, ranksep=0.9, fontname="Helvetica", bgcolor="transparent"];',
-        '  node [shape=box, style="rounded,filled", fontname="Helvetica", fontsize=12, color="#607d8b"];',
-        '  edge [fontname="Helvetica", fontsize=10, color="#607d8b", fontcolor="#37474f", arrowsize=0.7];',
-    ]
-    for link in figures.links:
-        role = roles.get(link.name, "body")
-        carries = role.endswith(("steering", "suspension"))
-        kind = "wheel" if "wheel" in role else "knuckle" if carries else "body" if link.mass else "frame"
-        kind = "sensor" if kind == "frame" and link.name in mounts else kind
-        weight = f'<br/><font point-size="9">{link.mass:.4g} kg</font>' if link.mass else ""
-        label = f"<<b>{html.escape(link.name)}</b>{weight}>"
-        lines.append(f'  "{_quoted(link.name)}" [label={label}, fillcolor="{_COLOURS[kind]}"];')
-    for joint in figures.joints:
-        how = f"{joint.kind} along" if joint.kind == "prismatic" else f"{joint.kind} about"
-        axis = f"\\n{how} {axis_name(joint.axis)}" if joint.axis else ""
-        style = ", style=dashed" if joint.kind == "fixed" else ""
-        name = "" if joint.kind == "fixed" else _quoted(joint.name)
-        ends = f'"{_quoted(joint.parent)}" -> "{_quoted(joint.child)}"'
-        lines.append(f'  {ends} [label="{name}{axis}"{style}];')
-    return "\n".join([*lines, "}"]) + "\n"
+_TEMPLATE = "inspection.html.jinja"
+_GRADES = {
+    "A": "data measured on the vehicle",
+    "B": "published data, the rest assumed",
+    "C": "mostly assumed data",
+}
 
 
 def write_inspection(figures: Inspection, path: Path, *, vehicle: Vehicle, portrait: bool = True) -> None:
-    """Write an inspection as one HTML page that opens offline.
+    """Write the report as one HTML page.
 
     Args:
         figures: of the vehicle.
         path: of the page.
-        vehicle: itself, for its shapes.
-        portrait: begin with a rendered picture, where there is something to render with.
-    """
-    from mirdrake.report.inspection_page import render_inspection  # needs more than text does
+        vehicle: for its shapes.
+        portrait: begin with a rendered picture, if there is a renderer.
 
+    Raises:
+        RunError: it cannot be written.
+    """
     write_file(path, render_inspection(figures, vehicle, portrait=portrait))
 
 
-def _load(force: float) -> str:
-    """A load in N and kg, to a tenth of a per cent or better."""
-    newton = f"{force:.0f}" if abs(force) >= 1000.0 else f"{force:.4g}"
-    kilogram = force / GRAVITY
-    return f"{newton} N, " + (f"{kilogram:.1f} kg" if abs(kilogram) >= 100.0 else f"{kilogram:.4g} kg")
-
-
-def _wheels(figures: Inspection) -> str:
-    sizes = [
-        f"radius {radius:.4f} m, width {width:.3f} m"
-        for radius, width in zip(figures.wheel_radii, figures.wheel_widths, strict=True)
-    ]
-    return sizes[0] if sizes[0] == sizes[1] else f"front {sizes[0]}; rear {sizes[1]}"
-
-
-def _link_row(link: LinkFigures) -> tuple[str, ...]:
-    extent = " x ".join(f"{edge:.3g}" for edge in link.extent) if link.extent[0] else "-"
-    note = f"spin {link.spin:.2f} m R²" if link.spin is not None else ""
-    edges = " x ".join(f"{edge:.3g}" for edge in link.edges)
-    return link.name, f"{link.mass:.4g}", numbers(link.moments), edges, extent, note
-
-
-def _joint_row(joint: JointFigures) -> tuple[str, ...]:
-    return (
-        joint.name,
-        joint.kind,
-        joint.parent,
-        axis_name(joint.axis),
-        limits_of(joint),
-        f"{joint.velocity:g}",
-        f"{joint.damping:g}",
-        joint.role or "-",
+def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool = True) -> str:
+    """Return the page; see :func:`write_inspection`."""
+    seen, solid = collect_surfaces(vehicle), collect_surfaces(vehicle, collision=True)
+    inner, outer = figures.steering_limits
+    turned = collect_surfaces(vehicle, steering=(inner, outer))
+    turned_solid = collect_surfaces(vehicle, collision=True, steering=(inner, outer))
+    wheels = {joint.child for joint in figures.joints if "wheel" in joint.role}
+    graph, graph_note = _graph(figures)
+    return render_page(
+        _TEMPLATE,
+        filters={"figure": _figure, "axis": axis_name, "limits": limits_of, "title_case": title_case},
+        title=f"{figures.title} · inspection",
+        over=f"{figures.vehicle} · inspection report",
+        headline=_headline(figures),
+        figures=figures,
+        grade=_GRADES[figures.grade],
+        portrait=_portrait(vehicle) if portrait else None,
+        tiles=_tiles(figures),
+        side=Markup(draw_side(figures, seen, solid)),
+        top=Markup(draw_top(figures, seen, solid)),
+        lock=Markup(draw_lock(figures, turned or turned_solid, [part for part in turned_solid if part.link in wheels])),
+        looks=any(sensor.across for sensor in figures.sensors),
+        views=[_view(sensor) for sensor in figures.sensors],
+        facts=_facts(figures),
+        massive=[link for link in figures.links if link.mass],
+        movable=[joint for joint in figures.joints if joint.kind != "fixed"],
+        graph=graph,
+        graph_note=graph_note,
     )
 
 
-def limits_of(joint: JointFigures) -> str:
-    """Lowest and highest position of a joint [rad], of a prismatic joint in m, which is said."""
-    free = math.isinf(joint.lower) and math.isinf(joint.upper)
-    unit = " m" if joint.kind == "prismatic" else ""
-    return "free" if free else f"{joint.lower:g} .. {joint.upper:g}{unit}"
+def _headline(figures: Inspection) -> str:
+    """Return the result: mass, wheelbase, and the number of findings."""
+    count = len(figures.warnings)
+    findings = f"{count} finding{'s' * (count != 1)}" if count else "no findings"
+    return f"{figures.title}: {_figure(figures.mass)} kg, wheelbase {figures.wheelbase:.3f} m, {findings}"
 
 
-def axis_name(axis: Sequence[float]) -> str:
-    """The letter of an axis of base_link, or its direction."""
-    names: dict[tuple[float, ...], str] = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
-    return names.get(tuple(round(value, 6) + 0.0 for value in axis), numbers(axis))
+def _tiles(figures: Inspection) -> list[Tile]:
+    """Return the most important figures."""
+    front, rear = (100.0 * share for share in (figures.front_share, 1.0 - figures.front_share))
+    clearance = figures.ground_clearance
+    return [
+        Tile("Mass", f"{_figure(figures.mass)} kg", f"{front:.0f} % on the front axle, {rear:.0f} % on the rear"),
+        Tile("Wheelbase", f"{figures.wheelbase:.3f} m", _track(figures)),
+        Tile("Turning circle", f"{figures.turning_circle:.2f} m", "kerb to kerb, diameter"),
+        Tile("Height of centre of mass", f"{figures.com[2]:.3f} m", "above the road"),
+        Tile("Rollover threshold", f"{figures.static_stability:.2f} g", "T / 2h, on rigid tyres"),
+        Tile("Yaw inertia", f"{_figure(figures.inertia[2])} kg m²", f"dynamic index {figures.dynamic_index:.2f}"),
+        Tile("Wheel radius", f"{figures.wheel_radii[0]:.4g} m", _rear_radius(figures)),
+        Tile("Ground clearance", f"{clearance:.3f} m" if math.isfinite(clearance) else "–", "of the collision shapes"),
+    ]
 
 
-def numbers(values: Iterable[float]) -> str:
-    """Numbers with blanks between them, four significant digits each."""
-    return " ".join(f"{value:.4g}" for value in values)
+def _track(figures: Inspection) -> str:
+    front, rear = figures.tracks
+    return (
+        f"track {front:.3f} m" if math.isclose(front, rear, abs_tol=5e-4) else f"track {front:.3f}, rear {rear:.3f} m"
+    )
 
 
-def _columns(rows: Sequence[Sequence[str]], *, indent: int) -> str:
-    """Rows as text, each column as wide as its widest entry."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = ("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) for row in rows)
-    return "\n".join(" " * indent + line.rstrip() for line in lines)
+def _rear_radius(figures: Inspection) -> str:
+    front, rear = figures.wheel_radii
+    return "all four" if math.isclose(front, rear, abs_tol=1e-6) else f"front; rear {rear:.4g} m"
 
 
-def _quoted(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')
+def _facts(figures: Inspection) -> list[tuple[str, str, str]]:
+    """Return the other figures: name, value, formula or meaning."""
+    inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
+    inertia = ", ".join(map(_figure, figures.inertia))
+    size = "{:.3f} × {:.3f} × {:.3f} m".format
+    lock = "rear axle's centre: L / tan(inner) + kingpin track / 2"
+    rows = [
+        (
+            "Centre of mass",
+            "{:.3f}, {:.3f}, {:.3f} m".format(*(round(value, 3) + 0.0 for value in figures.com)),
+            "x from the rear axle, y, z from the road",
+        ),
+        ("Axle loads at rest", " and ".join(f"{_figure(load)} N" for load in figures.loads), "front, rear"),
+        ("Load on the left wheels", f"{100.0 * figures.side_share:.1f} %", "of the total"),
+        ("Tracks", "{:.3f}, {:.3f} m".format(*figures.tracks), "front, rear; between contact centres"),
+        ("Kingpin track", f"{figures.kingpin_track:.3f} m", "between the steering axes, on the road"),
+        ("Wheel widths", "{:.3f}, {:.3f} m".format(*figures.wheel_widths), "front, rear; of the collision shapes"),
+        ("Size of the collision shapes", size(*figures.size), "length, width, height above the road"),
+        ("Size of the visual shapes", size(*(figures.visual_size or figures.size)), "with mirrors and antennas"),
+        (
+            "Wheels at full lock",
+            f"{inner:.1f}°, {outer:.1f}°",
+            "inner, outer: cot(outer) = cot(inner) + kingpin track / L",
+        ),
+        ("Turning radius", f"{figures.turning_radius:.2f} m", lock),
+        ("Wall to wall", f"{figures.wall_circle:.2f} m", "diameter of the outermost corner of the collision shapes"),
+        ("Inertia", f"{inertia} kg m²", "roll, pitch, yaw about the centre of mass"),
+        ("Radii of gyration", "{:.3f}, {:.3f}, {:.3f} m".format(*figures.gyration), "roll, pitch, yaw: √(I / m)"),
+        ("Dynamic index", f"{figures.dynamic_index:.2f}", "k² / (a b) of the yaw inertia; cars have 0.8 to 1.1"),
+    ]
+    return rows if figures.visual_size else [row for row in rows if row[0] != "Size of the visual shapes"]
+
+
+def _view(sensor: SensorFigures) -> str:
+    """Return the field of view and the range of a sensor."""
+    if not sensor.across:
+        return "–"
+    across = math.degrees(sensor.across[1] - sensor.across[0])
+    upward = math.degrees(sensor.upward[1] - sensor.upward[0])
+    high = f" × {upward:.0f}°" if upward else ""
+    return f"{across:.0f}°{high}, {sensor.reach[0]:g} to {sensor.reach[1]:g} m"
+
+
+def _portrait(vehicle: Vehicle) -> str | None:
+    """Return a rendered picture as a ``data:`` address; None without a renderer."""
+    picture = try_portrait(vehicle, width=1032, height=516)
+    if picture is None:
+        return None
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=88, optimize=True)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+
+
+def _graph(figures: Inspection) -> tuple[Markup | None, str]:
+    """Return the graph of links and joints, or the reason why there is none."""
+    try:
+        text = draw_links(figures)
+    except MissingDependencyError as error:
+        return None, str(error)
+    size = svg_size(text)
+    attributes = {"role": "img", "aria-label": "Links, and the joints between them"}
+    if size:
+        attributes["style"] = f"width:{max(320.0, min(size[0], 4000.0)):.0f}px"
+    return Markup(embed_svg(text, "links-", attributes=attributes, decimals=2, scope=".diagram")), ""
+
+
+def _figure(value: float | Sequence[float] | None) -> str:
+    """Return a number with four significant digits."""
+    if value is None or isinstance(value, Sequence) or not math.isfinite(value):
+        return "–"
+    return f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 1000.0 else f"{value:.4g}".replace("-", "−")

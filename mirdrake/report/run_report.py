@@ -20,7 +20,7 @@ from mirdrake.core.files import write_file
 from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive
 from mirdrake.report.drive_layers import scale_colours
 from mirdrake.report.figures import Array, drawing_style
-from mirdrake.report.page import render_page
+from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
@@ -61,15 +61,6 @@ class RunLike(Protocol):
 
     def scene(self) -> Scene:
         """Return the world and the vehicles of the run; RunError if it carries none."""
-
-
-@dataclass(frozen=True)
-class Tile:
-    """One figure of the run: what it is, its value, and a word on it."""
-
-    label: str
-    value: str
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -127,21 +118,21 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
             for index, name in enumerate(names)
         ]
         drive = draw_drive(names, signals, None if scene is None else scene.world)
+    name = str(summary.get("diagram") or folder or "run")
     headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
     diagram, diagram_note = _diagram(run.folder, diagram_svg)
     events = sorted(run.events or [], key=lambda event: _number(event.get("time"), math.inf))
     return render_page(
         _TEMPLATE,
-        title=str(summary.get("diagram") or folder or "run"),
-        folder=folder,
-        world=world,
+        title=f"{name} · run report",
+        over=name if folder in {"", name} else f"{name} · {folder}",
         headline=headline,
+        tiles=(vehicles[0].tiles if len(vehicles) == 1 else []) + _run_tiles(summary, simulated, len(signals)),
+        notices=[*_incomplete(summary, len(signals)), *scene_notes],
+        folder=folder,
         sentences=sentences,
         stop_reason=str(summary.get("stop_reason") or ""),
-        finished=bool(summary.get("stop_reason")),
-        rows=len(signals),
-        tiles=_run_tiles(summary, simulated, len(signals)),
         vehicles=vehicles,
         drive=drive,
         events=[
@@ -154,7 +145,6 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         marked=bool(_marks(run)),
         diagram=diagram,
         diagram_note=diagram_note,
-        scene_notes=scene_notes,
         recording=bool(run.folder and (run.folder / "recording.html").is_file()),
         light_scale=light,
         dark_scale=dark,
@@ -171,6 +161,16 @@ def _scene_of(run: RunLike) -> tuple[Scene | None, list[str]]:
     except MirdrakeError as error:
         return None, str(error).splitlines() if run.folder is not None and run.spec else []
     return scene, list(scene.changes)
+
+
+def _incomplete(summary: Mapping[str, Any], rows: int) -> list[str]:
+    """Return notices for a run that did not end, or has no samples."""
+    notices = []
+    if not summary.get("stop_reason"):
+        notices.append("The run did not end, or its summary is missing. This page shows what was recorded until then.")
+    if not rows:
+        notices.append("No samples were recorded, so there are no charts.")
+    return notices
 
 
 def _dimensions(vehicle: Vehicle | None) -> dict[str, float]:

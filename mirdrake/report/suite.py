@@ -15,7 +15,7 @@ from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import shown
-from mirdrake.report.page import render_page
+from mirdrake.report.page import Tile, render_page
 from mirdrake.report.suite_pictures import draw_bar, draw_case, draw_curve
 from mirdrake.report.words import format_duration, format_quantity
 from mirdrake.runs.logs import load_run
@@ -106,22 +106,27 @@ def render_suite(suite: Suite) -> str:
     detailed = zip(rows, ranked[:_MOST_DETAILS], strict=False)
     details = [_detail(suite, case, result, row, largest) for row, (case, result) in detailed]
     worlds = list(dict.fromkeys(shown(Path(case.world)) for case in suite.cases))
-    simulated = sum(result.simulated for result in suite.results)
     return render_page(
         _TEMPLATE,
-        title=", ".join(Path(world).stem for world in worlds) or "suite",
-        worlds=worlds,
+        title=f"{', '.join(Path(world).stem for world in worlds) or 'suite'} · test report",
+        over=", ".join(worlds),
         headline=_headline(suite),
-        counts=suite.counts,
+        tiles=_tiles(suite),
         total=len(suite.cases),
         missing=len(suite.cases) - len(suite.results),
-        simulated=format_duration(simulated),
         matrices=_matrices(suite),
         rows=rows[:_MOST_ROWS],
         more_rows=max(0, len(rows) - _MOST_ROWS),
         details=details,
         more_details=max(0, len(rows) - len(details)),
     )
+
+
+def _tiles(suite: Suite) -> list[Tile]:
+    simulated = sum(result.simulated for result in suite.results)
+    labels = {"pass": "Passed", "fail": "Failed", "error": "Errors", "invalid": "Invalid worlds"}
+    tiles = [Tile(label, str(suite.counts[verdict])) for verdict, label in labels.items()]
+    return [*tiles, Tile("Simulated", format_duration(simulated))]
 
 
 def _headline(suite: Suite) -> str:

@@ -54,11 +54,11 @@ def render_tuning(result: TuningResult) -> str:
     data = result.data
     return render_page(
         _TEMPLATE,
-        name=title_case(result.name),
+        title=f"{title_case(result.name)} · tuning",
         over=" · ".join(
             str(part) for part in (data.get("vehicle"), f"loop {result.loop.get('name', '')}", "tuning report") if part
         ),
-        headline=words.headline(),
+        headline=f"{title_case(result.name)}: {words.headline()}",
         tiles=words.tiles(),
         acceptance=tables.acceptance(),
         notices=words.notices(),

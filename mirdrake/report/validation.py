@@ -29,22 +29,25 @@ def write_validation(results: ValidationResults) -> Path:
 
 
 def render_validation(results: ValidationResults) -> str:
-    """The text of the page; see :func:`write_validation`."""
+    """Return the page; see :func:`write_validation`."""
+    none_because = results.published.none_because
     return render_page(
         _TEMPLATE,
         filters={"number": _number, "value": value_told},
+        title=f"{results.facts.title} · validation",
+        over=f"{results.facts.name} · validation report · simulated against published figures of the real vehicle",
+        headline=f"{results.facts.title}: {results.headline}",
         results=results,
-        facts=results.facts,
         tables=[
             (role, text, [_row(one) for one in results.having(role)])
             for role, text in ROLES.items()
             if results.having(role)
         ],
         chart=_chart(results),
-        tiles=_tiles(results),
+        tiles=[] if none_because else _tiles(results),
+        notices=[*([f"Nothing to compare: {none_because}."] if none_because else []), *results.published.notes],
         known=_known(results.comparisons),
         outcomes=results.outcomes,
-        notes=results.published.notes,
     )
 
 

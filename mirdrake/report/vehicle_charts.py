@@ -20,13 +20,13 @@ _WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: where both coincide, both are see
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart with the words around it; `legend` is (name, colour, dashed) of each curve, without repetition."""
+    """A chart with the words around it; `legend` has (name, colour, "dashed" or "") of each curve once."""
 
     slug: str
     title: str
     caption: str
     picture: Markup
-    legend: list[tuple[str, str, bool]]
+    legend: list[tuple[str, str, str]]
 
 
 class VehicleSignals:
@@ -104,7 +104,11 @@ def make_charts(
         slug, title, panels, caption = plan
         shown = panels[:1] if slug in {"speed", "lateral-error"} else panels
         legend = list(
-            dict.fromkeys((curve.name, curve.colour, curve.dashed) for panel in shown for curve in panel.curves)
+            dict.fromkeys(
+                (curve.name, curve.colour, "dashed" if curve.dashed else "")
+                for panel in shown
+                for curve in panel.curves
+            )
         )
         picture = draw_chart(signals.time, panels, f"{prefix}{slug}-", f"{title} against time. {caption}", marks=marks)
         charts.append(Chart(slug, title, caption, picture, legend))
