@@ -272,4 +272,4 @@ def test_the_command_refuses_what_it_cannot_do(capsys, tmp_path):
     assert main(["inspect", "blot"]) == 2
     assert "did you mean 'bolt'?" in capsys.readouterr().err
     assert main(["inspect", "bolt", "--out", str(tmp_path / "bolt.pdf")]) == 2
-    assert "must end in .svg, .dot or .json" in capsys.readouterr().err
+    assert "must end in .html, .svg, .dot or .json" in capsys.readouterr().err

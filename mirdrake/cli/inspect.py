@@ -10,6 +10,7 @@ from mirdrake.core.yaml_io import shown
 MORE = """\
 examples:
   mirdrake inspect bolt
+  mirdrake inspect bolt --out bolt.html      a report with drawings to scale; opens offline
   mirdrake inspect bolt --out links.svg      links and joints as a picture (needs Graphviz)
   mirdrake inspect bolt --json               the same figures as data"""
 
@@ -18,7 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument("vehicle", help="name or path of a vehicle; bolt@published is a variant")
     parser.add_argument("--json", action="store_true", help="print data instead of text")
-    parser.add_argument("--out", type=Path, metavar="FILE", help=".svg or .dot: links and joints; .json: the figures")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help=".html: report; .svg or .dot: graph of links and joints; .json: figures",
+    )
     parser.add_argument("--strict", action="store_true", help="exit with 1 if there is a warning")
 
 
@@ -30,14 +36,22 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.vehicles.inspection import inspect_vehicle
 
     out: Path | None = options.out
-    if out is not None and out.suffix not in {".svg", ".dot", ".json"}:
-        raise ConfigError(f"--out {out}: the name must end in .svg, .dot or .json")
-    figures = inspect_vehicle(load_vehicle(options.vehicle))
+    if out is not None and out.suffix not in {".html", ".svg", ".dot", ".json"}:
+        raise ConfigError(f"--out {out}: the name must end in .html, .svg, .dot or .json")
+    vehicle = load_vehicle(options.vehicle)
+    figures = inspect_vehicle(vehicle)
     data = json.dumps(figures.to_dict(), indent=2, ensure_ascii=False)
     print(data if options.json else describe(figures))
     if out is not None:
-        text = data + "\n" if out.suffix == ".json" else None
-        write_file(out, text or (draw_links(figures) if out.suffix == ".svg" else write_links_dot(figures)))
+        if out.suffix == ".html":
+            from mirdrake.report.inspection import render_inspection  # Matplotlib takes half a second
+
+            text = render_inspection(figures, vehicle)
+        elif out.suffix == ".json":
+            text = data + "\n"
+        else:
+            text = draw_links(figures) if out.suffix == ".svg" else write_links_dot(figures)
+        write_file(out, text)
         if not options.json:
             print(shown(out))
     return 1 if options.strict and figures.warnings else 0
