@@ -1,26 +1,32 @@
 """Car bodies made of outlines: their bounds, closed skins, room for the wheels, and files that repeat to the byte."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from scipy.spatial import cKDTree
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.paths import data_root
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.bodywork.car import CarOutline, arch_clearance, build_skin
-from mirdrake.vehicles.bodywork.curves import curve, smooth_max, smooth_min
-from mirdrake.vehicles.bodywork.generic import STEERING, write_car
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.shell import half_shell
-from mirdrake.vehicles.bodywork.solids import pillow, tube
-from mirdrake.vehicles.bodywork.styles import STYLES
-from mirdrake.vehicles.bodywork.wheels import WheelDesign, build_wheel
+from mirdrake.vehicles.bodywork import BODY_STYLES, write_car
+from mirdrake.vehicles.bodywork.body import _STYLES, _draw_body
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from mirdrake.vehicles.bodywork.shapes import ALONG_Y, extrude, revolve, rounded_box
+from mirdrake.vehicles.bodywork.shell import Frame, Shell
+from mirdrake.vehicles.bodywork.sizes import STEERING, BodySize, arch_clearance
+from mirdrake.vehicles.bodywork.wheels import build_wheel
+from tools.meshes.outlines.car import CarOutline, build_skin
+from tools.meshes.outlines.curves import curve, smooth_max, smooth_min
+from tools.meshes.outlines.shell import half_shell
+from tools.meshes.outlines.solids import pillow, tube
+from tools.meshes.outlines.wheels import WheelDesign
 
 MODELS = ["bolt", "catvehicle", "mkz", "unior"]
 OUTLINES = [name for name in MODELS if name != "unior"]  # the Unior has an open body of its own
@@ -50,6 +56,10 @@ SIZES = {
         {"wheel_radius": 0.095, "wheel_width": 0.09, "ground_clearance": 0.06, "front_overhang": 0.15},
     ),
 }
+
+
+def size_of(style: str) -> BodySize:
+    return BodySize(**SIZES[style][0], **SIZES[style][1])
 
 
 @cache
@@ -116,20 +126,28 @@ def test_a_rounded_maximum_is_a_quarter_of_its_radius_above_the_crease_and_exact
 
 
 def test_a_straight_wheel_reaches_its_radius_and_half_its_width() -> None:
-    reach, inwards = arch_clearance(WheelDesign(0.3, 0.2, 0.2), 0.0)
+    reach, inwards = arch_clearance(0.3, 0.2, 0.0)
     assert reach == pytest.approx(0.3, abs=1e-12)
     assert inwards == pytest.approx(0.1, abs=1e-12)
 
 
 def test_a_wheel_across_reaches_the_corner_of_its_side_view() -> None:
     # At 90° the side view shows the tyre's width and height: the farthest point is its upper corner, √(0.3² + 0.1²).
-    reach, inwards = arch_clearance(WheelDesign(0.3, 0.2, 0.2), np.pi / 2)
+    reach, inwards = arch_clearance(0.3, 0.2, np.pi / 2)
     assert reach == pytest.approx(np.hypot(0.3, 0.1), abs=1e-9)
     assert inwards == pytest.approx(0.3, abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    "mesh", [pillow("paint", (1.0, 2.0, 3.0)), tube("paint", [(0, 0, 0), (1, 0, 0)], 0.1)], ids=str
+    "mesh",
+    [
+        pillow("paint", (1.0, 2.0, 3.0)),
+        tube("paint", [(0, 0, 0), (1, 0, 0)], 0.1),
+        rounded_box("paint", (1.0, 2.0, 3.0)),
+        extrude("paint", shapely.box(-1, -2, 1, 2), 0.0, 1.0, bevel=0.1),
+        extrude("paint", shapely.Point(0, 0).buffer(1.0), -1.0, 1.0, axes=ALONG_Y),
+        revolve("paint", [(-1.0, 0.0), (-1.0, 1.0), (1.0, 1.0), (1.0, 0.0)], 12),
+    ],
 )
 def test_normals_of_small_solids_point_away_from_their_middle(mesh: Mesh) -> None:
     ((triangles, normals),) = [
@@ -140,10 +158,10 @@ def test_normals_of_small_solids_point_away_from_their_middle(mesh: Mesh) -> Non
     assert np.all(np.einsum("ijk,ijk->ij", triangles - middle, normals) > -1e-9)
 
 
-@pytest.mark.parametrize("name", [*OUTLINES, "hatchback"])
+@pytest.mark.parametrize("name", OUTLINES)
 def test_the_skin_before_cutting_is_closed_and_its_normals_point_outwards(name: str) -> None:
-    skin = build_skin(outline_of(name)) if name in OUTLINES else STYLES[name]().skin
-    points, faces = shell_of(name) if name in OUTLINES else half_shell(skin)
+    skin = build_skin(outline_of(name))
+    points, faces = shell_of(name)
     both = np.concatenate([points[faces], (points[faces] * [1, -1, 1])[:, ::-1]])
     mesh = trimesh.Trimesh(both.reshape(-1, 3), np.arange(3 * len(both)).reshape(-1, 3), process=False)
     mesh.merge_vertices(digits_vertex=7)
@@ -154,6 +172,36 @@ def test_the_skin_before_cutting_is_closed_and_its_normals_point_outwards(name: 
     assert 0.5 < mesh.volume / np.prod(size) < 0.8  # positive: faces turn outwards; a car fills its box so far
     assert np.all(skin.function(points + 0.01 * skin.normals(points)) > 0)
     assert np.all(skin.function(points - 0.01 * skin.normals(points)) < 0)
+
+
+def cars() -> list[str]:
+    return [style for style in BODY_STYLES if _STYLES[style].curves is not None]
+
+
+@pytest.mark.parametrize("style", cars())
+def test_the_lofted_skin_of_a_new_vehicle_is_closed_and_stays_closed_with_its_windows(style: str) -> None:
+    curves = _STYLES[style].curves
+    assert curves is not None
+    shell = Shell(curves, Frame(-0.8, 3.4, 2.6, 0.88, 0.15, 1.5, 0.36))
+    before = area(shell.triangles)
+    _draw_body(shell, _STYLES[style])
+    assert area(shell.triangles) == pytest.approx(before, rel=1e-9)  # regions divide the skin and lose none of it
+    triangles = shell.triangles
+    both = np.concatenate([triangles, (triangles * [1, -1, 1])[:, ::-1]])
+    face = np.cross(both[:, 1] - both[:, 0], both[:, 2] - both[:, 0])
+    # A closed surface: its area vectors add up to zero, and its volume does not depend on the origin.
+    np.testing.assert_allclose(face.sum(axis=0) / 2, 0.0, atol=1e-6)
+    volume = float(np.einsum("ij,ij->", both.mean(axis=1), face)) / 6
+    assert 0.5 < volume / (4.2 * 1.76 * 1.35) < 0.95
+
+
+@pytest.mark.parametrize("style", BODY_STYLES)
+def test_faces_of_a_new_vehicle_look_where_their_normals_point(style: str, tmp_path: Path) -> None:
+    write_car(tmp_path, style=style, size=size_of(style))
+    triangles, normals = triangles_of(tmp_path / "meshes" / "body.gltf")
+    face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    turn = np.einsum("ij,ij->i", face, normals.mean(axis=1))
+    assert area(triangles[turn < 0]) < 1e-3 * area(triangles)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -227,9 +275,9 @@ def new_corners(triangles: np.ndarray, others: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("style", SIZES)
-def test_a_car_of_no_maker_has_the_size_asked_for_and_room_for_its_wheels(style: str, tmp_path: Path) -> None:
+def test_a_new_body_has_the_given_size_and_room_for_its_wheels(style: str, tmp_path: Path) -> None:
     sizes = {**SIZES[style][0], **SIZES[style][1]}
-    write_car(tmp_path, style=style, **sizes)
+    write_car(tmp_path, style=style, size=size_of(style))
     # Half axles of bodies of boxes end in their wheels.
     triangles, _ = triangles_of(tmp_path / "meshes" / "body.gltf", without=("rim_shadow",))
     corners = triangles.reshape(-1, 3)
@@ -238,7 +286,7 @@ def test_a_car_of_no_maker_has_the_size_asked_for_and_room_for_its_wheels(style:
     found = [corners[:, 0].min(), corners[:, 0].max(), corners[:, 2].min(), corners[:, 2].max()]
     asked = [front - sizes["length"], front, sizes["ground_clearance"], sizes["height"]]
     np.testing.assert_allclose(found, asked, rtol=0, atol=close)
-    low = corners[corners[:, 2] < 0.5 * (sizes["ground_clearance"] + sizes["height"])]  # below the mirrors
+    low = corners[corners[:, 2] < 0.58 * sizes["ground_clearance"] + 0.42 * sizes["height"]]  # below the mirrors
     assert np.ptp(low[:, 1]) == pytest.approx(sizes["width"], abs=close)
     wheel = WheelDesign(sizes["wheel_radius"], sizes["wheel_width"], 0.5 * sizes["wheel_radius"])
     points = samples_of(triangles)
@@ -252,27 +300,26 @@ def test_a_car_of_no_maker_has_the_size_asked_for_and_room_for_its_wheels(style:
     assert sum(path.stat().st_size for path in (tmp_path / "meshes").iterdir()) < 1.5e6
 
 
-def test_the_same_sizes_give_the_same_bytes(tmp_path: Path) -> None:
-    sizes = {**SIZES["robot"][0], **SIZES["robot"][1]}
-    for folder in ("one", "two"):
-        write_car(tmp_path / folder, style="robot", **sizes)
+@pytest.mark.parametrize("style", ["robot", "hatchback"])
+def test_the_same_sizes_give_the_same_bytes(style: str, tmp_path: Path) -> None:
+    for folder in ("first", "second"):
+        write_car(tmp_path / folder, style=style, size=size_of(style))
     for name in ("body.gltf", "body.bin", "wheel.gltf", "wheel.bin"):
-        one, two = ((tmp_path / folder / "meshes" / name).read_bytes() for folder in ("one", "two"))
-        assert one == two
+        first, second = ((tmp_path / folder / "meshes" / name).read_bytes() for folder in ("first", "second"))
+        assert first == second
 
 
-def test_a_wheel_looks_different_after_every_turn_but_a_whole_one() -> None:
-    mesh = build_wheel(WheelDesign(0.3234, 0.215, 0.2159))
+def test_a_wheel_looks_the_same_only_after_a_whole_turn() -> None:
+    mesh = build_wheel(0.3234, 0.215, rim=0.66)
     valve = mesh.corners("valve").mean(axis=0)
     assert np.hypot(valve[0], valve[2]) > 0.15
 
 
-def test_a_style_that_does_not_exist_is_refused_with_the_list(tmp_path: Path) -> None:
-    sizes = {**SIZES["robot"][0], **SIZES["robot"][1]}
+def test_an_unknown_style_is_rejected_with_the_list_and_impossible_sizes_with_their_values(tmp_path: Path) -> None:
     with pytest.raises(
-        ModelError, match=r"no body style 'coupe'; the styles are hatchback, sedan, suv, van, truck, robot"
+        ModelError, match=r"unknown body style 'coupe'; allowed: hatchback, sedan, suv, van, truck, robot"
     ):
-        write_car(tmp_path, style="coupe", **sizes)
-    with pytest.raises(ModelError, match=r"wheel_radius -0.1 m: it must be positive"):
-        write_car(tmp_path, style="robot", **{**sizes, "wheel_radius": -0.1})
+        write_car(tmp_path, style="coupe", size=size_of("robot"))
+    with pytest.raises(ModelError, match=r"wheel_radius of the body is -0.1 m; it must be positive"):
+        write_car(tmp_path, style="robot", size=replace(size_of("robot"), wheel_radius=-0.1))
     assert not list(tmp_path.iterdir())

@@ -24,7 +24,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle, scaffold
-from mirdrake.vehicles.bodywork.generic import write_car
+from mirdrake.vehicles.bodywork import write_car
 from mirdrake.vehicles.estimates import HOW, TURNING_CIRCLE, Estimates, estimate
 from mirdrake.vehicles.inspection import inspect_vehicle
 from mirdrake.vehicles.parse import parse_urdf
@@ -37,10 +37,11 @@ from mirdrake.vehicles.vehicle_plan import plan_vehicle
 def plain_bodies():
     """Boxes for bodies: a real one takes seconds, and one test looks at it."""
 
-    def write_boxes(folder, *, wheel_radius, wheel_width, length, width, height, **_):
+    def write_boxes(folder, *, size, **_):
         (folder / "meshes").mkdir(exist_ok=True)
-        wheel = trimesh.creation.cylinder(radius=wheel_radius, height=wheel_width)
-        for name, mesh in (("body", trimesh.creation.box((length, 0.5 * height, 0.5 * width))), ("wheel", wheel)):
+        wheel = trimesh.creation.cylinder(radius=size.wheel_radius, height=size.wheel_width)
+        body = trimesh.creation.box((size.length, 0.5 * size.height, 0.5 * size.width))
+        for name, mesh in (("body", body), ("wheel", wheel)):
             files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
             (folder / "meshes" / f"{name}.gltf").write_bytes(files["model.gltf"])
 

@@ -17,7 +17,8 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import staging
 from mirdrake.core.paths import search_folders
 from mirdrake.core.yaml_io import shown
-from mirdrake.vehicles.bodywork.generic import write_car
+from mirdrake.vehicles.bodywork import write_car
+from mirdrake.vehicles.bodywork.sizes import BodySize
 from mirdrake.vehicles.estimates import least_turning_circle
 from mirdrake.vehicles.questions import USUAL_SENSORS, ask
 from mirdrake.vehicles.vehicle import load_vehicle
@@ -327,4 +328,5 @@ def write_visuals(folder: Path, plan: Plan) -> None:
     names = ("wheelbase", "length", "width", "height", "wheel_radius", "wheel_width", "ground_clearance")
     overhang = max((values["length"] - values["wheelbase"]) / 2.0, 0.02 * values["wheelbase"])
     track = max(values["track"], values["track_rear"])
-    write_car(folder, style=plan.body, track=track, front_overhang=overhang, **{name: values[name] for name in names})
+    size = BodySize(track=track, front_overhang=overhang, **{name: values[name] for name in names})
+    write_car(folder, style=plan.body, size=size)

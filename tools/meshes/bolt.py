@@ -1,6 +1,6 @@
 """Generate the visual meshes of the Chevrolet Bolt EV: ``body.gltf`` and ``wheel.gltf`` (with their ``.bin`` files).
 
-The car is modelled from scratch: the outlines below are all there is of it; ``mirdrake.vehicles.bodywork`` makes the
+The car is modelled from scratch: the outlines below are all there is of it; ``tools.meshes.outlines`` makes the
 meshes of them. Frames are ISO 8855 (x forward, y left, z up; metres). The origin of the body is on the ground below the
 centre of the rear axle; that of the wheel is at its centre, spinning about y.
 
@@ -17,11 +17,11 @@ import shapely
 from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.car import CarOutline, describe, write_outline
-from mirdrake.vehicles.bodywork.curves import curve, smooth_line
-from mirdrake.vehicles.bodywork.gltf import Material, Mesh
-from mirdrake.vehicles.bodywork.parts import Part, Spoiler
-from mirdrake.vehicles.bodywork.regions import (
+from mirdrake.vehicles.bodywork.mesh import Material, Mesh
+from tools.meshes.outlines.car import CarOutline, describe, write_outline
+from tools.meshes.outlines.curves import curve, smooth_line
+from tools.meshes.outlines.parts import Part, Spoiler
+from tools.meshes.outlines.regions import (
     BELOW,
     FRONT,
     FRONT_LEFT,
@@ -34,9 +34,9 @@ from mirdrake.vehicles.bodywork.regions import (
     seen,
     stroke,
 )  # fmt: skip
-from mirdrake.vehicles.bodywork.shell import Form
-from mirdrake.vehicles.bodywork.solids import pillow, plate, prism, rot_y, rot_z
-from mirdrake.vehicles.bodywork.wheels import WheelDesign
+from tools.meshes.outlines.shell import Form
+from tools.meshes.outlines.solids import pillow, plate, prism, rot_y, rot_z
+from tools.meshes.outlines.wheels import WheelDesign
 
 PLAN = curve(
     (-0.75, 0.800), (-0.45, 0.852), (-0.1, 0.8800), (0.3, 0.8790), (1.2, 0.8765), (2.2, 0.8790), (2.6, 0.8815),

@@ -1,6 +1,6 @@
 """Generate the visual meshes of the Ford Escape Hybrid 2008: ``body.gltf`` and ``wheel.gltf`` (with ``.bin`` files).
 
-The car is modelled from scratch: the outlines below are all there is of it; ``mirdrake.vehicles.bodywork`` makes the
+The car is modelled from scratch: the outlines below are all there is of it; ``tools.meshes.outlines`` makes the
 meshes of them. Frames are ISO 8855 (x forward, y left, z up; metres). The origin of the body is on the ground below the
 centre of the rear axle; that of the wheel is at its centre, spinning about y.
 
@@ -15,15 +15,15 @@ import numpy as np
 import shapely
 from shapely.geometry import Point
 
-from mirdrake.vehicles.bodywork.car import CarOutline, describe, write_outline
-from mirdrake.vehicles.bodywork.curves import curve
-from mirdrake.vehicles.bodywork.drawing import Drawing
-from mirdrake.vehicles.bodywork.gltf import Material, Mesh
-from mirdrake.vehicles.bodywork.parts import Part
-from mirdrake.vehicles.bodywork.regions import FRONT, FRONT_LEFT, LEFT, REAR, REAR_LEFT, Region, outline, stroke
-from mirdrake.vehicles.bodywork.shell import Form
-from mirdrake.vehicles.bodywork.solids import pillow, plate, prism, rot_z, tube
-from mirdrake.vehicles.bodywork.wheels import BROAD_SPOKES, WheelDesign, revolve
+from mirdrake.vehicles.bodywork.mesh import Material, Mesh
+from tools.meshes.outlines.car import CarOutline, describe, write_outline
+from tools.meshes.outlines.curves import curve
+from tools.meshes.outlines.drawing import Drawing
+from tools.meshes.outlines.parts import Part
+from tools.meshes.outlines.regions import FRONT, FRONT_LEFT, LEFT, REAR, REAR_LEFT, Region, outline, stroke
+from tools.meshes.outlines.shell import Form
+from tools.meshes.outlines.solids import pillow, plate, prism, rot_z, tube
+from tools.meshes.outlines.wheels import BROAD_SPOKES, WheelDesign, revolve
 
 FORM = Form(
     plan=curve((-0.95, 0.820), (-0.6, 0.872), (-0.2, 0.898), (0.3, 0.903), (2.2, 0.903), (2.65, 0.903), (2.9, 0.896),

@@ -1,6 +1,6 @@
 """Generate the visual meshes of the Lincoln MKZ 2017: ``body.gltf`` and ``wheel.gltf`` (with their ``.bin`` files).
 
-The car is modelled from scratch: the outlines below are all there is of it; ``mirdrake.vehicles.bodywork`` makes the
+The car is modelled from scratch: the outlines below are all there is of it; ``tools.meshes.outlines`` makes the
 meshes of them. Frames are ISO 8855 (x forward, y left, z up; metres). The origin of the body is on the ground below the
 centre of the rear axle; that of the wheel is at its centre, spinning about y.
 
@@ -15,12 +15,12 @@ import numpy as np
 import shapely
 from shapely.geometry import LineString, Point
 
-from mirdrake.vehicles.bodywork.car import CarOutline, describe, write_outline
-from mirdrake.vehicles.bodywork.curves import curve, smooth_line
-from mirdrake.vehicles.bodywork.drawing import Drawing
-from mirdrake.vehicles.bodywork.gltf import Material, Mesh
-from mirdrake.vehicles.bodywork.parts import Part
-from mirdrake.vehicles.bodywork.regions import (
+from mirdrake.vehicles.bodywork.mesh import Material, Mesh
+from tools.meshes.outlines.car import CarOutline, describe, write_outline
+from tools.meshes.outlines.curves import curve, smooth_line
+from tools.meshes.outlines.drawing import Drawing
+from tools.meshes.outlines.parts import Part
+from tools.meshes.outlines.regions import (
     ABOVE,
     FRONT,
     FRONT_LEFT,
@@ -32,9 +32,9 @@ from mirdrake.vehicles.bodywork.regions import (
     seen,
     stroke,
 )
-from mirdrake.vehicles.bodywork.shell import Form
-from mirdrake.vehicles.bodywork.solids import pillow, plate, prism, rot_y, rot_z
-from mirdrake.vehicles.bodywork.wheels import FAN_SPOKES, WheelDesign
+from tools.meshes.outlines.shell import Form
+from tools.meshes.outlines.solids import pillow, plate, prism, rot_y, rot_z
+from tools.meshes.outlines.wheels import FAN_SPOKES, WheelDesign
 
 FORM = Form(
     plan=curve((-1.10, 0.795), (-0.8, 0.866), (-0.4, 0.915), (0.1, 0.930), (0.8, 0.926), (1.6, 0.924), (2.4, 0.929),

@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.gltf import Mesh
+from mirdrake.vehicles.bodywork.mesh import Mesh
 from tools.meshes.prop_shapes import Layer, box, drawn, extrude, lettering, turned, window, with_holes
 
 Rect = tuple[float, float, float, float]

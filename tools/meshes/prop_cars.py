@@ -1,4 +1,4 @@
-"""The parked cars: bodies by ``mirdrake.vehicles.bodywork``, coarser than those of vehicles that are driven."""
+"""The parked cars: bodies by ``tools.meshes.outlines``, coarser than those of vehicles that are driven."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ import numpy as np
 import shapely
 from shapely.geometry import Point
 
-from mirdrake.vehicles.bodywork.car import CarOutline, build_body, build_skin
-from mirdrake.vehicles.bodywork.curves import curve
-from mirdrake.vehicles.bodywork.drawing import Drawing
-from mirdrake.vehicles.bodywork.generic import fit
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.parts import Part
-from mirdrake.vehicles.bodywork.regions import FRONT, FRONT_LEFT, LEFT, REAR, REAR_LEFT
-from mirdrake.vehicles.bodywork.shell import Form, half_shell
-from mirdrake.vehicles.bodywork.solids import pillow, rot_z
-from mirdrake.vehicles.bodywork.styles import sedan
-from mirdrake.vehicles.bodywork.wheels import WheelDesign, revolve, sector, wheel_face
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from tools.meshes.outlines.car import CarOutline, build_body, build_skin
+from tools.meshes.outlines.curves import curve
+from tools.meshes.outlines.drawing import Drawing
+from tools.meshes.outlines.parts import Part
+from tools.meshes.outlines.regions import FRONT, FRONT_LEFT, LEFT, REAR, REAR_LEFT
+from tools.meshes.outlines.sedan import fit, sedan
+from tools.meshes.outlines.shell import Form, half_shell
+from tools.meshes.outlines.solids import pillow, rot_z
+from tools.meshes.outlines.wheels import WheelDesign, revolve, sector, wheel_face
 
 
 def parked_wheel(radius: float, width: float, spokes: int) -> Mesh:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Mesh
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from tools.meshes.outlines.curves import Array
 from tools.meshes.prop_shapes import Field, ball, joined, limb, soft
 
 

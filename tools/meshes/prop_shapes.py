@@ -14,10 +14,10 @@ import shapely
 from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.regions import triangulate
-from mirdrake.vehicles.bodywork.wheels import revolve
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.regions import triangulate
+from tools.meshes.outlines.wheels import revolve
 
 UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # takes y up
 LYING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # takes y ahead

@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from shapely.geometry import Point, Polygon
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.solids import tube
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.solids import tube
 from tools.meshes.prop_shapes import (
     Layer,
     box,

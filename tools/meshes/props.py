@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import MATERIALS, Material, Mesh
+from mirdrake.vehicles.bodywork.mesh import MATERIALS, Material, Mesh
 from tools.meshes import prop_buildings as buildings
 from tools.meshes import prop_cars as cars
 from tools.meshes import prop_nature as nature
 from tools.meshes import prop_street as street
+from tools.meshes.outlines.curves import Array
 
 COLOURS: dict[str, Material] = {
     "aluminium": Material((0.66, 0.67, 0.68), 0.55, 0.1),

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import Point, Polygon
 
-from mirdrake.vehicles.bodywork.car import describe, write_meshes
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Material, Mesh
-from mirdrake.vehicles.bodywork.solids import plate, prism, rot_y, rot_z, tube
-from mirdrake.vehicles.bodywork.wheels import polar, revolve, sector, wheel_face
+from mirdrake.vehicles.bodywork.mesh import Material, Mesh
+from tools.meshes.outlines.car import describe, write_meshes
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.solids import plate, prism, rot_y, rot_z, tube
+from tools.meshes.outlines.wheels import polar, revolve, sector, wheel_face
 
 FRONT, REAR = 0.926, -0.186  # ends of the robot [m]
 WHEELBASE = 0.74

@@ -1,12 +1,10 @@
-"""Car bodies and wheels as glTF, made of outlines.
+"""Visual meshes of a new vehicle: a parametric body and wheel as glTF, in any size.
 
-A car is data: a :class:`~mirdrake.vehicles.bodywork.car.CarOutline` holds the curves of its skin, what is drawn on it,
-its small parts and its wheels. :func:`write_outline` makes the two meshes of it, :func:`write_car` those of a car of no
-maker in a given size. Frames are ISO 8855 (x ahead, y left, z up; metres); the body's origin is on the road below the
-centre of the rear axle, the wheel's at its centre, spinning about y.
+Cars, vans and lorries are lofted cross-sections (:mod:`mirdrake.vehicles.bodywork.shell`) with windows, lamps and
+wheel arches cut out of them; robots are plates and boxes. Frames are ISO 8855 (x forward, y left, z up; metres). The
+origin of the body is on the road below the centre of the rear axle, that of the wheel at its centre, spinning about y.
 """
 
-from mirdrake.vehicles.bodywork.car import CarOutline, write_outline
-from mirdrake.vehicles.bodywork.generic import write_car
+from mirdrake.vehicles.bodywork.body import BODY_STYLES, write_car
 
-__all__ = ["CarOutline", "write_car", "write_outline"]
+__all__ = ["BODY_STYLES", "write_car"]

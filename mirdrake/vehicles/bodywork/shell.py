@@ -1,231 +1,277 @@
-"""The skin of a car body: the zero set of one smooth function of space, sampled by rays from inside.
+"""The skin of a car: cross-sections lofted along the vehicle, and regions of another material cut out of it.
 
-A body is two volumes joined by a rounded union: the lower body (plan view, side profile, nose, tail, deck, bottom) and
-the cabin (its plan view, taper, roof and rear). Each is the rounded intersection of surfaces drawn as curves.
+A cross-section runs from the middle of the underside over sill, shoulder and side window to the middle of the roof. Its
+size follows curves along the vehicle (:class:`Curves`). Only the left half is made; the right one is its mirror image.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+import shapely
+from scipy.interpolate import PchipInterpolator
+from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.curves import Array, Curve, curve, smooth_max, smooth_min
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from mirdrake.vehicles.bodywork.shapes import Array, triangulate
 
-_SPINE = curve((-0.5, 0.78), (1.5, 0.72), (3.0, 0.58))
+Knots = tuple[tuple[float, float], ...]
+
+LEFT, FRONT, REAR = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)
+FRONT_LEFT, REAR_LEFT, BELOW = (0.74, 0.67, 0.0), (-0.8, 0.6, 0.0), (0.0, 0.0, -1.0)
+_CORNER = np.linspace(0.0, 1.0, 5)[:, None]  # parameters of the points on a rounded corner of a cross-section
+_STRAIGHT = np.array([[0.33], [0.67]])  # parameters of the points between two corners
+_STATIONS = 60
+_SAG = 0.035  # a roof lies lower at its edges by this part of the half width
 
 
 @dataclass(frozen=True)
-class Form:
-    """The curves and numbers that make the skin of a car, all in metres in the frame of the body.
+class Curves:
+    """Shape of a body as curves over the station: -1 is its rear end, 0 and 1 are the axles, 2 is its front end.
+
+    Heights are 0 at the underside and 1 at the roof; widths are parts of the half width.
 
     Attributes:
-        plan: half width of the lower body over x.
-        side_inset: how far the flank lies inside the plan over z.
-        nose: x of the front end over z; tail: x of the rear end over z.
-        deck: height of bonnet and boot over x.
-        bottom: height of the underside over x.
-        roof: height of windscreen and roof over x, in the middle plane.
-        cabin_plan: half width of the cabin over x; cabin_taper: how far it lies inside that over z.
-        cabin_tail: x of the rear window over z.
-        half_width: the flank is cut at this distance from the middle plane.
-        corner: distance from the middle plane where nose, tail and deck reach the sweeps given below.
-        nose_sweep: how far the nose lies back there, power of that over y, slope for scaling.
-        tail_sweep: the same of the tail.
-        deck_crown: how far the deck falls there.
-        ridge: height, y and width of a crease along the bonnet; x where it starts and over which length it grows.
-        roof_sweep: how far [m/m²] the roof's profile is moved back over y²; roof_crown: its fall at y = 0.65.
-        roof_slope: scaling of the windscreen: square of its slope, x where it starts and its length.
-        back_sweep: how far the rear window lies ahead at y = 0.7, power of that, scaling.
-        flare: height, radius about the wheel's centre and width of the swelling around the wheel openings.
-        blends: radii of the creases: nose and tail, deck, flank, bottom, cabin's sides, cabin's rear, cabin on body.
-        cabin_floor: the cabin volume ends at this height.
-        spine: the ends in x of the line the rays start from; spine_height: its height over x.
-        middle: views from ahead see what lies ahead of this x, views from behind what lies behind it.
-        mesh: points along the spine, in each end fan, and around.
+        deck: height of the bonnet, the belt line below the side windows, and the boot.
+        roof: height of windscreen, roof and rear window; where it is lower than the deck there is no cabin.
+        plan: width of the body.
+        lean: inclination of the side windows, sideways over up.
+        shoulder: how far the side windows are inside the flank.
+        sweep: how far front and rear corners lie behind the ends, in half widths.
+        bulge: how far the upper and lower edge of an end lie behind its middle, in half widths.
+        edge: radius of the edges around front and rear end, in half widths.
     """
 
-    plan: Curve
-    side_inset: Curve
-    nose: Curve
-    tail: Curve
-    deck: Curve
-    bottom: Curve
-    roof: Curve
-    cabin_plan: Curve
-    cabin_taper: Curve
-    cabin_tail: Curve
-    half_width: float
-    corner: float = 0.85
-    nose_sweep: tuple[float, float, float] = (0.30, 2.4, 0.5)
-    tail_sweep: tuple[float, float, float] = (0.13, 2.6, 0.3)
-    deck_crown: float = 0.050
-    ridge: tuple[float, float, float, float, float] = (0.018, 0.60, 0.10, 2.0, 0.6)
-    roof_sweep: float = 0.26
-    roof_crown: float = 0.055
-    roof_slope: tuple[float, float, float] = (0.3, 1.5, 0.4)
-    back_sweep: tuple[float, float, float] = (0.13, 2.4, 1.08)
-    flare: tuple[float, float, float] = (0.012, 0.40, 0.07)
-    blends: tuple[float, float, float, float, float, float, float] = (0.02, 0.10, 0.11, 0.05, 0.10, 0.08, 0.055)
-    cabin_floor: float = 0.7
-    spine: tuple[float, float] = (-0.15, 2.85)
-    spine_height: Curve = _SPINE
-    middle: float = 1.0
-    mesh: tuple[int, int, int] = (40, 16, 35)
+    deck: Knots
+    roof: Knots
+    plan: Knots
+    lean: float = 0.30
+    shoulder: float = 0.05
+    sweep: tuple[float, float] = (0.10, 0.26)
+    bulge: tuple[float, float] = (0.05, 0.10)
+    edge: float = 0.10
 
 
 @dataclass(frozen=True)
-class Skin:
-    """The surface of a form, with wheels whose centres are at ``axles`` (x) and ``wheel_height`` (z)."""
+class Frame:
+    """Main dimensions of a body [m]; x of its ends, height of its underside and its roof."""
 
-    form: Form
-    axles: tuple[float, ...]
-    wheel_height: float
-
-    def function(self, p: Array) -> Array:
-        """Return a function of space at points (…, 3): negative inside, about the distance near the surface."""
-        f = self.form
-        x, y, z = p[..., 0], np.abs(p[..., 1]), p[..., 2]
-        r_y = y / f.corner
-        flare = np.zeros_like(x)
-        for axle in self.axles:
-            r = np.hypot(x - axle, z - self.wheel_height)
-            flare = flare + f.flare[0] * np.exp(-(((r - f.flare[1]) / f.flare[2]) ** 2))
-        side = y - np.minimum(f.plan(x) - f.side_inset(z) + flare, f.half_width)
-        back, power, slope = f.nose_sweep
-        nose = (x - f.nose(z) + back * r_y**power) / np.sqrt(1 + (slope * r_y) ** 2)
-        back, power, slope = f.tail_sweep
-        tail = (f.tail(z) + back * r_y**power - x) / np.sqrt(1 + (slope * r_y) ** 2)
-        high, at, wide, start, over = f.ridge
-        ridge = high * np.exp(-(((y - at) / wide) ** 2)) * np.clip((x - start) / over, 0, 1)
-        deck = (z - f.deck(x) + f.deck_crown * r_y**2 - ridge) / np.sqrt(1 + 0.2**2)
-        ends, decks, flanks, low, tops, backs, cabins = f.blends
-        lower = smooth_max(smooth_max(nose, tail, ends), deck, decks)
-        lower = smooth_max(lower, side, flanks)
-        lower = smooth_max(lower, f.bottom(x) - z, low)
-        cabin_side = (y - f.cabin_plan(x) + f.cabin_taper(z)) / 1.06
-        steep, start, over = f.roof_slope
-        roof = z - f.roof(x + f.roof_sweep * y**2) + f.roof_crown * (y / 0.65) ** 2
-        roof = roof / np.sqrt(1 + steep * np.clip((x - start) / over, 0, 1))
-        ahead, power, scale = f.back_sweep
-        rear = (f.cabin_tail(z) + ahead * (y / 0.7) ** power - x) / scale
-        cabin = smooth_max(smooth_max(cabin_side, roof, tops), rear, backs)
-        cabin = smooth_max(cabin, f.cabin_floor - z, 0.02)
-        return smooth_min(lower, cabin, cabins)
-
-    def gradient(self, p: Array, step: float = 2e-4) -> Array:
-        """Return the gradient of the function at points (…, 3)."""
-        columns = []
-        for axis in range(3):
-            d = np.zeros(3)
-            d[axis] = step
-            columns.append((self.function(p + d) - self.function(p - d)) / (2 * step))
-        return np.stack(columns, axis=-1)
-
-    def normals(self, p: Array) -> Array:
-        """Return the outward unit normals at points on the surface."""
-        g = self.gradient(p, 2e-3)
-        on_plane = np.abs(p[..., 1]) < 1e-6
-        g[on_plane, 1] = 0.0
-        result: Array = g / np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), 1e-9)
-        return result
-
-    def project(self, p: Array) -> Array:
-        """Move points near the surface onto it (those on the plane of symmetry stay there)."""
-        for _ in range(4):
-            g = self.gradient(p)
-            g[np.abs(p[..., 1]) < 1e-6, 1] = 0.0
-            move = self.function(p)[..., None] * g / np.maximum((g * g).sum(-1, keepdims=True), 0.25)
-            p = p - np.clip(move, -0.01, 0.01)
-        return p
-
-    def cast(self, origin: Array, direction: Array, *, reach: float = 1.6) -> Array:
-        """Return the points where rays from inside first leave the body."""
-        steps = np.linspace(0.0, reach, 161)
-        # Every fourth step, then the three before the first that is outside.
-        coarse = np.stack([self.function(origin + s * direction) > 0 for s in steps[::4]])
-        last = 4 * np.argmax(coarse, axis=0)
-        first = last
-        for back in (1, 2, 3):
-            index = np.maximum(last - back, 0)
-            outside = self.function(origin + steps[index][..., None] * direction) > 0
-            first = np.where(outside & (last > 0), index, first)
-        low, high = steps[np.maximum(first - 1, 0)], steps[first]
-        for _ in range(24):
-            mid = (low + high) / 2
-            outside = self.function(origin + mid[..., None] * direction) > 0
-            low, high = np.where(outside, low, mid), np.where(outside, mid, high)
-        result: Array = origin + high[..., None] * direction
-        return result
-
-    def hit(self, origin: Sequence[float], direction: Sequence[float]) -> Array:
-        """Return the point (3,) where one ray from inside leaves the body."""
-        found: Array = self.cast(np.array([origin], dtype=float), np.array([direction], dtype=float))[0]
-        return found
+    rear: float
+    front: float
+    wheelbase: float
+    half_width: float
+    low: float
+    high: float
+    arch: float
 
 
-def half_shell(skin: Skin) -> tuple[Array, NDArray[np.int64]]:
-    """Sample the left half of the skin on a structured grid; return its points (n, 3) and triangles (m, 3)."""
-    grid = _sample(skin)
-    m, n = grid.shape[:2]
-    index = np.arange(m * n).reshape(m, n)
-    p, q, r, s = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    points = grid.reshape(-1, 3)
-    # The shorter diagonal divides each quadrilateral.
-    one = np.linalg.norm(points[p] - points[r], axis=-1) <= np.linalg.norm(points[q] - points[s], axis=-1)
-    first = np.where(one[..., None], np.stack([p, q, r], -1), np.stack([p, q, s], -1))
-    second = np.where(one[..., None], np.stack([p, r, s], -1), np.stack([q, r, s], -1))
-    faces = np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
-    corner = points[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    keep = np.linalg.norm(normal, axis=1) > 1e-9
-    faces, normal, corner = faces[keep], normal[keep], corner[keep]
-    wrong = np.einsum("ij,ij->i", normal, skin.normals(corner.mean(axis=1))) < 0
-    faces = np.where(wrong[:, None], faces[:, ::-1], faces)
-    return points, faces
+@dataclass
+class Shell:
+    """Triangles of the left half of a body, each with its material."""
+
+    curves: Curves
+    frame: Frame
+    triangles: Array = field(init=False)
+    normals: Array = field(init=False)
+    materials: list[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        grid = self._grid()
+        rows, columns = grid.shape[:2]
+        index = np.arange(rows * columns).reshape(rows, columns)
+        p, q, r, s = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+        faces = np.concatenate([np.stack([p, r, q], axis=-1), np.stack([p, s, r], axis=-1)]).reshape(-1, 3)
+        points = grid.reshape(-1, 3)
+        corners = points[faces]
+        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = np.zeros_like(points)
+        for column in faces.T:
+            np.add.at(normals, column, area)
+        # The ends of a section lie in the plane of symmetry, and all points of the first and the last one are the same.
+        normals[index[:, [0, -1]], 1] = 0.0
+        for end in (index[0], index[-1]):
+            normals[end] = normals[end].sum(axis=0) * [1.0, 0.0, 1.0]
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        faces = faces[np.linalg.norm(area, axis=1) > 1e-9]
+        self.triangles, self.normals = points[faces], normals[faces]
+        self.materials = ["paint"] * len(faces)
+
+    @cached_property
+    def _functions(self) -> dict[str, PchipInterpolator]:
+        return {name: PchipInterpolator(*np.array(getattr(self.curves, name)).T) for name in ("deck", "roof", "plan")}
+
+    def value(self, name: str, x: float) -> float:
+        """Return a curve at x: the height of deck or roof [m], or the half width of the plan [m]."""
+        f = self.frame
+        station = np.interp(x, [f.rear, 0.0, f.wheelbase, f.front], [-1.0, 0.0, 1.0, 2.0])
+        function = self._functions[name]
+        value = float(function(np.clip(station, function.x[0], function.x[-1])))
+        return value * f.half_width if name == "plan" else f.low + value * (f.high - f.low)
+
+    def x(self, station: float) -> float:
+        """Return x of a station [m]."""
+        f = self.frame
+        return float(np.interp(station, [-1.0, 0.0, 1.0, 2.0], [f.rear, 0.0, f.wheelbase, f.front]))
+
+    def cabin(self, x: float, z: float) -> float:
+        """Return the half width of the cabin [m]."""
+        inner = self.value("plan", x) - self.curves.shoulder * self.frame.half_width
+        return inner - self.curves.lean * max(z - self.value("deck", x), 0.0)
+
+    def side(self, x: float, z: float) -> float:
+        """Return the half width of the body at a point of its side view [m]."""
+        points = self._section(x)
+        rising = points[np.r_[True, np.diff(points[:, 1]) > 1e-9]]
+        return float(np.interp(z, rising[:, 1], rising[:, 0]))
+
+    def _section(self, x: float) -> Array:
+        """Return the points (n, 2) of a cross-section: y and z, from the middle of the underside to that of the top."""
+        f = self.frame
+        wide, deck = self.value("plan", x), self.value("deck", x)
+        roof = max(self.value("roof", x), deck)
+        # The underside rises towards both ends.
+        end = max((abs(x - 0.5 * f.wheelbase) - 0.5 * f.wheelbase) / max(f.front - f.wheelbase, -f.rear), 0.0)
+        low = f.low + 0.10 * (deck - f.low) * end**2
+        tall, sag = deck - low, _SAG * wide
+        base = self.cabin(x, deck)
+        top = self.cabin(x, roof)
+        corners = np.array([
+            (0.0, low), (0.90 * wide, low), (0.985 * wide, low + 0.16 * tall), (wide, low + 0.60 * tall),
+            (0.985 * wide, deck - 0.10 * tall), (base, deck - 0.3 * sag), (top, max(roof - sag, deck - 0.3 * sag)),
+            (0.6 * top, roof), (0.0, roof),
+        ])  # fmt: skip
+        radii = [0.08, 0.10, 0.30, 0.14, 0.03, 0.10, 0.5]
+        points = [corners[:1]]
+        for before, corner, after, radius in zip(corners, corners[1:], corners[2:], radii, strict=False):
+            ends = []
+            for other in (before, after):
+                length = float(np.linalg.norm(other - corner))
+                ends.append(corner + (other - corner) * min(radius * f.half_width, 0.5 * length) / max(length, 1e-9))
+            t = _CORNER
+            curve = (1 - t) ** 2 * ends[0] + 2 * t * (1 - t) * corner + t**2 * ends[1]
+            points += [points[-1][-1] + _STRAIGHT * (curve[0] - points[-1][-1]), curve]
+        return np.concatenate([*points, points[-1][-1] + _STRAIGHT * (corners[-1] - points[-1][-1]), corners[-1:]])
+
+    def _grid(self) -> Array:
+        """Return the points (stations, points of a section, 3) of the left half."""
+        f, c = self.frame, self.curves
+        edge = min(c.edge * f.half_width, 0.2 * (f.front - f.rear))
+        # Stations are close where roof, deck or plan change.
+        x = np.linspace(f.rear + edge, f.front - edge, 500)
+        change = sum(np.abs(np.gradient([self.value(name, float(v)) for v in x])) for name in ("deck", "roof", "plan"))
+        share = np.cumsum(np.gradient(x) + change)
+        stations = np.interp(np.linspace(share[0], share[-1], _STATIONS), share, x)
+        sections = {float(v): self._section(float(v)) for v in stations}
+        rows = [np.column_stack((np.full(len(s), v), s)) for v, s in sections.items()]
+        caps = []
+        for place, sign, sweep, bulge in ((0, -1.0, c.sweep[0], c.bulge[0]), (-1, 1.0, c.sweep[1], c.bulge[1])):
+            base = rows[place]
+            middle = (base[:, 2].min() + base[:, 2].max()) / 2.0
+            half = np.array([base[:, 1].max(), np.ptp(base[:, 2]) / 2.0])
+            # The edge is a quarter of a circle; the face within it is filled with shrinking sections.
+            angles = np.linspace(0.0, np.pi / 2, 6)[1:]
+            rings = [(edge * np.sin(a), 1.0 - edge * (1.0 - np.cos(a)) / half) for a in angles]
+            rings += [(edge, rings[-1][1] * part) for part in (0.88, 0.72, 0.5, 0.25, 0.0)]
+            cap = []
+            for ahead, scale in rings:
+                ring = base.copy()
+                ring[:, 0] += sign * ahead
+                ring[:, 1] *= scale[0]
+                ring[:, 2] = middle + (ring[:, 2] - middle) * scale[1]
+                cap.append(ring)
+            caps.append((cap, sign, middle, half, sweep, bulge))
+        grid = np.stack([*caps[0][0][::-1], *rows, *caps[1][0]])
+        for _, sign, middle, half, sweep, bulge in caps:
+            # Round the end in plan and side view, from the wheel arch on.
+            start, end = (f.wheelbase + f.arch, f.front) if sign > 0 else (-f.arch, f.rear)
+            ramp = np.clip((grid[..., 0] - start) / min(end - start, -1e-6) if sign < 0
+                           else (grid[..., 0] - start) / max(end - start, 1e-6), 0.0, 1.0) ** 2  # fmt: skip
+            back = sweep * (grid[..., 1] / half[0]) ** 2.4 + bulge * np.abs((grid[..., 2] - middle) / half[1]) ** 2.4
+            grid[..., 0] -= sign * f.half_width * ramp * np.minimum(back, 0.6)
+        grid[..., 1] *= f.half_width / grid[..., 1].max()
+        return grid
+
+    # --- regions ---------------------------------------------------------------------------------------------------
+
+    def cut(
+        self, material: str | None, view: Sequence[float], shape: BaseGeometry, *, facing: float = 0.1, only: str = ""
+    ) -> None:
+        """Give a region another material, or cut it out.
+
+        Args:
+            material: of the region; None cuts a hole.
+            view: direction from which the region is drawn.
+            shape: outline in the picture plane of that view, see :func:`seen`.
+            facing: the least cosine between the normal of a triangle and the view.
+            only: the material it is drawn on; on all if empty.
+        """
+        axes = picture_axes(view)
+        normal = np.cross(self.triangles[:, 1] - self.triangles[:, 0], self.triangles[:, 2] - self.triangles[:, 0])
+        visible = normal @ np.array(view) > facing * np.linalg.norm(normal, axis=1)
+        if view in (FRONT, REAR):  # what lies in front of the driver, or behind
+            visible &= (self.triangles[:, :, 0].mean(axis=1) - 0.5 * self.frame.wheelbase) * view[0] > 0
+        if only:
+            visible &= np.array([name == only for name in self.materials])
+        flat = self.triangles @ axes.T
+        candidates = np.flatnonzero(visible)
+        shapely.prepare(shape)
+        polygons = np.asarray(shapely.polygons(flat[candidates]))
+        inside, touched = (np.asarray(f(shape, polygons)) for f in (shapely.covers, shapely.intersects))
+        keep = np.ones(len(self.triangles), dtype=bool)
+        pieces: list[tuple[Array, Array, str]] = []
+        for index, polygon, whole in zip(candidates[touched], polygons[touched], inside[touched], strict=True):
+            if whole and material is not None:
+                self.materials[index] = material
+                continue
+            keep[index] = False
+            a, b, c = flat[index]
+            basis = np.linalg.inv(np.stack([b - a, c - a], axis=1))
+            parts = [] if whole else [(polygon.difference(shape), self.materials[index])]
+            if material is not None:
+                parts.append((polygon.intersection(shape), material))
+            for part, name in parts:
+                # A piece lies in its triangle and is wound like it; corners and normals are interpolated.
+                w = (triangulate(part) - a) @ basis.T
+                turned = np.linalg.det(w[:, 1:] - w[:, :1]) < 0
+                w[turned] = w[turned, ::-1]
+                corners, normals = (
+                    array[index][0] + w[..., :1] * (array[index][1] - array[index][0])
+                    + w[..., 1:] * (array[index][2] - array[index][0])
+                    for array in (self.triangles, self.normals)
+                )  # fmt: skip
+                pieces.append((corners, normals, name))
+        self.materials = [name for name, kept in zip(self.materials, keep, strict=True) if kept]
+        self.triangles, self.normals = self.triangles[keep], self.normals[keep]
+        if pieces:
+            self.triangles = np.concatenate([self.triangles, *(corners for corners, _, _ in pieces)])
+            self.normals = np.concatenate([self.normals, *(normals for _, normals, _ in pieces)])
+            self.materials += [name for corners, _, name in pieces for _ in corners]
+
+    def mesh(self) -> Mesh:
+        """Return the left half as a mesh."""
+        mesh = Mesh()
+        names = np.array(self.materials)
+        for name in sorted(set(self.materials)):
+            mesh.add(name, self.triangles[names == name], self.normals[names == name])
+        return mesh
 
 
-def _sample(skin: Skin) -> Array:
-    """Points (m, n, 3) of the left half: half rings about the spine, a fan of them at either end."""
-    x_rear, x_front = skin.form.spine
-    along_count, fan_count, count = skin.form.mesh
-    fan = np.linspace(np.pi / 2, 0.0, fan_count)
-    stations = [(x_rear, -np.sin(a), np.cos(a)) for a in fan[:-1]]
-    stations += [(float(x), 0.0, 1.0) for x in np.linspace(x_rear, x_front, along_count)]
-    stations += [(x_front, np.sin(a), np.cos(a)) for a in fan[::-1][1:]]
-    dense = 260
-    origins, directions = [], []
-    theta = np.linspace(-np.pi / 2, np.pi / 2, dense)
-    for x, along, across in stations:
-        height = float(skin.form.spine_height(np.array(x)))
-        level = np.cos(theta)
-        level[[0, -1]] = 0.0
-        across = 0.0 if across < 1e-9 else across
-        origins.append(np.broadcast_to(np.array([x, 0.0, height]), (dense, 3)))
-        directions.append(np.stack([along * level, across * level, np.sin(theta)], axis=1))
-    found = skin.cast(np.stack(origins), np.stack(directions), reach=2.2)
-    rows = []
-    for p, n in zip(found, skin.normals(found), strict=True):
-        length = np.linalg.norm(np.diff(p, axis=0), axis=1)
-        turn = np.linalg.norm(np.diff(n, axis=0), axis=1)
-        below = (n[:-1, 2] + n[1:, 2]) / 2 < -0.8
-        weight = np.where(below, 0.2, 1.0) * (length + 0.10 * turn) + 1e-7
-        rows.append((p, weight))
-    # Blend the sampling of neighbouring stations, so that the grid lines along the car run smoothly.
-    share = np.stack([np.concatenate([[0.0], np.cumsum(w)]) / w.sum() for _, w in rows])
-    for _ in range(4):
-        share[1:-1] = 0.25 * share[:-2] + 0.5 * share[1:-1] + 0.25 * share[2:]
-    wanted = np.linspace(0.0, 1.0, count)
-    grid = np.stack(
-        [
-            np.stack([np.interp(wanted, s, p[:, axis]) for axis in range(3)], axis=1)
-            for s, (p, _) in zip(share, rows, strict=True)
-        ]
-    )
-    for _ in range(2):
-        grid[:, [0, -1], 1] = 0.0
-        grid[[0, -1], :, 1] = 0.0
-        grid = skin.project(grid)
-    return grid
+def picture_axes(view: Sequence[float]) -> Array:
+    """Return the two axes (2, 3) of the picture plane of a view; both are positive to the left, ahead and up."""
+    if abs(view[2]) > 0.9:
+        return np.array([[1.0, 0, 0], [0, 1.0, 0]])
+    if view == LEFT:
+        return np.array([[1.0, 0, 0], [0, 0, 1.0]])
+    across = np.array([-view[1], view[0], 0.0]) * (1.0 if view[0] > 0 else -1.0)
+    return np.stack([across, np.array([0, 0, 1.0])])
+
+
+def seen(view: Sequence[float], points: Sequence[Sequence[float]], *, rounding: float = 0.0) -> BaseGeometry:
+    """Return the outline of points of space in the picture plane of a view, with rounded corners."""
+    shape: BaseGeometry = shapely.Polygon(np.array(points) @ picture_axes(view).T).buffer(0)
+    if rounding:
+        shape = shape.buffer(-rounding, quad_segs=4).buffer(2 * rounding, quad_segs=4).buffer(-rounding, quad_segs=4)
+    return shape

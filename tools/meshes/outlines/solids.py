@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.regions import triangulate
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.regions import triangulate
 
 
 def rot_y(angle: float) -> Array:

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import MATERIALS, Material, Mesh
-from mirdrake.vehicles.bodywork.parts import Part, Spoiler, place, spoiler, wheelhouse
-from mirdrake.vehicles.bodywork.regions import BELOW, LEFT, Region, cut
-from mirdrake.vehicles.bodywork.shell import Form, Skin, half_shell
-from mirdrake.vehicles.bodywork.wheels import WheelDesign, build_wheel
+from mirdrake.vehicles.bodywork.mesh import MATERIALS, Material, Mesh
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.parts import Part, Spoiler, place, spoiler, wheelhouse
+from tools.meshes.outlines.regions import BELOW, LEFT, Region, cut
+from tools.meshes.outlines.shell import Form, Skin, half_shell
+from tools.meshes.outlines.wheels import WheelDesign, build_wheel
 
 Map = Callable[[Array], Array]
 
@@ -68,7 +68,7 @@ class CarOutline:
         regions: what is drawn on the left half (and mirrored), in this order.
         parts: small solids.
         rear_spoiler: a roof spoiler, or None.
-        materials: colours that replace those of :data:`mirdrake.vehicles.bodywork.gltf.MATERIALS`.
+        materials: colours that replace those of :data:`mirdrake.vehicles.bodywork.mesh.MATERIALS`.
         warp: form, regions and parts are drawn in a frame of their own, which this takes to the car's; wheelbase,
             wheel and arches are the car's in any case.
     """

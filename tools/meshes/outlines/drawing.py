@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.curves import smooth_line
-from mirdrake.vehicles.bodywork.regions import (
+from tools.meshes.outlines.curves import smooth_line
+from tools.meshes.outlines.regions import (
     BELOW,
     FRONT,
     LEFT,

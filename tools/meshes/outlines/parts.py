@@ -9,11 +9,11 @@ from typing import Protocol
 import numpy as np
 import shapely
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.gltf import Mesh
-from mirdrake.vehicles.bodywork.regions import triangulate
-from mirdrake.vehicles.bodywork.shell import Skin
-from mirdrake.vehicles.bodywork.solids import pillow
+from mirdrake.vehicles.bodywork.mesh import Mesh
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.regions import triangulate
+from tools.meshes.outlines.shell import Skin
+from tools.meshes.outlines.solids import pillow
 
 
 class PointMap(Protocol):

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.core.meshes import Primitive, pbr_material, srgb_to_linear, write_gltf
-from mirdrake.vehicles.bodywork.curves import Array
+from mirdrake.core.meshes import Array, Primitive, pbr_material, srgb_to_linear, write_gltf
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class Mesh:
 
         self.add(material, split(points), split(normals))
 
-    def add_flat(self, material: str, triangles: Array, normal: Sequence[float]) -> None:
+    def add_flat(self, material: str, triangles: Array, normal: Sequence[float] | Array) -> None:
         """Add flat triangles that share one normal."""
         self.add(material, triangles, np.broadcast_to(np.array(normal, dtype=float), triangles.shape).copy())
 

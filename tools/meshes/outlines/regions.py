@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.vehicles.bodywork.curves import Array
-from mirdrake.vehicles.bodywork.shell import Skin
+from tools.meshes.outlines.curves import Array
+from tools.meshes.outlines.shell import Skin
 
 
 def triangulate(shape: BaseGeometry) -> Array:
