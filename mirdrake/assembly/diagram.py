@@ -15,7 +15,6 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 ``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.assembly.parts`.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,6 +33,7 @@ from mirdrake.assembly.parts.taps import Tap, add_taps
 from mirdrake.assembly.parts.vehicles import add_vehicle_systems
 from mirdrake.assembly.scene import Scene, make_scene
 from mirdrake.assembly.wiring import Wiring
+from mirdrake.core.drake_errors import algebraic_loop
 from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
@@ -205,8 +205,7 @@ def assemble(
 def _build_fault(error: Exception) -> str:
     """What Drake says when it cannot build a diagram, on one line; an algebraic loop as the ports it runs through."""
     text = str(error).strip()
-    if "algebraic loop" not in text:
+    loop = algebraic_loop(text)
+    if loop is None:
         return f"the blocks cannot be built together: {text.splitlines()[0]}"
-    ports = re.findall(r"putPort\[\d+\] \((.*?)\) of System (?:\S*::)?(\S+) \(", text)
-    circle = " → ".join(f"{system}.{port}" for port, system in ports)
-    return f"algebraic loop {circle}: put a block with memory into it, for example kind: hold or delay"
+    return f"algebraic loop {' → '.join(loop)}: put a block with memory into it, for example kind: hold or delay"

@@ -3,7 +3,6 @@
 import json
 import math
 import random
-import re
 import threading
 import time
 from collections import OrderedDict
@@ -17,6 +16,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_mean
 from mirdrake.core.user_modules import load_own_function
 from mirdrake.execution.parameters import Knob, find_knobs
@@ -26,9 +26,6 @@ Status = Literal["ok", "unstable", "failed"]
 
 KEPT = 4
 """Built diagrams that a process keeps."""
-
-_NUMERICS = re.compile(r"SAP solver failed|TAMSI|not finite|[Nn]on-?finite|\bnan\b|\bNaN\b|\binf\b|failed to converge")
-"""What Drake says when a state has run away."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +102,7 @@ def run_job(job: Job) -> Outcome:
     except MirdrakeError as error:
         _here.built.pop(key, None)  # what raised may be in any state
         line = str(error).splitlines()[0]
-        unstable = isinstance(error, RunError) and _NUMERICS.search(line)
+        unstable = isinstance(error, RunError) and is_divergence(line)
         return Outcome(job.index, "unstable" if unstable else "failed", line)
     except (Exception, SystemExit) as error:
         _here.built.pop(key, None)

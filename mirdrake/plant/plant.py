@@ -4,7 +4,6 @@
 before it is finalised. The road is one half space; what the eye sees lies on top of it.
 """
 
-import logging
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
@@ -43,6 +42,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.drake_log import filter_drake_log
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import Period, Schema, Speed
 from mirdrake.plant.obstacles import PropsInPlant, add_props
@@ -53,11 +53,6 @@ from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
 from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
-
-logging.getLogger("drake").addFilter(
-    # Rigid half spaces do not touch deformable bodies, says Drake at every start; there are none here.
-    lambda record: "half spaces are not currently supported for deformable" not in record.getMessage()
-)
 
 SIDES = ("left", "right")
 
@@ -230,6 +225,7 @@ def make_plant(
     )
     # Drake's own defaults, 50 s/m and 0.1 s, would make a tyre of treacle.
     defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.1, relaxation_time=0.0)
+    filter_drake_log()
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
     parts = {
         name: add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked)

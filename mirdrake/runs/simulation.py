@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 import signal
 import threading
 import time
@@ -20,6 +19,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Syst
 
 from mirdrake.assembly.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, assemble
 from mirdrake.controllers.behaviours.outline import volume_of
+from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.plant.wheels import RoadFriction
@@ -45,11 +45,6 @@ SLICE = 0.125
 Progress = Callable[[float, float], None]
 
 Report = Callable[[Incident], None]
-
-_DIVERGENCE = re.compile(
-    r"converge|\bnan\b|not finite|non-?finite|infinit|singular|factori[sz]|unstable", re.IGNORECASE
-)
-"""Words of Drake's when numbers have become too large to go on."""
 
 
 def simulate(
@@ -300,7 +295,7 @@ def _is_divergence(error: BaseException) -> bool:
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next
     own = frame is not None and Path(frame.tb_frame.f_code.co_filename) == Path(__file__)
-    return own and _DIVERGENCE.search(str(error)) is not None
+    return own and is_divergence(str(error))
 
 
 def _not_finite(times: Array, columns: Columns) -> str | None:

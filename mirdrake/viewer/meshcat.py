@@ -8,6 +8,7 @@ from math import cos, pi, sin
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.core.drake_errors import is_meshcat_crash
 from mirdrake.core.errors import RunError
 from mirdrake.viewer.private_meshcat import Upstream, make_private_meshcat
 from mirdrake.viewer.server import PageServer
@@ -92,7 +93,7 @@ def meshcat_faults() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        if "websocket thread" not in str(error):
+        if not is_meshcat_crash(str(error)):
             raise
         raise RunError("Meshcat has ended unexpectedly, and the page with it") from None
 

@@ -1,6 +1,5 @@
 """A vehicle on the road in Meshcat, with sliders for its joints, and layers to switch: meshes, shapes, frames."""
 
-import logging
 import time
 from math import cos, pi, sin
 
@@ -32,11 +31,6 @@ PERIOD = 1.0 / 32.0
 
 SHAPE_COLOUR = Rgba(1.0, 0.30, 0.05, 0.5)
 _AXES = (Rgba(0.90, 0.10, 0.10, 1.0), Rgba(0.10, 0.65, 0.15, 1.0), Rgba(0.10, 0.30, 0.95, 1.0))
-
-logging.getLogger("drake").addFilter(
-    # The road is drawn by the world's own meshes.
-    lambda record: "Meshcat does not display HalfSpace" not in record.getMessage()
-)
 
 
 class VehicleView:

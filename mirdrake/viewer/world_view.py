@@ -8,7 +8,6 @@ import base64
 import contextlib
 import io
 import json
-import logging
 import math
 import time
 from typing import Any
@@ -53,11 +52,6 @@ _RED, _GREEN, _BLUE, _VIOLET = (
 _MARKED = ("overlap", "start", "goal", "buried", "floating", "gap")
 _MOST_NAMES = 400  # labels; more of them cannot be read, and are slow
 _RIBBON = 0.15  # [m] width of a way
-
-logging.getLogger("drake").addFilter(
-    # The ground is drawn by the world's own meshes.
-    lambda record: "Meshcat does not display HalfSpace" not in record.getMessage()
-)
 
 
 class WorldView:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirdrake.core.drake_errors import is_solver_failure
 from mirdrake.world_checks.faults import Fault
 from mirdrake.worlds import World
 
@@ -93,7 +94,7 @@ def main() -> None:
     try:
         fault = _step(job["world"], job["overrides"], job["vehicle"], job["start"])
     except (RuntimeError, ValueError) as error:  # Drake's words name no prop
-        fault = "Drake's solver does not converge" if "converge" in str(error) else "Drake cannot step the plant"
+        fault = "Drake's solver does not converge" if is_solver_failure(str(error)) else "Drake cannot step the plant"
     sys.stdout.write(json.dumps({"fault": fault}) + "\n")
 
 

@@ -8,7 +8,6 @@ filter that smooths edges (:func:`smooth_edges_quickly`), and many small things
 
 import ctypes
 import json
-import logging
 import os
 import sys
 from collections.abc import Iterable
@@ -43,11 +42,6 @@ _LINEAR = 9729  # glTF's number of a texture filter without mipmaps
 
 SHADERS = Path(__file__).resolve().parent / "shaders"
 """Shaders that Mesa takes in place of others."""
-
-logging.getLogger("drake").addFilter(
-    # The colour that goes with a glTF mesh is not used; the renderer says so for each mesh.
-    lambda record: "materials have been assigned to a glTF file" not in record.getMessage()
-)
 
 
 def vehicle_renderer(parts: "PlantParts", part: "VehicleInPlant") -> str:

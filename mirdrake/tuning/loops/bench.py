@@ -14,9 +14,9 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.core.pid import PidLimits
-from mirdrake.execution.job import _NUMERICS
 from mirdrake.execution.parameters import find_knobs
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.telemetry import vehicle_states
@@ -193,7 +193,7 @@ class PlantBench:
             away = self._advance(context, course, noise=conditions.noise)
         except RuntimeError as error:
             reason = str(error).strip().splitlines()[0]
-            if not _NUMERICS.search(reason):
+            if not is_divergence(reason):
                 raise RunError(reason) from None
             return Evaluation("unstable", reason=reason)
         self._context = context

@@ -19,10 +19,10 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.controllers import DiscretePid
 from mirdrake.controllers.path_tracking import PathTracker
+from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import where
-from mirdrake.execution.job import _NUMERICS
 from mirdrake.execution.parameters import find_knobs
 from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
@@ -227,7 +227,7 @@ class SignalBench:
         try:
             run = self.simulation.run(duration=course["duration"], change=change)
         except RunError as error:
-            if not _NUMERICS.search(str(error)):
+            if not is_divergence(str(error)):
                 raise
             return Evaluation("unstable", reason=str(error).splitlines()[0])
         if str(run.summary["stop_reason"]).startswith("diverged"):

@@ -1,0 +1,33 @@
+"""What error texts of Drake mean. Drake raises RuntimeError for everything, so that only the text tells errors apart.
+
+This is the only module that reads such texts; its test holds them as Drake 1.51 and 1.58 write them.
+"""
+
+import re
+
+_DIVERGENCE = re.compile(
+    r"converge|\bnan\b|\binf\b|not finite|non-?finite|infinit|singular|factori[sz]|unstable", re.IGNORECASE
+)
+_PORT_OF_LOOP = re.compile(r"putPort\[\d+\] \((.*?)\) of System (?:\S*::)?(\S+) \(")
+
+
+def is_divergence(text: str) -> bool:
+    """Return whether an error means that a state or a force has become too large to continue, or is not a number."""
+    return _DIVERGENCE.search(text) is not None
+
+
+def is_solver_failure(text: str) -> bool:
+    """Return whether an error means that the contact solver has not converged."""
+    return "converge" in text
+
+
+def is_meshcat_crash(text: str) -> bool:
+    """Return whether an error means that Meshcat's own thread has ended."""
+    return "websocket thread" in text
+
+
+def algebraic_loop(text: str) -> list[str] | None:
+    """Return the ports of an algebraic loop as ``system.port``; None if an error means something else."""
+    if "algebraic loop" not in text:
+        return None
+    return [f"{system}.{port}" for port, system in _PORT_OF_LOOP.findall(text)]
