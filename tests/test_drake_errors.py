@@ -53,7 +53,7 @@ def test_an_algebraic_loop_is_the_ports_on_it() -> None:
     builder.Connect(adder.get_output_port(), adder.get_input_port(0))
     with pytest.raises(RuntimeError) as caught:
         builder.Build()
-    assert algebraic_loop(str(caught.value)) == ["a.u0", "a.sum"]
+    assert set(algebraic_loop(str(caught.value)) or ()) == {"a.u0", "a.sum"}
 
 
 def test_other_errors_mean_none_of_these() -> None:

@@ -608,3 +608,37 @@ def test_any_override_is_taken_or_refused_with_its_own_words(key: str, value: st
 def test_plain_data_written_as_yaml_comes_back(value: Any) -> None:
     data, _ = parse_tree(yaml.safe_dump({"value": value}), "x")
     assert data == {"value": value}
+
+
+# --- faults for programs ---
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "path", "code"),
+    [
+        ("plant:\n  time_stp: 1\n", 2, ("plant", "time_stp"), "unknown_key"),
+        ("control:\n  ego: {kind: pid}\n", 2, ("control", "ego", "kp"), "missing_key"),
+        ("control:\n  ego: {kind: pdi}\n", 2, ("control", "ego", "kind"), "unknown_kind"),
+        ("plant: 3\n", 1, ("plant",), "wrong_type"),
+        ("plant:\n  time_step: fast\n", 2, ("plant", "time_step"), "not_a_number"),
+        ("plant:\n  time_step: true\n", 2, ("plant", "time_step"), "not_a_number"),
+        ("plant:\n  time_step: .inf\n", 2, ("plant", "time_step"), "not_finite"),
+        ("plant:\n  contact: soft\n", 2, ("plant", "contact"), "not_allowed"),
+        ("duration: 3 kg\n", 1, ("duration",), "bad_value"),
+        ("a: [\n", 2, (), "not_yaml"),
+    ],
+)
+def test_a_fault_carries_file_line_path_and_code(text: str, line: int, path: tuple[str, ...], code: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_yaml(text, Drive, name="drive.yaml")
+    (fault,) = caught.value.faults
+    assert (fault.file, fault.line, fault.path, fault.code) == ("drive.yaml", line, path, code)
+    assert str(fault).startswith(f"drive.yaml:{line}: ")
+
+
+def test_a_fault_of_an_override_names_the_override() -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_yaml("", Drive, overrides=["plant.contact=soft", "plant.time_step=fast"])
+    first, second = caught.value.faults
+    assert (first.file, first.line, first.path) == ("--set plant.contact=soft", None, ("plant", "contact"))
+    assert second.code == "not_a_number"

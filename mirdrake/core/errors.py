@@ -17,6 +17,7 @@ Every message is one line: what was given, where, what is allowed, what to do.
 from collections.abc import Hashable, Iterable, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
+from typing import Literal
 
 
 class MirdrakeError(Exception):
@@ -29,27 +30,48 @@ class MirdrakeError(Exception):
         super().__init__(*(_printable(item) if isinstance(item, str) else item for item in arguments))
 
 
+FaultCode = Literal[
+    "",  # not classified
+    "no_such_file", "unreadable", "not_yaml", "bad_override",
+    "unknown_key", "missing_key", "repeated_key", "unknown_kind", "missing_kind",
+    "wrong_type", "not_a_number", "not_finite", "wrong_length", "not_allowed", "bad_value", "too_many",
+]  # fmt: skip
+"""What is wrong with an entry of a file, for programs; the text is for people."""
+
+
 class ConfigError(MirdrakeError):
     """A file or an override is wrong.
 
     Several faults of one file are reported together, one per line.
 
     Args:
-        text: the message.
-        path: keys of the wrong entry in the spec, where the line in its file is not known yet; they precede the text.
-        faults: the single errors, instead of a text.
+        text: the message without its location.
+        file: the file, or the override in its place; empty if it is not known.
+        line: in the file; None for an override, or if it is not known.
+        path: keys of the wrong entry.
+        code: kind of the fault.
+        faults: the single errors, instead of all that.
 
     Attributes:
-        text: the message without the path.
-        path: as given.
-        faults: the single errors; the error itself if it is one.
+        text, file, line, path, code: as given.
+        faults: the single errors; the error itself if there is only one.
     """
 
-    def __init__(self, text: str = "", *, path: Sequence[Hashable] = (), faults: Iterable["ConfigError"] = ()) -> None:
-        self.text, self.path = text, tuple(path)
-        self.faults: tuple[ConfigError, ...] = tuple(one for fault in faults for one in fault.faults) or (self,)
-        lines = [str(one) for one in self.faults if one is not self]
-        super().__init__("\n".join(lines) or ": ".join([".".join(map(str, path)), text] if path else [text]))
+    def __init__(
+        self,
+        text: str = "",
+        *,
+        file: str = "",
+        line: int | None = None,
+        path: Sequence[Hashable] = (),
+        code: FaultCode = "",
+        faults: Iterable["ConfigError"] = (),
+    ) -> None:
+        self.text, self.file, self.line, self.path, self.code = text, file, line, tuple(path), code
+        self.faults: tuple[ConfigError, ...] = tuple(part for fault in faults for part in fault.faults) or (self,)
+        location = [file if line is None else f"{file}:{line}", dotted(path)]
+        lines = [str(fault) for fault in self.faults if fault is not self]
+        super().__init__("\n".join(lines) or ": ".join([*filter(None, location), text]))
 
 
 class ModelError(MirdrakeError):
@@ -86,6 +108,11 @@ def _printable(message: str) -> str:
         text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
         lines.append(text if len(text) <= _LONGEST_LINE else f"{text[: _LONGEST_LINE - 300]} … {text[-290:]}")
     return "\n".join(lines)
+
+
+def dotted(path: Iterable[Hashable]) -> str:
+    """Return a key path as text; characters that do not print are escaped, so that a message stays one line."""
+    return ".".join(text if (text := str(step)).isprintable() else repr(text) for step in path)
 
 
 def did_you_mean(given: object, allowed: Iterable[str]) -> str:

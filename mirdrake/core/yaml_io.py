@@ -17,10 +17,10 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, FaultCode, did_you_mean, dotted
 from mirdrake.core.yaml_tree import Key as Key  # with `as`: also public here
 from mirdrake.core.yaml_tree import Source as Source
-from mirdrake.core.yaml_tree import dotted, in_file, lay_over
+from mirdrake.core.yaml_tree import in_file, lay_over
 from mirdrake.core.yaml_tree import parse_tree as parse_tree
 
 SchemaT = TypeVar("SchemaT", bound="Schema")
@@ -180,13 +180,16 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     except ValidationError as error:
         # Each line costs a search for similar names: a file of another kind may have thousands of unknown keys.
         entries = error.errors()
-        faults = dict.fromkeys(_fault(entry, schema, source) for entry in entries[:MOST_FAULTS])
+        faults = {str(fault): fault for fault in (_fault(entry, schema, source) for entry in entries[:MOST_FAULTS])}
         if len(entries) > MOST_FAULTS:
-            faults[f"{source.where()}: {len(entries) - MOST_FAULTS} more faults; correct these first"] = None
-        raise ConfigError("\n".join(faults)) from None
+            more = source.error(f"{len(entries) - MOST_FAULTS} more faults; correct these first", code="too_many")
+            faults[str(more)] = more
+        raise ConfigError(faults=faults.values()) from None
     truths = list(_truth_for_number(spec, data, ()))
     if truths:
-        raise ConfigError("\n".join(f"{source.where(*path)}: {word} is not a number" for path, word in truths))
+        raise ConfigError(
+            faults=[source.error(f"{word} is not a number", *path, code="not_a_number") for path, word in truths]
+        )
     _attach(spec, source, source.prefix)
     return spec
 
@@ -222,13 +225,14 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConfigError(f"{name}: no such file") from None
+        raise ConfigError("no such file", file=name, code="no_such_file") from None
     except IsADirectoryError:
-        raise ConfigError(f"{name}: is a folder; a YAML file is expected") from None
+        raise ConfigError("is a folder; a YAML file is expected", file=name, code="unreadable") from None
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{name}: not UTF-8 text (byte {error.start})") from None
+        raise ConfigError(f"not UTF-8 text (byte {error.start})", file=name, code="unreadable") from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise ConfigError(f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot be read: {reason}", file=name, code="unreadable") from None
 
 
 def shown(path: Path) -> str:
@@ -255,42 +259,52 @@ def _shown_value(value: Any) -> str:
 _NOT_NUMBERS = {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}
 
 
-def _fault(entry: Any, schema: type[Schema], source: Source) -> str:
-    """One pydantic error as ``file:line: dotted.path: what is wrong``."""
+def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
+    """Return a pydantic error in our words, with its location."""
     location = tuple(entry["loc"])
     path = in_file(location, source)
     kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ")
+    code: FaultCode = "bad_value"
     if kind == "extra_forbidden":
+        code = "unknown_key"
         if path[-1:] != (str(location[-1]),):
             path = (*path, location[-1])
         message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(schema, location[:-1]))}"
     elif kind == "missing":
+        code = "missing_key"
         path = (*path, location[-1])
         message = "is missing"
     elif kind == "union_tag_invalid":
+        code = "unknown_kind"
         tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
         path = (*path, "kind")
         message = f"unknown kind {_shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
     elif kind == "union_tag_not_found":
+        code = "missing_kind"
         message = (
             "needs a 'kind'" if isinstance(given, dict) else f"{_shown_value(given)} is not a mapping with a 'kind'"
         )
     elif kind == "literal_error":
+        code = "not_allowed"
         message = f"{_shown_value(given)} is not allowed; allowed: {context['expected']}"
     elif kind in {"model_type", "model_attributes_type", "dict_type", "list_type", "tuple_type"}:
+        code = "wrong_type"
         message = f"{_shown_value(given)} is not a {'list' if kind[0] in 'lt' else 'mapping (key: value)'}"
     elif kind in _NOT_NUMBERS:
+        code = "not_a_number"
         message = f"{_shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
     elif kind in {"too_long", "too_short"}:
+        code = "wrong_length"
         allowed = context.get("max_length", context.get("min_length"))
         message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"
     elif kind == "finite_number":
+        code = "not_finite"
         message = f"{given} is not a finite number"
     elif kind not in {"value_error", "assertion_error"}:
         message = f"{_shown_value(given)} is not allowed; it should be {message[:1].lower() + message[1:]}"
-    return f"{source.where(*path)}: {' '.join(message.split())}"
+    return source.error(" ".join(message.split()), *path, code=code)
 
 
 def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
@@ -347,12 +361,14 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
         ConfigError: not of that form, not YAML, or a list index that does not exist.
     """
     printable = override if override.isprintable() else repr(override)
-    told = f"--set {printable}" if len(printable) <= 80 else f"--set {printable[:79]}…"
+    given_as = f"--set {printable}" if len(printable) <= 80 else f"--set {printable[:79]}…"
     path, separator, text = override.partition("=")
     keys = [key.strip() for key in path.split(".")]
     if not separator or not all(keys):
-        raise ConfigError(f"{told}: expected KEY.PATH=VALUE, for example control.ego.speed=8")
-    value, inner = parse_tree(text, told)
+        raise ConfigError(
+            "expected KEY.PATH=VALUE, for example control.ego.speed=8", file=given_as, code="bad_override"
+        )
+    value, inner = parse_tree(text, given_as)
     result = dict(data)
     node: Any = result
     full: Key = ()
@@ -361,7 +377,8 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
         step: Any = key
         if isinstance(node, list):
             if not (key.isdecimal() and len(key) < 7 and int(key) < len(node)):
-                raise ConfigError(f"{told}: {dotted(full)} is a list of {len(node)}; '{key}' is not an index of it")
+                text = f"{dotted(full)} is a list of {len(node)}; '{key}' is not an index of it"
+                raise ConfigError(text, file=given_as, code="bad_override")
             step = int(key)
         full = (*full, step)
         if depth == len(keys):
@@ -375,8 +392,8 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
     gone = full[:replaced]
     lines = {key: line for key, line in source.lines.items() if key[:replaced] != gone}
     overrides = {key: text for key, text in source.overrides.items() if key[:replaced] != gone}
-    overrides |= {full[:length]: told for length in range(replaced, len(full))}
-    overrides |= {(*full, *key): told for key in ((), *inner.lines)}
+    overrides |= {full[:length]: given_as for length in range(replaced, len(full))}
+    overrides |= {(*full, *key): given_as for key in ((), *inner.lines)}
     return result, source._replace(lines=lines, overrides=overrides)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, FaultCode, dotted
 
 Key = tuple[Hashable, ...]
 
@@ -31,14 +31,25 @@ class Source(NamedTuple):
         return f"{place}: {dotted(full)}" if full else place
 
     def place(self, *path: Hashable) -> str:
-        """``file:line`` of a key below this place, or of its nearest parent in the file."""
+        """Return ``file:line`` of a key below the prefix, or of its nearest parent in the file."""
+        file, line = self.location(*path)
+        return file if line is None else f"{file}:{line}"
+
+    def location(self, *path: Hashable) -> tuple[str, int | None]:
+        """Return file and line of a key below the prefix, or of its nearest parent; an override has no line."""
         full = (*self.prefix, *path)
         top = self._replace(prefix=())
         for length in range(len(full), -1, -1):
             key = in_file(full[:length], top)
             if len(key) == length:
                 break
-        return self.overrides.get(key) or (f"{self.name}:{self.lines[key]}" if key in self.lines else self.name)
+        override = self.overrides.get(key)
+        return (override, None) if override else (self.name, self.lines.get(key))
+
+    def error(self, text: str, *path: Hashable, code: FaultCode = "") -> ConfigError:
+        """Return the error that a key below the prefix is wrong."""
+        file, line = self.location(*path)
+        return ConfigError(text, file=file, line=line, path=(*self.prefix, *path), code=code)
 
 
 def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:
@@ -109,13 +120,15 @@ def parse_tree(text: str, name: str) -> tuple[Any, Source]:
         return loader.construct_document(node), Source(name, lines)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ConfigError(f"{name}:{line}: {_yaml_problem(error)}") from None
+        raise ConfigError(_yaml_problem(error), file=name, line=line, code="not_yaml") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         code = error.character if isinstance(error.character, int) else ord(str(error.character))
-        raise ConfigError(f"{name}:{line}: not valid YAML: character {code:#x} is not allowed") from None
+        text = f"not valid YAML: character {code:#x} is not allowed"
+        raise ConfigError(text, file=name, line=line, code="not_yaml") from None
     except (ValueError, OverflowError):  # PyYAML lets a few out: "\UFFFFFFFF", %YAML 9999…
-        raise ConfigError(f"{name}:{loader.line + 1}: not valid YAML: a code or version out of range") from None
+        text = "not valid YAML: a code or version out of range"
+        raise ConfigError(text, file=name, line=loader.line + 1, code="not_yaml") from None
 
 
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
@@ -261,11 +274,6 @@ class _LineCollector:
 
 def _fault_at(node: yaml.Node, problem: str) -> _FileFaultError:
     return _FileFaultError(problem=problem, problem_mark=node.start_mark)
-
-
-def dotted(path: Key) -> str:
-    """A key path as text; odd characters are escaped, so that a message stays one printable line."""
-    return ".".join(text if (text := str(step)).isprintable() else repr(text) for step in path)
 
 
 def in_file(location: Iterable[Hashable], source: Source) -> Key:

@@ -24,7 +24,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import Duration, Schema, Source, load_yaml, read_tree, validate, where
+from mirdrake.core.yaml_io import Duration, Schema, Source, load_yaml, read_tree, validate
 from mirdrake.identification.spec import DataSpec
 
 Value = float | str
@@ -148,5 +148,9 @@ def embedded_data(spec: StudySpec) -> DataSpec:
 
 def locate_in_study(spec: StudySpec, error: ConfigError) -> ConfigError:
     """Return an error with file and line of the study before every fault that names a key of it."""
-    lines = [f"{where(spec, *fault.path)}: {fault.text}" if fault.path else str(fault) for fault in error.faults]
-    return ConfigError("\n".join(lines))
+    source = spec._source or Source("study", {})
+    return ConfigError(
+        faults=[
+            source.error(fault.text, *fault.path, code=fault.code) if fault.path else fault for fault in error.faults
+        ]
+    )
