@@ -7,100 +7,69 @@
     spec = mir.load_diagram("bolt_test_track")
     run = mir.simulate(spec, duration=30)
 
-Everything public is here, listed in ``__all__``. ``import mirdrake`` itself loads nothing: a name brings in its module,
-and with it Drake, when it is first used.
+Everything public is here, listed in ``__all__``. ``import mirdrake`` itself loads nothing: a name loads its module, and
+with it Drake, when it is first used.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+# The only list of the public names: type checkers read these imports, and so does __getattr__ at run time.
 if TYPE_CHECKING:
-    from mirdrake.assembly.diagram import load_diagram, make_diagram
-    from mirdrake.controllers import AckermannSteering, DiscretePid, PathTracker
-    from mirdrake.core.errors import MirdrakeError
-    from mirdrake.identification import check_data, load_data, load_identification
-    from mirdrake.identification.identify import identify
-    from mirdrake.importing.worlds import import_world
-    from mirdrake.plant.plant import add_vehicle, add_world, make_plant
-    from mirdrake.report import write_report
-    from mirdrake.runs.logs import Run, load_run
-    from mirdrake.runs.simulation import simulate
-    from mirdrake.studies import run_study
-    from mirdrake.suites import collect_cases, run_suite
-    from mirdrake.tuning.tune import tune
-    from mirdrake.vehicles import load_vehicle
-    from mirdrake.world_checks import check_world
-    from mirdrake.world_files import build_world
-    from mirdrake.worlds import load_world
+    from mirdrake.assembly.diagram import load_diagram as load_diagram
+    from mirdrake.assembly.diagram import make_diagram as make_diagram
+    from mirdrake.controllers import AckermannSteering as AckermannSteering
+    from mirdrake.controllers import DiscretePid as DiscretePid
+    from mirdrake.controllers import PathTracker as PathTracker
+    from mirdrake.core.errors import MirdrakeError as MirdrakeError
+    from mirdrake.identification import check_data as check_data
+    from mirdrake.identification import load_data as load_data
+    from mirdrake.identification import load_identification as load_identification
+    from mirdrake.identification.identify import identify as identify
+    from mirdrake.importing.worlds import import_world as import_world
+    from mirdrake.plant.plant import add_vehicle as add_vehicle
+    from mirdrake.plant.plant import add_world as add_world
+    from mirdrake.plant.plant import make_plant as make_plant
+    from mirdrake.report import write_report as write_report
+    from mirdrake.runs.logs import Run as Run
+    from mirdrake.runs.logs import load_run as load_run
+    from mirdrake.runs.simulation import simulate as simulate
+    from mirdrake.studies import run_study as run_study
+    from mirdrake.suites import collect_cases as collect_cases
+    from mirdrake.suites import run_suite as run_suite
+    from mirdrake.tuning.tune import tune as tune
+    from mirdrake.vehicles import load_vehicle as load_vehicle
+    from mirdrake.world_checks import check_world as check_world
+    from mirdrake.world_files import build_world as build_world
+    from mirdrake.worlds import load_world as load_world
 
-__all__ = [  # the order of code points, capitals first; every name also stands in the imports above and in _HOME below
-    "AckermannSteering",
-    "DiscretePid",
-    "MirdrakeError",
-    "PathTracker",
-    "Run",
-    "add_vehicle",
-    "add_world",
-    "build_world",
-    "check_data",
-    "check_world",
-    "collect_cases",
-    "identify",
-    "import_world",
-    "load_data",
-    "load_diagram",
-    "load_identification",
-    "load_run",
-    "load_vehicle",
-    "load_world",
-    "make_diagram",
-    "make_plant",
-    "run_study",
-    "run_suite",
-    "simulate",
-    "tune",
-    "write_report",
-]
 
-_HOME = {
-    "AckermannSteering": "controllers",
-    "DiscretePid": "controllers",
-    "MirdrakeError": "core.errors",
-    "PathTracker": "controllers",
-    "Run": "runs.logs",
-    "add_vehicle": "plant.plant",
-    "add_world": "plant.plant",
-    "build_world": "world_files",
-    "check_data": "identification",
-    "check_world": "world_checks",
-    "collect_cases": "suites",
-    "identify": "identification.identify",
-    "import_world": "importing.worlds",
-    "load_data": "identification",
-    "load_diagram": "assembly.diagram",
-    "load_identification": "identification",
-    "load_run": "runs.logs",
-    "load_vehicle": "vehicles",
-    "load_world": "worlds",
-    "make_diagram": "assembly.diagram",
-    "make_plant": "plant.plant",
-    "run_study": "studies",
-    "run_suite": "suites",
-    "simulate": "runs.simulation",
-    "tune": "tuning.tune",
-    "write_report": "report",
-}
+def public_modules() -> dict[str, str]:
+    """Return the module of every public name, from the imports above."""
+    import ast
+    from pathlib import Path
+
+    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, from its module, at its first use (PEP 562)."""
-    if name not in _HOME:
+    """Load a public name from its module when it is first used (PEP 562)."""
+    if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module 'mirdrake' has no attribute '{name}'")
-    value = getattr(import_module(f"mirdrake.{_HOME[name]}"), name)
+    modules = public_modules()
+    if name == "__all__":
+        value: Any = sorted(modules)
+    elif name in modules:
+        value = getattr(import_module(modules[name]), name)
+    else:
+        raise AttributeError(f"module 'mirdrake' has no attribute '{name}'")
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    """The public names, also those not loaded yet."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, whether they are loaded or not."""
+    return sorted({*globals(), *public_modules(), "__all__"})

@@ -93,3 +93,29 @@ def test_every_verb_can_be_imported_and_has_a_help_line_and_an_example() -> None
 
     check(VERBS, "")
     assert len(set(modules(VERBS))) == len(modules(VERBS))
+
+
+def test_the_version_comes_without_drake_and_numpy() -> None:
+    code = (
+        "import sys, contextlib; from mirdrake.cli import main\n"
+        "with contextlib.suppress(SystemExit): main(['--version'])\n"
+        f"print(sorted({set(HEAVY)} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.stderr == "[]\n"
+    assert done.stdout.startswith("mirdrake")
+
+
+def test_the_modules_of_verbs_load_what_they_need_when_they_run() -> None:
+    """`new` may load Drake, as its options are the dimensions of a vehicle; `checking` does the work of `check`."""
+    modules = [f"mirdrake.cli.{file.stem}" for file in (ROOT / "mirdrake" / "cli").glob("[a-z]*.py")]
+    code = (
+        "import sys, importlib, json; loaded = {}\n"
+        "for name in json.loads(sys.argv[1]):\n"
+        f"    importlib.import_module(name); loaded[name] = sorted({set(HEAVY)} & set(sys.modules))\n"
+        "print(json.dumps(loaded))"
+    )
+    names = sorted(set(modules) - {"mirdrake.cli.new", "mirdrake.cli.checking"})
+    done = subprocess.run([sys.executable, "-c", code, json.dumps(names)], cwd=ROOT, capture_output=True, text=True)
+    loaded = json.loads(done.stdout)
+    assert {name for name, heavy in loaded.items() if set(heavy) - {"pydantic"}} == set()

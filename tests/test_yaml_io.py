@@ -639,6 +639,6 @@ def test_a_fault_carries_file_line_path_and_code(text: str, line: int, path: tup
 def test_a_fault_of_an_override_names_the_override() -> None:
     with pytest.raises(ConfigError) as caught:
         parse_yaml("", Drive, overrides=["plant.contact=soft", "plant.time_step=fast"])
-    first, second = caught.value.faults
+    first, second = sorted(caught.value.faults, key=lambda fault: str(fault.path))
     assert (first.file, first.line, first.path) == ("--set plant.contact=soft", None, ("plant", "contact"))
     assert second.code == "not_a_number"

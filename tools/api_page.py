@@ -11,6 +11,7 @@ import re
 import sys
 from pathlib import Path
 
+import mirdrake
 from tests.test_layers import STAGES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -47,11 +48,7 @@ def summary(module: str) -> str:
 
 def names_of_mirdrake() -> dict[str, str]:
     """Public name of the package -> module it comes from."""
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
-    tables = [node for node in tree.body if isinstance(node, ast.Assign)]
-    (home,) = [table.value for table in tables if _targets(table) == ["_HOME"]]
-    found: dict[str, str] = ast.literal_eval(home)
-    return found
+    return {name: module.removeprefix("mirdrake.") for name, module in mirdrake.public_modules().items()}
 
 
 def write_page(text: str) -> str:

@@ -14,8 +14,8 @@ from typing import Any, Final, NoReturn
 
 import yaml
 
-from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_tree import dotted, parse_tree
+from mirdrake.core.errors import ConfigError, dotted
+from mirdrake.core.yaml_tree import parse_tree
 
 Scalar = bool | int | float | str | None
 Value = Scalar | tuple[Scalar, ...]
