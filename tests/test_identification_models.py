@@ -19,7 +19,8 @@ from mirdrake.identification.models import MODELS, ModelSpec, make_model
 from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
-from mirdrake.single_track.dynamics import Variant, brush_force
+from mirdrake.single_track.dynamics import Variant
+from mirdrake.tyres.brush import brush_lateral_force
 from tests.identification_rigs import FRONT, MASS, REAR, TRUTH, exact, lateral_data
 
 KNOWN = {"mass": MASS, "front_length": FRONT, "rear_length": REAR}
@@ -251,7 +252,7 @@ def test_fiala_force_is_that_of_the_reduced_model():
     p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8}
     slip = np.linspace(-0.4, 0.4, 41)
     ours = model._force("front", slip, 8000.0, p)
-    theirs = [brush_force(np.tan(one), stiffness=90e3, limit=6400.0) for one in slip]
+    theirs = [brush_lateral_force(np.tan(one), 90e3, 6400.0) for one in slip]
     assert ours == pytest.approx(np.array(theirs), rel=1e-9, abs=1e-6)
 
 

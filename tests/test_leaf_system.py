@@ -20,7 +20,6 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.leaf_system import FreeableType, LeafSystem, declare_cached_value
 from mirdrake.core.paths import find
 from mirdrake.runs.simulation import simulate
-from mirdrake.single_track.dynamics import Tyres
 from mirdrake.single_track.vehicle import make_single_track_vehicle
 from mirdrake.vehicles import load_vehicle
 
@@ -192,7 +191,7 @@ def test_a_diagram_with_a_driver_is_freed(kind: str) -> None:
 
 
 @pytest.mark.parametrize("tyres", ["kinematic", "linear", "brush"])
-def test_a_single_track_model_is_freed(tyres: Tyres) -> None:
+def test_a_single_track_model_is_freed(tyres: str) -> None:
     car = load_vehicle("bolt")
 
     def make() -> Diagram:

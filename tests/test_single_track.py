@@ -32,10 +32,9 @@ from mirdrake.single_track import (
     steady_gain,
     understeer_gradient,
 )
-from mirdrake.single_track.dynamics import BLEND_TIME, Variant, brush_force, evaluate, maths_of
-from mirdrake.single_track.fast import make_fast
+from mirdrake.single_track.dynamics import BLEND_TIME, CompiledEquations, Variant, evaluate
 from mirdrake.single_track.parameters import PARAMETERS
-from mirdrake.single_track.system import state_names
+from mirdrake.tyres.brush import brush_lateral_force
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.inspection import inspect_vehicle
 from mirdrake.worlds import load_world
@@ -45,7 +44,6 @@ CAR = SingleTrackParameters(
     mass=1500.0, yaw_inertia=2400.0, front_length=1.2, rear_length=1.5, front_stiffness=90e3, rear_stiffness=110e3
 )
 LOSSES = replace(CAR, rolling_resistance=0.01, drag=0.5, rotating_mass=40.0)
-FLOATS = maths_of(float)
 LINEAR, KINEMATIC, BRUSH = Variant("linear"), Variant("kinematic"), Variant("brush")
 VARIANTS = [
     KINEMATIC,
@@ -254,7 +252,7 @@ def test_the_friction_of_brush_tyres_limits_turning_and_braking():
     assert 0.9 * 0.4 * GRAVITY < -braking["longitudinal_acceleration"] < 0.4 * GRAVITY
     state = [0.0, 0.0, 0.0, 20.0, 8.0, 0.0]  # both axles slide
     limit = 0.4 * 1500.0 * GRAVITY * 1.5 / 2.7
-    rates = evaluate(BRUSH, replace(slippery, com_height=0.0).values(), state, [0.0, 0.6 * limit, 0.0], maths=FLOATS)
+    rates = evaluate(BRUSH, replace(slippery, com_height=0.0).values(), state, [0.0, 0.6 * limit, 0.0])
     assert rates.motion[5:] == pytest.approx([-0.8 * limit, -limit * 1.2 / 1.5])
     with pytest.raises(ConfigError, match=r"cannot hold 20 m/s at 0\.3 rad; take less speed or steering"):
         find_steady_state(slippery, BRUSH, speed=20.0, steering=0.3)
@@ -334,7 +332,7 @@ def test_results_do_not_depend_on_the_time_step(variant):
 def test_the_power_of_the_forces_is_the_change_of_the_energy(variant):
     """Without losses; the tyres take away side force times sliding speed, and nothing else is lost."""
     steering, state = 0.1, [0.0, 0.0, 0.0, 15.0, -0.4, 0.35]
-    rates = evaluate(variant, CAR.values(), state, [steering, 1200.0, 0.0], maths=FLOATS)
+    rates = evaluate(variant, CAR.values(), state, [steering, 1200.0, 0.0])
     vx, vy, spin = state[3:]
     front, rear = rates.motion[5], rates.motion[6]
     ahead = vy + 1.2 * spin
@@ -356,7 +354,7 @@ def test_the_brush_force_is_that_of_bristles_under_a_parabolic_pressure(slip):
 
     sticking = max(2.0 * half - bristle * abs(slip) * 4.0 * half**3 / (3.0 * limit), 0.0)
     wanted = quad(force, 0.0, 2.0 * half, points=[sticking])[0]
-    assert brush_force(slip, stiffness=stiffness, limit=limit) == pytest.approx(-np.sign(slip) * wanted, abs=1e-6)
+    assert brush_lateral_force(slip, stiffness, limit) == pytest.approx(-np.sign(slip) * wanted, abs=1e-6)
 
 
 def test_relaxation_delays_the_slip_by_a_distance():
@@ -370,15 +368,15 @@ def test_relaxation_delays_the_slip_by_a_distance():
 def test_gravity_and_velocity_have_the_components_of_the_heading(variant):
     bank, yaw = replace(CAR, gravity_x=0.3, gravity_y=-0.5), 0.7
     ahead, side = np.array([cos(yaw), sin(yaw)]), np.array([-sin(yaw), cos(yaw)])
-    rates = evaluate(variant, bank.values(), [0.0, 0.0, yaw, 20.0, 0.0, 0.0], [0.0, 0.0, 0.0], maths=FLOATS).state
+    rates = evaluate(variant, bank.values(), [0.0, 0.0, yaw, 20.0, 0.0, 0.0], [0.0, 0.0, 0.0]).state
     assert rates[3:5] == pytest.approx([ahead @ [0.3, -0.5], side @ [0.3, -0.5]])
-    rates = evaluate(variant, bank.values(), [0.0, 0.0, yaw, 20.0, 1.0, 0.2], [0.0, 0.0, 0.0], maths=FLOATS).state
+    rates = evaluate(variant, bank.values(), [0.0, 0.0, yaw, 20.0, 1.0, 0.2], [0.0, 0.0, 0.0]).state
     assert rates[:3] == pytest.approx([*(20.0 * ahead + (1.0 - 1.5 * 0.2) * side), 0.2])
 
 
 def test_gravity_across_a_car_that_rolls_in_a_curve_does_work_on_its_mass():
     bank, turn = replace(CAR, gravity_y=-0.5), tan(0.3) / 2.7
-    rates = evaluate(KINEMATIC, bank.values(), [0.0, 0.0, 0.0, 3.0], [0.3, 0.0, 0.0], maths=FLOATS).state
+    rates = evaluate(KINEMATIC, bank.values(), [0.0, 0.0, 0.0, 3.0], [0.3, 0.0, 0.0]).state
     power = 1500.0 * -0.5 * 1.5 * turn * 3.0  # force times sideways velocity of the centre of mass
     assert (1500.0 + (1500.0 * 1.5**2 + 2400.0) * turn**2) * 3.0 * rates[3] == pytest.approx(power)
 
@@ -398,7 +396,7 @@ def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(var
     )  # fmt: skip
     start = {"yaw": 0.4, "vx": speed, "vy": 0.1, "yaw_rate": 0.2, "front_slip": 0.02, "rear_slip": -0.01}
     start |= {"roll": 0.03, "roll_rate": -0.2}
-    x = [{"steering": steering, **start}.get(name, 0.5) for name in state_names(variant)]
+    x = [{"steering": steering, **start}.get(name, 0.5) for name in variant.state_names]
     u = [steering, 900.0, 700.0, *([0.1, speed + 0.5] if variant.actuators else [])]
     model = SingleTrack(car, variant)
     point = np.array([*x, *u, *car.values()])
@@ -425,18 +423,19 @@ def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(var
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_the_fast_equations_give_the_same_numbers_to_the_last_bit(variant):
-    rng, states, inputs = np.random.default_rng(0), len(state_names(variant)), 5 if variant.actuators else 3
+def test_the_compiled_equations_give_the_same_numbers_to_the_last_bit(variant):
+    rng, states, inputs = np.random.default_rng(0), len(variant.state_names), len(variant.input_names)
     scales = np.resize([0.3, 4e3, 4e3, 1.0, 20.0], inputs)
+    equations = CompiledEquations(variant)
     for parameters in (ROLLING, replace(ROLLING, mass=1200.0, drag=0.4, rotating_mass=30.0, gravity_x=0.5)):
-        fast = make_fast(variant, states, inputs)
-        ready = fast.prepare(parameters.values())
+        record = equations.parameters(np.array(parameters.values()))
         for size in np.repeat([0.0, 1e-3, 0.1, 1.0, 5.0], 40):  # standstill, the blend, sliding
-            x, u = (size * rng.normal(size=states)).tolist(), (rng.normal(size=inputs) * scales).tolist()
+            x, u = size * rng.normal(size=states), rng.normal(size=inputs) * scales
             x[3] *= 5.0
-            expected = evaluate(variant, parameters.values(), x, u, maths=FLOATS)
-            assert fast.rates(ready, x, u) == expected.state
-            assert fast.motion(ready, x, u) == expected.motion
+            expected = evaluate(variant, parameters.values(), x.tolist(), u.tolist())
+            rates, motion = equations(record, x, equations.inputs(u))
+            assert rates.tolist() == expected.state
+            assert motion.tolist() == expected.motion
 
 
 def test_changed_parameters_count_from_the_next_evaluation_on():
@@ -563,7 +562,7 @@ def test_a_context_has_its_own_parameters():
 def test_what_makes_no_sense_is_refused():
     vehicle = load_vehicle("bolt")
     with pytest.raises(ConfigError, match="unknown tyres 'brus'; did you mean 'brush'"):
-        make_single_track(vehicle, tyres="brus")  # type: ignore[arg-type]
+        make_single_track(vehicle, tyres="brus")
     with pytest.raises(ConfigError, match="kinematic tyres have no slip"):
         make_single_track(vehicle, tyres="kinematic", relaxation=True)
     with pytest.raises(ConfigError, match="leave out roll, or use linear tyres"):

@@ -1,7 +1,7 @@
 """Equations of the single-track model, for floats, AutoDiffXd and symbolic expressions alike.
 
-Both wheels of an axle are one; the car stays flat on the road. Velocities vx, vy and yaw rate r are those of the centre
-of mass in the frame of the car, a and b its distances from the front and the rear axle, δ the steering angle
+The model has one wheel at each axle and stays flat on the road. Velocities vx, vy and yaw rate r are those of the
+centre of mass in the frame of the vehicle, a and b its distances from the front and the rear axle, δ the steering angle
 (R. Rajamani, Vehicle Dynamics and Control, 2nd ed., sections 2.2, 2.3 and 4.1; signs of ISO 8855, left positive)::
 
     (m + mr) v̇x = Fxf cos δ - Fyf sin δ + Fxr - D + m gx + m r vy
@@ -9,55 +9,58 @@ of mass in the frame of the car, a and b its distances from the front and the re
            Iz ṙ = a (Fxf sin δ + Fyf cos δ) - b Fyr
 
 with mr the rotating masses reduced to the road, D = ρ/2 cA |vx| vx the drag, gx and gy gravity along and across the
-car: a slope tilts gravity, as in the full model. Each axle has the velocity (u, w) along and across its wheels and the
-slip tan α = w / max(|u|, v1). Its lateral force is -C α (linear) or that of the brush tyre::
+vehicle: a slope tilts gravity, as in the full model. Each axle has the velocity (u, w) along and across its wheels and
+the slip tan α = w / max(|u|, v1). Its lateral force is -C α (linear) or that of the brush tyre::
 
     |Fy| = P (1 - (1 - min(s, 1))³),    s = C |tan α| / (3 P),    P = sqrt((μ N)² - Fx²)
 
-(E. Fiala 1954; H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 3.2.1, pure side slip; P after R. Hindiyeh
-and J. C. Gerdes, J. Dyn. Sys. Meas. Control 136, 2014: drive and brake forces take their share of the friction first).
+(E. Fiala 1954; H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 3.2.1, pure lateral slip; P after R. Hindiyeh
+and J. C. Gerdes, J. Dyn. Sys. Meas. Control 136, 2014: drive and brake forces use their share of the friction first).
 N is the static load and the transfer of the tyres' longitudinal forces over the height of the centre of mass. With
-relaxation length σ the slip that counts follows: d(tan α')/dt = max(|u|, v1) (tan α - tan α') / σ.
+relaxation length σ the effective slip follows: d(tan α')/dt = max(|u|, v1) (tan α - tan α') / σ.
 
-With roll the body leans by φ, to the right in a turn to the left, about an axis along the car; ms is what leans, h its
-height over the axis, J its inertia about it, K and D what springs, bars, dampers and tyres do against it. vx and vy are
-then those of the point below the centre of mass in the plane of the road, and the mass leans out of the turn (Rajamani,
-section 15.2; W. F. and D. L. Milliken, Race Car Vehicle Dynamics, section 11)::
+With roll the body rolls by φ, to the right in a turn to the left, about an axis along the vehicle; ms is the rolling
+mass, h its height over the axis, J its inertia about it, K and D stiffness and damping of springs, bars, dampers and
+tyres. vx and vy are then those of the point below the centre of mass in the plane of the road, and the rolling mass
+moves out of the turn (Rajamani, section 15.2; W. F. and D. L. Milliken, Race Car Vehicle Dynamics, section 11)::
 
     m (v̇y + r vx - gy) - ms h φ̈ = Fxf sin δ + Fyf cos δ + Fyr
     J φ̈ = ms h (v̇y + r vx - gy) - (K + ms gz h) φ - D φ̇
 
-(gz is negative.) The axles' slip α gets ε φ more: wheels that lean, and their share in the transfer of load, see
-:mod:`mirdrake.single_track.axles`. Where the roll axis is, is in h alone; it is level, and yawing and rolling do not
-turn each other's inertia.
+(gz is negative.) The slip of an axle increases by ε φ, for camber and load transfer; see
+:mod:`mirdrake.single_track.axles`. The position of the roll axis is in h alone; the axis is level, and yaw and roll are
+not coupled by products of inertia.
 
-Low speed. Slip has no meaning at standstill, and tyres become stiff springs there. Below the speed v1 the car moves as
-a kinematic single track, from v2 on as above, between them both derivatives are mixed with a smooth weight of v²::
+Low speed. Slip has no meaning at standstill, where tyres become stiff springs. Below the speed v1 the vehicle moves as
+a kinematic single track, from v2 on as above; between them both derivatives are blended with a smooth weight of v²::
 
     v = vx,  r = vx tan δ / L,  vy = b r        reached with the time constant BLEND_TIME
     (m + mr + (m b² + Iz) tan² δ / L²) v̇ = Fxf / cos δ + Fxr - D + m gx + m gy b tan δ / L
 
-The last line is Lagrange's equation of the rolling car at a steering angle that does not change. The kinematic model is
-this alone, at every speed, without BLEND_TIME.
+The last line is Lagrange's equation of the rolling vehicle at a constant steering angle. The kinematic model is this
+alone, at every speed, without BLEND_TIME.
 
 The fastest pole is near (Cf + Cr) / (m v), 40 1/s for a car in the blend: Drake's runge_kutta3 takes steps of 0.02 s.
 Stiffer tyres or smaller v1 need shorter ones.
 
-Brakes and rolling resistance oppose the motion with tanh(vx / STANDSTILL_SPEED): a car that is held on a slope creeps.
+Brakes and rolling resistance oppose the motion with tanh(vx / STANDSTILL_SPEED): a vehicle held on a slope creeps.
+
+The functions branch on flags only, never on values, so that they also take symbolic expressions. For floats
+:mod:`mirdrake.core.compiled` compiles them.
 """
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-import pydrake.math as drake_math
+import numpy as np
+import numpy.typing as npt
 
-Value = Any
-"""A float, an AutoDiffXd or an Expression."""
-
-Tyres = Literal["kinematic", "linear", "brush"]
-TYRES: tuple[Tyres, ...] = ("kinematic", "linear", "brush")
+from mirdrake.core.compiled import Records, compiled, records
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.maths import Value, absolute, atan, cos, larger, sin, smaller, sqrt, tanh
+from mirdrake.single_track.parameters import PARAMETERS
+from mirdrake.tyres import TYRES, SlipTyres
 
 BLEND_TIME = 0.05
 """Time constant with which the kinematic relations are reached at low speed [s]."""
@@ -65,193 +68,425 @@ BLEND_TIME = 0.05
 STANDSTILL_SPEED = 0.1
 """Speed below which brakes and rolling resistance fade [m/s]; as for the tyres of the full model."""
 
-LARGEST_SHARE = 0.98
-"""Part of an axle's friction that drive and brake force can take, so that the rest has a derivative."""
+MAX_LONGITUDINAL_SHARE = 0.98
+"""Share of an axle's friction that drive and brake force can use, so that the rest has a derivative [1]."""
 
-LEAST_LOAD = 0.01
-"""Part of the weight that an axle carries at least."""
+MIN_LOAD_SHARE = 0.01
+"""Smallest share of the weight on an axle [1]."""
 
-_ROLL = 6  # where the roll angle is in a state without slips
-
-_FLOAT_MATHS = SimpleNamespace(
-    sin=math.sin, cos=math.cos, tan=math.tan, atan=math.atan, tanh=math.tanh, sqrt=math.sqrt, abs=abs, min=min, max=max
-)
+LateralForce = Callable[[Value, Value, Value], Value]
+"""(tan α, cornering stiffness [N/rad], largest force [N]) -> lateral force [N]."""
 
 
 class Variant(NamedTuple):
-    """Which equations a model has.
+    """Equations of a model.
 
     Attributes:
-        tyres: "kinematic", "linear" or "brush".
+        tyres: "kinematic", "linear", or a kind of tyres with a lateral force for this model, as "brush".
         relaxation: whether the slip of each axle is a state; not for the kinematic model.
         actuators: whether the steering angle is a state and a servo holds the speed.
         roll: whether roll angle and roll rate are states; not for the kinematic model.
     """
 
-    tyres: Tyres = "linear"
+    tyres: str = "linear"
     relaxation: bool = False
     actuators: bool = False
     roll: bool = False
 
+    def check(self) -> None:
+        """Check the combination of equations.
 
-class Rates(NamedTuple):
-    """What the equations give.
+        Raises:
+            ConfigError: unknown tyres, or relaxation or roll without tyres.
+        """
+        allowed = ["kinematic", *lateral_forces()]
+        if self.tyres not in allowed:
+            raise ConfigError(f"SingleTrack: unknown tyres '{self.tyres}'; {did_you_mean(self.tyres, allowed)}")
+        if self.relaxation and self.tyres == "kinematic":
+            raise ConfigError("SingleTrack: kinematic tyres have no slip; leave out relaxation, or use linear tyres")
+        if self.roll and self.tyres == "kinematic":
+            raise ConfigError("SingleTrack: the kinematic model has no forces; leave out roll, or use linear tyres")
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the continuous states, in the order of the Context; SI units."""
+        names: tuple[str, ...] = ("x", "y", "yaw", "vx")
+        if self.tyres != "kinematic":
+            names += ("vy", "yaw_rate")
+            names += ("front_slip", "rear_slip") if self.relaxation else ()
+            names += ("roll", "roll_rate") if self.roll else ()
+        return names + (("steering",) if self.actuators else ())
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in their order; SI units."""
+        return Inputs._fields if self.actuators else Inputs._fields[:3]
+
+
+class Flags(NamedTuple):
+    """Variant as flags, for compiled functions.
 
     Attributes:
-        state: time derivatives of the state, in its order.
-        motion: sideslip [rad] and accelerations [m/s²] of the centre of mass, slip angles [rad] and lateral forces [N]
-            of front and rear axle; see :data:`mirdrake.single_track.system.MOTION`.
+        kinematic: whether there is no slip.
+        saturates: whether forces are limited by friction.
+        relaxation: as in :class:`Variant`, like the next two.
+        actuators: see there.
+        roll: see there.
+    """
+
+    kinematic: bool
+    saturates: bool
+    relaxation: bool
+    actuators: bool
+    roll: bool
+
+
+class State(NamedTuple):
+    """States of all variants; those that a variant does not have are zero.
+
+    Attributes:
+        x: position of the vehicle frame (rear axle centre) [m].
+        y: the same [m].
+        yaw: heading [rad].
+        vx: longitudinal velocity of the centre of mass [m/s].
+        vy: lateral velocity of the centre of mass [m/s].
+        yaw_rate: r [rad/s].
+        front_slip: effective slip tan α' of the front axle [1].
+        rear_slip: the same at the rear [1].
+        roll: φ [rad].
+        roll_rate: its rate [rad/s].
+        steering: steering angle [rad].
+    """
+
+    x: Value = 0.0
+    y: Value = 0.0
+    yaw: Value = 0.0
+    vx: Value = 0.0
+    vy: Value = 0.0
+    yaw_rate: Value = 0.0
+    front_slip: Value = 0.0
+    rear_slip: Value = 0.0
+    roll: Value = 0.0
+    roll_rate: Value = 0.0
+    steering: Value = 0.0
+
+
+class Inputs(NamedTuple):
+    """Inputs; the last two are for actuators.
+
+    Attributes:
+        steering: steering angle, or its set-point with actuators [rad].
+        drive: drive force at the road [N].
+        brake: brake force at the road [N], positive.
+        steering_rate: rate of the set-point [rad/s].
+        speed: set-point of the wheel servos [m/s].
+    """
+
+    steering: Value = 0.0
+    drive: Value = 0.0
+    brake: Value = 0.0
+    steering_rate: Value = 0.0
+    speed: Value = 0.0
+
+
+class Motion(NamedTuple):
+    """Handling quantities; slips and forces are zero in the kinematic model.
+
+    Attributes:
+        sideslip: sideslip angle of the centre of mass [rad].
+        longitudinal_acceleration: of the centre of mass [m/s²].
+        lateral_acceleration: of the centre of mass [m/s²].
+        front_slip_angle: [rad].
+        rear_slip_angle: [rad].
+        front_lateral_force: across the front wheels [N].
+        rear_lateral_force: [N].
+    """
+
+    sideslip: Value
+    longitudinal_acceleration: Value
+    lateral_acceleration: Value
+    front_slip_angle: Value
+    rear_slip_angle: Value
+    front_lateral_force: Value
+    rear_lateral_force: Value
+
+
+class Rates(NamedTuple):
+    """Result of the equations.
+
+    Attributes:
+        state: time derivatives of the states of a variant, in their order.
+        motion: values of :class:`Motion`.
     """
 
     state: list[Value]
     motion: list[Value]
 
 
-def maths_of(scalar: type) -> Any:
-    """The elementary functions for a scalar type; those of the standard library are the fast ones for floats."""
-    return _FLOAT_MATHS if scalar is float else drake_math
+def linear_lateral_force(tan_alpha: Value, stiffness: Value, limit: Value) -> Value:  # noqa: ARG001 - no limit
+    """Return the lateral force of a linear tyre [N]; arguments as in :data:`LateralForce`."""
+    return -stiffness * atan(tan_alpha)
 
 
-def brush_force(slip: Value, *, stiffness: Value, limit: Value, maths: Any = _FLOAT_MATHS) -> Value:
-    """Lateral force [N] of a brush tyre in pure side slip; the formula of :mod:`mirdrake.tyres.brush`.
-
-    :func:`evaluate` asks for it once an axle, with slip and limit: the place for another tyre law.
-
-    Written without a division by the slip and without a branch. Its first derivative is continuous, also at zero slip
-    and where the whole patch begins to slide.
-
-    Args:
-        slip: tan α [1].
-        stiffness: cornering stiffness [N/rad].
-        limit: largest force [N], positive.
-        maths: elementary functions.
-    """
-    share = stiffness * maths.abs(slip) / (3.0 * limit)
-    sticking = maths.min(share, 1.0)
-    return -stiffness * slip * (1.0 - sticking + sticking * sticking / 3.0) / maths.max(share, 1.0)
+def lateral_forces() -> dict[str, LateralForce]:
+    """Return the lateral forces that the model can use, by ``tyres`` of :class:`Variant`."""
+    registered = {
+        kind: tyres.lateral_force
+        for kind, tyres in TYRES.items()
+        if issubclass(tyres, SlipTyres) and tyres.lateral_force is not None
+    }
+    return {"linear": linear_lateral_force, **registered}
 
 
-def evaluate(
-    variant: Variant, parameters: Sequence[Value], state: Sequence[Value], inputs: Sequence[Value], *, maths: Any
-) -> Rates:
-    """The equations of the module's head.
-
-    Args:
-        variant: which of them.
-        parameters: in the order of :class:`mirdrake.single_track.parameters.SingleTrackParameters`.
-        state: x, y [m], yaw [rad] of the vehicle frame (rear axle centre), vx [m/s]; unless kinematic vy [m/s] of the
-            centre of mass and r [rad/s]; with relaxation the slips tan α' of front and rear; with roll its angle
-            [rad] and rate [rad/s]; with actuators the steering angle [rad].
-        inputs: steering angle [rad], drive force [N], brake force [N]; with actuators also the rate of the steering
-            set-point [rad/s] and the speed set-point [m/s].
-        maths: from :func:`maths_of`.
-    """
+def flags_of(variant: Variant) -> Flags:
+    """Return the flags of a variant."""
     kinematic = variant.tyres == "kinematic"
-    (mass, inertia, a, b, height, rotating, c_front, c_rear, mu_front, mu_rear, relax_front, relax_rear, crr) = (
-        parameters[:13]
-    )
-    (drag, drive_share, brake_share, max_force, servo, lag, gx, gy, gz, v1, v2) = parameters[13:24]
-    yaw, vx = state[2], state[3]
-    base, tail = a + b, []
+    saturates = variant.tyres not in {"kinematic", "linear"}
+    return Flags(kinematic, saturates, variant.relaxation, variant.actuators, variant.roll)
 
-    # Actuators.
-    steering, drive = inputs[0], inputs[1]
-    if variant.actuators:
-        delta = state[-1]
-        tail = [inputs[3] + (steering - delta) / lag]
-        drive = drive + servo * (inputs[4] - vx)
-    else:
-        delta = steering
-    drive = maths.min(maths.max(drive, -max_force), max_force)
-    sine, cosine = maths.sin(delta), maths.cos(delta)
+
+def evaluate(variant: Variant, parameters: Sequence[Value], state: Sequence[Value], inputs: Sequence[Value]) -> Rates:
+    """Evaluate the equations of the module's head, for any number type.
+
+    Args:
+        variant: equations.
+        parameters: in the order of :data:`mirdrake.single_track.parameters.PARAMETERS`.
+        state: in the order of :attr:`Variant.state_names`.
+        inputs: in the order of :attr:`Variant.input_names`.
+    """
+    names = variant.state_names
+    law = lateral_forces().get(variant.tyres, linear_lateral_force)
+    x = State(**dict(zip(names, state, strict=True)))
+    u = Inputs(**dict(zip(variant.input_names, inputs, strict=True)))
+    derivatives, motion = equations(
+        law, flags_of(variant), SimpleNamespace(**dict(zip(PARAMETERS, parameters, strict=True))), x, u
+    )
+    return Rates([getattr(derivatives, name) for name in names], list(motion))
+
+
+def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> tuple[State, Motion]:
+    """Return the time derivatives of the states, and the motion; equations in the head of the module.
+
+    Args:
+        law: lateral force of an axle.
+        flags: which equations.
+        p: parameters by name.
+        x: states.
+        u: inputs.
+    """
+    a, b = p.front_length, p.rear_length
+    base, vx = a + b, x.vx
+
+    # Actuators: a first-order lag of the steering, a servo that holds the speed.
+    delta, drive, steering_rate = u.steering, u.drive, 0.0
+    if flags.actuators:
+        delta = x.steering
+        steering_rate = u.steering_rate + (u.steering - delta) / p.steering_lag
+        drive = drive + p.servo_gain * (u.speed - vx)
+    drive = smaller(larger(drive, -p.max_force), p.max_force)
+    sine, cosine = sin(delta), cos(delta)
     tangent = sine / cosine
 
-    # Longitudinal forces of the axles, along their wheels, and gravity along and across the car.
-    weight = -mass * gz
-    opposing = maths.tanh(vx / STANDSTILL_SPEED)
-    brake = inputs[2] * opposing
-    resistance = crr * weight * opposing
-    front = drive_share * drive - brake_share * brake - resistance * b / base
-    rear = (1.0 - drive_share) * drive - (1.0 - brake_share) * brake - resistance * a / base
-    air = drag * maths.abs(vx) * vx
-    sin_yaw, cos_yaw = maths.sin(yaw), maths.cos(yaw)
-    along, across = mass * (gx * cos_yaw + gy * sin_yaw), mass * (gy * cos_yaw - gx * sin_yaw)
+    # Longitudinal forces of the axles, along their wheels, and gravity along and across the vehicle.
+    weight = -p.mass * p.gravity_z
+    opposing = tanh(vx / STANDSTILL_SPEED)
+    brake = u.brake * opposing
+    resistance = p.rolling_resistance * weight * opposing
+    front = p.front_drive * drive - p.front_brake * brake - resistance * b / base
+    rear = (1.0 - p.front_drive) * drive - (1.0 - p.front_brake) * brake - resistance * a / base
+    air = p.drag * absolute(vx) * vx
+    sin_yaw, cos_yaw = sin(x.yaw), cos(x.yaw)
+    along = p.mass * (p.gravity_x * cos_yaw + p.gravity_y * sin_yaw)
+    across = p.mass * (p.gravity_y * cos_yaw - p.gravity_x * sin_yaw)
 
-    # Limits of friction; the transfer of load is that of the forces asked for.
-    limit_front = limit_rear = 0.0
-    if variant.tyres == "brush":
-        most = LARGEST_SHARE * weight * maths.max(mu_front, mu_rear)
-        transfer = maths.min(maths.max(front + rear, -most), most) * height
-        grip_front = mu_front * maths.max((weight * b - transfer) / base, LEAST_LOAD * weight)
-        grip_rear = mu_rear * maths.max((weight * a + transfer) / base, LEAST_LOAD * weight)
-        front, limit_front = _within(front, grip_front, maths)
-        rear, limit_rear = _within(rear, grip_rear, maths)
+    # Limits of friction; the load transfer is that of the demanded longitudinal forces.
+    limit_front, limit_rear = 0.0, 0.0
+    if flags.saturates:
+        most = MAX_LONGITUDINAL_SHARE * weight * larger(p.front_friction, p.rear_friction)
+        transfer = smaller(larger(front + rear, -most), most) * p.com_height
+        grip_front = p.front_friction * larger((weight * b - transfer) / base, MIN_LOAD_SHARE * weight)
+        grip_rear = p.rear_friction * larger((weight * a + transfer) / base, MIN_LOAD_SHARE * weight)
+        front, limit_front = _limit_force(front, grip_front)
+        rear, limit_rear = _limit_force(rear, grip_rear)
 
     # Kinematic single track.
     turn = tangent / base
-    effective = mass + rotating + (mass * b * b + inertia) * turn * turn
+    effective = p.mass + p.rotating_mass + (p.mass * b * b + p.yaw_inertia) * turn * turn
     slow_vx = (front / cosine + rear - air + along + across * b * turn) / effective
-    if kinematic:
-        place = [vx * cos_yaw, vx * sin_yaw, vx * turn]
-        side = (vx * vx + b * slow_vx) * turn
-        sideslip = maths.atan(b * turn)
-        return Rates(
-            [*place, slow_vx, *tail], [sideslip, slow_vx - b * vx * vx * turn * turn, side, 0.0, 0.0, 0.0, 0.0]
+    if flags.kinematic:
+        lateral = (vx * vx + b * slow_vx) * turn
+        longitudinal = slow_vx - b * vx * vx * turn * turn
+        return (
+            State(vx * cos_yaw, vx * sin_yaw, vx * turn, slow_vx, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, steering_rate),
+            Motion(atan(b * turn), longitudinal, lateral, 0.0, 0.0, 0.0, 0.0),
         )
 
-    # Slips of the axles and their lateral forces.
-    vy, spin = state[4], state[5]
-    ahead, behind = vy + a * spin, vy - b * spin
-    speed_front, speed_rear = maths.abs(vx * cosine + ahead * sine), maths.abs(vx)
-    speed_front, speed_rear = maths.max(speed_front, v1), maths.max(speed_rear, v1)
-    slip_front, slip_rear = (ahead * cosine - vx * sine) / speed_front, behind / speed_rear
-    slips = []
-    if variant.relaxation:
-        now_front, now_rear = state[6], state[7]
-        slips = [
-            (slip_front - now_front) * speed_front / relax_front,
-            (slip_rear - now_rear) * speed_rear / relax_rear,
-        ]
-        slip_front, slip_rear = now_front, now_rear
-    lean, leaning = 0.0, 0.0
-    if variant.roll:
-        lean, leaning = state[_ROLL + len(slips)], state[_ROLL + len(slips) + 1]
-        slip_front, slip_rear = slip_front + parameters[29] * lean, slip_rear + parameters[30] * lean
-    alpha_front, alpha_rear = maths.atan(slip_front), maths.atan(slip_rear)
-    if variant.tyres == "linear":
-        side_front, side_rear = -c_front * alpha_front, -c_rear * alpha_rear
-    else:
-        side_front = brush_force(slip_front, stiffness=c_front, limit=limit_front, maths=maths)
-        side_rear = brush_force(slip_rear, stiffness=c_rear, limit=limit_rear, maths=maths)
+    # Slips of the axles, with relaxation and roll, and their lateral forces.
+    v1, v2, vy, yaw_rate = p.blend_start, p.blend_end, x.vy, x.yaw_rate
+    vy_front, vy_rear = vy + a * yaw_rate, vy - b * yaw_rate
+    speed_front = larger(absolute(vx * cosine + vy_front * sine), v1)
+    speed_rear = larger(absolute(vx), v1)
+    slip_front, slip_rear = (vy_front * cosine - vx * sine) / speed_front, vy_rear / speed_rear
+    slip_rate_front, slip_rate_rear = 0.0, 0.0
+    if flags.relaxation:
+        slip_rate_front = (slip_front - x.front_slip) * speed_front / p.front_relaxation
+        slip_rate_rear = (slip_rear - x.rear_slip) * speed_rear / p.rear_relaxation
+        slip_front, slip_rear = x.front_slip, x.rear_slip
+    if flags.roll:
+        slip_front, slip_rear = slip_front + p.front_roll_slip * x.roll, slip_rear + p.rear_roll_slip * x.roll
+    side_front = law(slip_front, p.front_stiffness, limit_front)
+    side_rear = law(slip_rear, p.rear_stiffness, limit_rear)
 
-    # Newton and Euler, mixed with the kinematic relations at low speed.
+    # Newton and Euler at speed; a rolling body adds a lateral force.
     lateral = front * sine + side_front * cosine
-    fast_vx = (front * cosine - side_front * sine + rear - air + along + mass * spin * vy) / (mass + rotating)
-    swing = 0.0
-    if variant.roll:
-        leaner, high, inertia_roll, stiffness, damping = parameters[24:29]
-        arm = leaner * high
-        around = inertia_roll + leaner * high * high
-        righting = (stiffness + arm * gz) * lean + damping * leaning
-        swing = arm * (arm * (lateral + side_rear) / mass - righting) / (around - arm * arm / mass)
-    fast_vy = (lateral + side_rear + across + swing) / mass - spin * vx
-    fast_spin = (a * lateral - b * side_rear) / inertia
-    slow_spin, slow_vy = (vx * turn - spin) / BLEND_TIME, (b * vx * turn - vy) / BLEND_TIME
-    part = (vx * vx + vy * vy - v1 * v1) / (v2 * v2 - v1 * v1)
-    part = maths.min(maths.max(part, 0.0), 1.0)
-    weigh = part * part * (3.0 - 2.0 * part)
+    fast_vx = (front * cosine - side_front * sine + rear - air + along + p.mass * yaw_rate * vy) / (
+        p.mass + p.rotating_mass
+    )
+    arm, around, righting, roll_force = 0.0, 1.0, 0.0, 0.0
+    if flags.roll:
+        arm = p.roll_mass * p.roll_height
+        around = p.roll_inertia + p.roll_mass * p.roll_height * p.roll_height
+        righting = (p.roll_stiffness + arm * p.gravity_z) * x.roll + p.roll_damping * x.roll_rate
+        roll_force = arm * (arm * (lateral + side_rear) / p.mass - righting) / (around - arm * arm / p.mass)
+    fast_vy = (lateral + side_rear + across + roll_force) / p.mass - yaw_rate * vx
+    fast_yaw = (a * lateral - b * side_rear) / p.yaw_inertia
+
+    # Blend with the kinematic relations at low speed.
+    slow_yaw, slow_vy = (vx * turn - yaw_rate) / BLEND_TIME, (b * vx * turn - vy) / BLEND_TIME
+    share = (vx * vx + vy * vy - v1 * v1) / (v2 * v2 - v1 * v1)
+    share = smaller(larger(share, 0.0), 1.0)
+    weigh = share * share * (3.0 - 2.0 * share)
     dvx = slow_vx + weigh * (fast_vx - slow_vx)
     dvy = slow_vy + weigh * (fast_vy - slow_vy)
-    dspin = slow_spin + weigh * (fast_spin - slow_spin)
-    rolling = [leaning, (arm * (dvy + spin * vx - across / mass) - righting) / around] if variant.roll else []
-    place = [vx * cos_yaw - behind * sin_yaw, vx * sin_yaw + behind * cos_yaw, spin]
-    sideslip = maths.atan(vy / maths.max(maths.abs(vx), v1))
-    motion = [sideslip, dvx - spin * vy, dvy + spin * vx, alpha_front, alpha_rear, side_front, side_rear]
-    return Rates([*place, dvx, dvy, dspin, *slips, *rolling, *tail], motion)
+    dyaw = slow_yaw + weigh * (fast_yaw - slow_yaw)
+    roll_acceleration = 0.0
+    if flags.roll:
+        roll_acceleration = (arm * (dvy + yaw_rate * vx - across / p.mass) - righting) / around
+
+    derivatives = State(
+        vx * cos_yaw - vy_rear * sin_yaw,
+        vx * sin_yaw + vy_rear * cos_yaw,
+        yaw_rate,
+        dvx,
+        dvy,
+        dyaw,
+        slip_rate_front,
+        slip_rate_rear,
+        x.roll_rate,
+        roll_acceleration,
+        steering_rate,
+    )
+    motion = Motion(
+        atan(vy / larger(absolute(vx), v1)),
+        dvx - yaw_rate * vy,
+        dvy + yaw_rate * vx,
+        atan(slip_front),
+        atan(slip_rear),
+        side_front,
+        side_rear,
+    )
+    return derivatives, motion
 
 
-def _within(force: Value, grip: Value, maths: Any) -> tuple[Value, Value]:
-    """Longitudinal force of an axle [N] within its friction, and what that leaves for the lateral force [N]."""
-    most = LARGEST_SHARE * grip
-    force = maths.min(maths.max(force, -most), most)
-    return force, maths.sqrt(grip * grip - force * force)
+def _limit_force(force: Value, grip: Value) -> tuple[Value, Value]:
+    """Return the longitudinal force of an axle within its friction, and the remaining lateral grip [N]."""
+    most = MAX_LONGITUDINAL_SHARE * grip
+    force = smaller(larger(force, -most), most)
+    return force, sqrt(grip * grip - force * force)
+
+
+# --- compiled for floats -----------------------------------------------------------------------------------------
+
+_PARAMETERS_TYPE = np.dtype([(name, float) for name in PARAMETERS])
+
+
+class CompiledEquations:
+    """The equations of a variant for floats, compiled.
+
+    Args:
+        variant: equations.
+    """
+
+    def __init__(self, variant: Variant) -> None:
+        law = lateral_forces().get(variant.tyres, linear_lateral_force)
+        names = variant.state_names
+        self._step = compiled(_fill_rates, law, parts=(equations, _limit_force, _element))
+        self._flags = records(Flags, [flags_of(variant)])
+        self._positions = np.array([names.index(name) if name in names else -1 for name in State._fields])
+        self._states, self._inputs = len(names), len(variant.input_names)
+
+    @staticmethod
+    def parameters(values: npt.NDArray[np.float64]) -> Records:
+        """Return parameters in the order of :data:`PARAMETERS` as a record."""
+        return values.view(_PARAMETERS_TYPE)
+
+    def inputs(self, values: Sequence[float]) -> npt.NDArray[np.float64]:
+        """Return inputs in the order of :attr:`Variant.input_names` as the vector that :meth:`__call__` takes."""
+        u = np.zeros(len(Inputs._fields))
+        u[: self._inputs] = values
+        return u
+
+    def __call__(
+        self, parameters: Records, state: npt.NDArray[np.float64], inputs: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return the derivatives of the variant's states, and the motion.
+
+        Args:
+            parameters: from :meth:`parameters`.
+            state: in the order of :attr:`Variant.state_names`.
+            inputs: from :meth:`inputs`.
+        """
+        rates, motion = np.empty(self._states), np.empty(_MOTIONS)
+        self._step(self._flags, self._positions, parameters, state, inputs, rates, motion)
+        return rates, motion
+
+
+_MOTIONS = len(Motion._fields)
+
+
+def _fill_rates(
+    law: LateralForce,
+    flags: Records,
+    k: Sequence[int],
+    parameters: Records,
+    x: Sequence[float],
+    u: Sequence[float],
+    rates: MutableSequence[float],
+    motion: MutableSequence[float],
+) -> None:
+    """Evaluate the equations of one vehicle in arrays.
+
+    Args:
+        law: lateral force of an axle.
+        flags: one :class:`Flags`.
+        k: position in `x` of each field of :class:`State`; -1: the variant does not have it.
+        parameters: one record of :data:`PARAMETERS`.
+        x: states of the variant.
+        u: values of :class:`Inputs`.
+        rates: derivatives of `x`, overwritten.
+        motion: values of :class:`Motion`, overwritten.
+    """
+    state = State(
+        _element(x, k[0]),
+        _element(x, k[1]),
+        _element(x, k[2]),
+        _element(x, k[3]),
+        _element(x, k[4]),
+        _element(x, k[5]),
+        _element(x, k[6]),
+        _element(x, k[7]),
+        _element(x, k[8]),
+        _element(x, k[9]),
+        _element(x, k[10]),
+    )
+    inputs = Inputs(u[0], u[1], u[2], u[3], u[4])
+    derivatives, quantities = equations(law, flags[0], parameters[0], state, inputs)
+    for i in range(len(k)):
+        if k[i] >= 0:
+            rates[k[i]] = derivatives[i]
+    for i in range(len(motion)):
+        motion[i] = quantities[i]
+
+
+def _element(x: Sequence[float], position: int) -> float:
+    return x[position] if position >= 0 else 0.0

@@ -18,7 +18,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.rest_pose import check_balance
 from mirdrake.single_track.axles import Axle, Body, find_axles, find_leaning
-from mirdrake.single_track.dynamics import Tyres, Variant
+from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
 from mirdrake.vehicles import WHEELS, Vehicle
@@ -44,7 +44,7 @@ BLEND_FROUDE = 0.2
 def make_single_track(
     vehicle: Vehicle,
     *,
-    tyres: Tyres = "linear",
+    tyres: str = "linear",
     relaxation: bool = False,
     actuators: bool = False,
     roll: bool = False,

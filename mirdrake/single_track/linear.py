@@ -6,13 +6,13 @@ from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
+from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.primitives import LinearSystem
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.single_track.dynamics import Variant, evaluate, maths_of
+from mirdrake.single_track.dynamics import Variant, evaluate
 from mirdrake.single_track.parameters import SingleTrackParameters
-from mirdrake.single_track.system import FORCES, MOTION, STEERING, state_names
+from mirdrake.single_track.system import MOTION
 
 Matrix = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class SteadyState:
 
     Attributes:
         variant: equations of the model.
-        state: continuous state, at x = y = yaw = 0; names from :func:`mirdrake.single_track.system.state_names`.
+        state: continuous state, at x = y = yaw = 0; names from :attr:`Variant.state_names`.
         inputs: of the model; with actuators in the order of :attr:`input_names`.
         motion: see :data:`mirdrake.single_track.system.MOTION`.
     """
@@ -42,12 +42,12 @@ class SteadyState:
     @property
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return input_names(self.variant)
+        return self.variant.input_names
 
     def __getitem__(self, name: str) -> float:
         """A state, an input or an element of the motion by name; "drive" is the force that holds the speed."""
         motion = [signal.name for signal in MOTION]
-        names = (*state_names(self.variant), *motion, *self.input_names)
+        names = (*self.variant.state_names, *motion, *self.input_names)
         return (*self.state, *self.motion, *self.inputs)[names.index(name)]
 
 
@@ -111,12 +111,6 @@ class LinearSingleTrack:
         return float(self.D[y, u] - self.C[y] @ np.linalg.solve(self.A, self.B[:, u]))
 
 
-def input_names(variant: Variant) -> tuple[str, ...]:
-    """Names of the inputs of the equations, in their order."""
-    names = (STEERING[0].name, FORCES[0].name, FORCES[1].name)
-    return (*names, STEERING[1].name, FORCES[2].name) if variant.actuators else names
-
-
 def find_steady_state(
     parameters: SingleTrackParameters, variant: Variant, *, speed: float, steering: float = 0.0
 ) -> SteadyState:
@@ -132,7 +126,7 @@ def find_steady_state(
         ConfigError: there is none, as when the tyres slide or the motor is too weak.
     """
     level = _level(parameters)
-    count, inputs = len(state_names(variant)), len(input_names(variant))
+    count, inputs = len(variant.state_names), len(variant.input_names)
     turn = np.tan(steering) / parameters.wheelbase
     x, u = np.zeros(count), np.zeros(inputs)
     x[PLACE], u[0] = speed, steering
@@ -182,7 +176,7 @@ def linearize_single_track(
     """
     steady = find_steady_state(parameters, variant, speed=speed, steering=steering)
     x, u = np.array(steady.state), np.array(steady.inputs)
-    names, inputs = state_names(variant)[PLACE:], input_names(variant)
+    names, inputs = variant.state_names[PLACE:], variant.input_names
     count = len(x)
     _, rates, _ = _differentiate(variant, _level(parameters), x, u)
     motion = _differentiate(variant, _level(parameters), x, u, motion=True)[1]
@@ -234,7 +228,7 @@ def _differentiate(
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Rates of the state (or the motion), their derivatives by (x, u), and the motion."""
     z = InitializeAutoDiff(np.r_[x, u]).ravel()
-    result = evaluate(variant, parameters, z[: len(x)], z[len(x) :], maths=maths_of(AutoDiffXd))
+    result = evaluate(variant, parameters, z[: len(x)], z[len(x) :])
     nothing = 0.0 * z[0]  # makes floats into AutoDiffXd
     chosen = [nothing + value for value in (result.motion if motion else result.state)]
     gradient = np.array([value.derivatives() for value in chosen])

@@ -12,10 +12,10 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import declare_cached_value, freeable
+from mirdrake.core.maths import tan
 from mirdrake.core.signals import Signals, declare_vector_input, declare_vector_output, signals
 from mirdrake.core.vectors import STATE
-from mirdrake.single_track.dynamics import TYRES, Variant, evaluate, maths_of
-from mirdrake.single_track.fast import make_fast
+from mirdrake.single_track.dynamics import CompiledEquations, Variant, evaluate
 from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
 
 STEERING = signals(
@@ -39,20 +39,9 @@ MOTION = signals(
 """What handling is judged by; slips and forces are zero in the kinematic model."""
 
 
-def state_names(variant: Variant) -> tuple[str, ...]:
-    """Names of the continuous states of a model; units SI."""
-    names: tuple[str, ...] = ("x", "y", "yaw", "vx")
-    if variant.tyres != "kinematic":
-        names += ("vy", "yaw_rate")
-        names += ("front_slip", "rear_slip") if variant.relaxation else ()
-        names += ("roll", "roll_rate") if variant.roll else ()
-    return names + (("steering",) if variant.actuators else ())
-
-
 @TemplateSystem.define("SingleTrack_")  # type: ignore[untyped-decorator, unused-ignore]
 def SingleTrack_(T: type) -> Any:  # noqa: N802
     """The class of single-track models for a scalar type; ``SingleTrack`` is the one for floats."""
-    maths = maths_of(T)
     plain = T is float
 
     class Impl(freeable(LeafSystem_[T])):  # type: ignore[misc, unused-ignore]
@@ -83,16 +72,9 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         ) -> None:
             super().__init__(converter)
             variant = variant or Variant()
-            if variant.tyres not in TYRES:
-                raise ConfigError(f"SingleTrack: unknown tyres '{variant.tyres}'; {did_you_mean(variant.tyres, TYRES)}")
-            if variant.relaxation and variant.tyres == "kinematic":
-                raise ConfigError(
-                    "SingleTrack: kinematic tyres have no slip; leave out relaxation, or use linear tyres"
-                )
-            if variant.roll and variant.tyres == "kinematic":
-                raise ConfigError("SingleTrack: the kinematic model has no forces; leave out roll, or use linear tyres")
+            variant.check()
             self.parameters, self.variant = parameters, variant
-            self.state_names = state_names(variant)
+            self.state_names = variant.state_names
             self._lean = self.state_names.index("roll") if variant.roll else 0
             self.set_name("single_track")
             servo = int(variant.actuators)
@@ -101,11 +83,11 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             self.DeclareContinuousState(len(self.state_names))
             self._parameters = self.DeclareNumericParameter(BasicVector_[T](parameters.values()))
             if plain:
-                self._fast = make_fast(variant, len(self.state_names), 3 + 2 * servo)
+                self._equations = CompiledEquations(variant)
                 needs = {self.all_parameters_ticket()}
-                self._ready = declare_cached_value(self, "constants", Value[object], self._prepare, needs)
-                needs = {self.all_parameters_ticket(), self.steering.ticket(), self.forces.ticket()}
-                self._held = declare_cached_value(self, "constants and inputs", Value[object], self._read, needs)
+                self._record = declare_cached_value(self, "parameters", Value[object], self._read_parameters, needs)
+                needs = {self.steering.ticket(), self.forces.ticket()}
+                self._held = declare_cached_value(self, "inputs", Value[object], self._read_inputs, needs)
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
             if variant.tyres == "kinematic" and not variant.actuators:
                 needs.add(self.steering.ticket())
@@ -125,19 +107,21 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
 
         def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:  # noqa: N802
             if plain:
-                x = context.get_continuous_state_vector().CopyToVector().tolist()
-                constants, inputs = self._held.evaluate(context)
-                rates = self._fast.rates(constants, x, inputs)
+                rates, _ = self._evaluate_compiled(context)
             else:
                 rates = self._evaluate(context).state
             derivatives.get_mutable_vector().SetFromVector(rates)
 
-        def _prepare(self, context: Context, constants: Any) -> None:
-            parameters = context.get_numeric_parameter(self._parameters).get_value().tolist()
-            constants.set_value(self._fast.prepare(parameters))
+        def _read_parameters(self, context: Context, record: Any) -> None:
+            values = context.get_numeric_parameter(self._parameters).CopyToVector()
+            record.set_value(self._equations.parameters(values))
 
-        def _read(self, context: Context, held: Any) -> None:
-            held.set_value((self._ready.evaluate(context), self._inputs(context)))
+        def _read_inputs(self, context: Context, held: Any) -> None:
+            held.set_value(self._equations.inputs(self._inputs(context)))
+
+        def _evaluate_compiled(self, context: Context) -> tuple[Any, Any]:
+            x = context.get_continuous_state_vector().CopyToVector()
+            return self._equations(self._record.evaluate(context), x, self._held.evaluate(context))
 
         def _inputs(self, context: Context) -> list[Any]:
             steering, forces = self.steering.Eval(context).tolist(), self.forces.Eval(context).tolist()
@@ -147,7 +131,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
         def _evaluate(self, context: Context) -> Any:
             x = context.get_continuous_state_vector().CopyToVector()
             p = context.get_numeric_parameter(self._parameters).CopyToVector()
-            return evaluate(self.variant, p, x, self._inputs(context), maths=maths)
+            return evaluate(self.variant, p, x, self._inputs(context))
 
         def _calc_state(self, context: Context, output: Any) -> None:
             x = context.get_continuous_state_vector().CopyToVector().tolist()
@@ -155,7 +139,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             zero = T(0.0)
             if self.variant.tyres == "kinematic":
                 delta = x[-1] if self.variant.actuators else self.steering.Eval(context)[0]
-                vy, spin = zero, x[3] * maths.tan(delta) / (p[2] + p[3])
+                vy, spin = zero, x[3] * tan(delta) / (p[2] + p[3])
             else:
                 vy, spin = x[4] - p[3] * x[5], x[5]
             yaw = remainder(x[2], 2.0 * pi) if plain else x[2]  # in [-pi, pi], as the full vehicle's
@@ -167,9 +151,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
 
         def _calc_motion(self, context: Context, output: Any) -> None:
             if plain:
-                x = context.get_continuous_state_vector().CopyToVector().tolist()
-                constants, inputs = self._held.evaluate(context)
-                output.SetFromVector(self._fast.motion(constants, x, inputs))
+                output.SetFromVector(self._evaluate_compiled(context)[1])
             else:
                 zero = T(0.0)  # makes floats into T
                 output.SetFromVector([zero + value for value in self._evaluate(context).motion])

@@ -4,7 +4,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from mirdrake.core.signals import copy_signals
 from mirdrake.single_track.control import SingleTrackControl
-from mirdrake.single_track.dynamics import Tyres, Variant
+from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.from_vehicle import estimate_parameters
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
@@ -15,7 +15,7 @@ from mirdrake.vehicles import Vehicle
 def make_single_track_vehicle(
     vehicle: Vehicle,
     *,
-    tyres: Tyres = "linear",
+    tyres: str = "linear",
     relaxation: bool = False,
     roll: bool = False,
     parameters: SingleTrackParameters | None = None,
