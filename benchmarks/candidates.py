@@ -56,16 +56,16 @@ class Timed:
 
     evaluate: Any
 
-    def __call__(self, gains: Mapping[str, float]) -> Any:
-        """Try gains."""
+    def __call__(self, gains: Mapping[str, float], *conditions: Any) -> Any:
+        """Test gains."""
         began = time.process_time()
-        found = self.evaluate(gains)
+        found = self.evaluate(gains, *conditions)
         return replace(found, figures={**found.figures, "cpu_s": time.process_time() - began})
 
 
 def _evaluator(duration: float, **plant: Any) -> Any:
     from mirdrake.tuning.loops.evaluate import LoopEvaluator
-    from mirdrake.tuning.loops.make import make_loop_spec
+    from mirdrake.tuning.loops.registry import make_loop_spec
     from mirdrake.tuning.spec import make_tuning
 
     test = {"duration": duration, "step_time": min(0.5, 0.2 * duration)}
@@ -76,9 +76,10 @@ def _evaluator(duration: float, **plant: Any) -> Any:
 def search(count: int, duration: float) -> dict[str, Any]:
     """All of them on all cores; processor time of the candidates, and of this process, which imports and hands out."""
     start_server(LOOP)  # as `mirdrake tune` does; then the rest is imported
+    from mirdrake.studies.spec import ParameterSpec
     from mirdrake.tuning.search import search as find
 
-    space = {name: {"low": low, "high": high} for name, (low, high) in GAINS.items()}
+    space = {name: ParameterSpec(low=low, high=high) for name, (low, high) in GAINS.items()}
     evaluate: Any = Timed(_evaluator(duration))
     began = time.perf_counter()
     trials = find(evaluate, space, method="sobol", trials=count, cost={"iae": 1.0}, workers=None).table

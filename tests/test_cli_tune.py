@@ -26,11 +26,11 @@ def write(folder: Path, text: str) -> str:
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = write(tmp_path, SHORT.format(loop="sped"))
     assert main(["tune", study, "--out", str(tmp_path / "out")]) == 2
-    assert "study.yaml:3: loop: 'sped' is not allowed" in capsys.readouterr().err
+    assert "study.yaml:3: loop: no loop 'sped'; did you mean 'speed'?" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_options_stand_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_may_be_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = write(tmp_path, SHORT.format(loop="speed"))
     out = str(tmp_path / "out")
     for words in (
@@ -52,11 +52,11 @@ def test_apply_is_dispatched(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.slow
-def test_a_study_is_tuned_shown_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_is_tuned_printed_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = write(tmp_path, SHORT.format(loop="speed"))
     out = tmp_path / "out"
     assert main(["tune", study, "--workers", "0", "--out", str(out)]) in (0, 1)
     shown = capsys.readouterr().out
     assert "best" in shown
-    assert "IAE over that of the baseline" in shown
+    assert "IAE relative to the baseline" in shown
     assert (out / "tuning.html").is_file()

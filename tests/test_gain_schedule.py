@@ -19,7 +19,7 @@ from mirdrake.execution.parameters import find_knobs
 from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.tuning.apply import plan_apply
-from mirdrake.tuning.result_folder import read_result
+from mirdrake.tuning.result import read_result
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.spec import ControlSpec
 from mirdrake.worlds import load_world
@@ -35,7 +35,7 @@ ROWS = [{"speed": v, "gains": {"kp": p, "ki": i, "kd": 0.0}} for v, p, i in zip(
 def scheduled(tmp_path: Path) -> Path:
     """A copy of the Unior with what apply writes in its control.yaml."""
     vehicle = Path(shutil.copytree(ROOT / "models/unior", tmp_path / "unior"))
-    plan_apply(read_result(result(tmp_path, vehicle, schedule=ROWS)), today=DAY).write()
+    plan_apply(read_result(result(tmp_path, vehicle, schedule={"rows": ROWS})), today=DAY).write()
     return vehicle
 
 
@@ -114,9 +114,9 @@ def test_apply_writes_the_schedule_once_and_other_gains_take_it_away(tmp_path: P
     )
     assert "cost 0.6046 (baseline 2.17), schedule over 3 speeds\n" in text
     assert text.count("# tuned ") == 1
-    folder = result(tmp_path, scheduled, schedule=ROWS)
+    folder = result(tmp_path, scheduled, schedule={"rows": ROWS})
     assert not plan_apply(read_result(folder), today=date(2026, 4, 2)).changes
-    fewer = plan_apply(read_result(result(tmp_path, scheduled, schedule=ROWS[:2])), today=DAY)
+    fewer = plan_apply(read_result(result(tmp_path, scheduled, schedule={"rows": ROWS[:2]})), today=DAY)
     assert "speeds: [1.0, 3.0]\n" in fewer.after
     one = plan_apply(read_result(folder), candidate="searched", today=DAY)
     assert "schedule:" not in one.after
@@ -125,8 +125,10 @@ def test_apply_writes_the_schedule_once_and_other_gains_take_it_away(tmp_path: P
 
 def test_apply_does_not_write_constant_gains_where_a_schedule_was_asked_for(tmp_path: Path) -> None:
     vehicle = Path(shutil.copytree(ROOT / "models/unior", tmp_path / "unior"))
-    folder = result(tmp_path, vehicle, schedule=None, spec={"schedule": {"speeds": [1, 2]}})
-    with pytest.raises(ConfigError, match="schedule: the study found none that holds; name the candidate"):
+    folder = result(tmp_path, vehicle, schedule={"rows": [], "failed_speed": 2.0})
+    with pytest.raises(
+        ConfigError, match="schedule: the study found no gains for one of the speeds; choose constant gains"
+    ):
         plan_apply(read_result(folder), today=DAY)
     assert plan_apply(read_result(folder), candidate="searched", today=DAY).changes
 
@@ -135,7 +137,7 @@ def test_a_variant_cannot_have_constant_gains_over_a_schedule_below_it(tmp_path:
     variant = scheduled / "variants" / "soft.yaml"
     variant.write_text("description: softer\ncontrol:\n  wheel_speed: {kp: 0.5}\n")
     folder = result(tmp_path, Path(f"{scheduled}@soft"))
-    with pytest.raises(ConfigError, match=r"control.yaml:\d+: wheel_speed.schedule: would act over these gains"):
+    with pytest.raises(ConfigError, match=r"control.yaml:\d+: wheel_speed.schedule: has precedence over these gains"):
         plan_apply(read_result(folder), today=DAY)
 
 

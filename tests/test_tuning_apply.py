@@ -1,4 +1,4 @@
-"""Gains of a tuning result into control.yaml: what changes, what is refused, and that it is written whole or not."""
+"""Gains of a tuning result in control.yaml: what changes, what is rejected, and that a file is written whole or not."""
 
 import json
 import shutil
@@ -11,10 +11,10 @@ import pytest
 from mirdrake.cli import tune_apply
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.tuning.apply import plan_apply
-from mirdrake.tuning.result_folder import read_result
+from mirdrake.tuning.result import TABLES, read_result, result_text
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.joint_control.pid import Pid
-from tests.tuning_sample import result_data
+from tests.tuning_sample import result_data, write_sample
 
 ROOT = Path(__file__).resolve().parent.parent
 DAY = date(2026, 3, 1)
@@ -42,7 +42,7 @@ def _run(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
     return capsys.readouterr().out
 
 
-def test_only_the_gains_change_and_a_line_says_where_they_are_from(tmp_path: Path, vehicle: Path) -> None:
+def test_only_the_gains_change_and_a_comment_states_their_origin(tmp_path: Path, vehicle: Path) -> None:
     before = (vehicle / "control.yaml").read_text()
     change = plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
     wanted = before.replace("  kind: pid\n", f"  # {LINE}\n  kind: pid\n", 1)
@@ -53,7 +53,7 @@ def test_only_the_gains_change_and_a_line_says_where_they_are_from(tmp_path: Pat
     assert (vehicle / "control.yaml").read_text() == before  # not yet
 
 
-def test_the_written_vehicle_loads_with_the_gains_and_a_second_time_nothing_happens(
+def test_the_written_vehicle_has_the_gains_and_a_second_call_changes_nothing(
     tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = _result(tmp_path, vehicle)
@@ -68,14 +68,14 @@ def test_the_written_vehicle_loads_with_the_gains_and_a_second_time_nothing_happ
     assert (vehicle / "control.yaml").read_bytes() == bytes_after
 
 
-def test_a_later_study_takes_the_place_of_the_line_of_an_earlier_one(tmp_path: Path, vehicle: Path) -> None:
+def test_the_comment_of_a_later_study_replaces_an_earlier_one(tmp_path: Path, vehicle: Path) -> None:
     plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY).write()
     change = plan_apply(read_result(_result(tmp_path, vehicle)), candidate="lambda", today=date(2026, 4, 2))
     assert change.after.count("# tuned ") == 1
     assert "# tuned 2026-04-02: study sample, candidate lambda" in change.after
 
 
-def test_a_dry_run_shows_and_does_not_write(tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dry_run_prints_and_does_not_write(tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (vehicle / "control.yaml").read_bytes()
     text = _run(capsys, _result(tmp_path, vehicle), "--dry-run")
     assert "+  kp: 3.54082 " in text
@@ -83,9 +83,7 @@ def test_a_dry_run_shows_and_does_not_write(tmp_path: Path, vehicle: Path, capsy
     assert (vehicle / "control.yaml").read_bytes() == before
 
 
-def test_another_kind_of_controller_takes_the_gains_and_loses_what_it_does_not_know(
-    tmp_path: Path, vehicle: Path
-) -> None:
+def test_a_controller_of_another_kind_gets_the_gains_and_loses_unknown_keys(tmp_path: Path, vehicle: Path) -> None:
     loop = result_data("x")["loop"]
     loop["settings"] = {"steering.kind": "pid", "steering.filter": 0.02}
     loop["gains"] = {name: {"unit": "", "path": f"steering.{name}"} for name in ("kp", "ki", "kd")}
@@ -99,10 +97,10 @@ def test_another_kind_of_controller_takes_the_gains_and_loses_what_it_does_not_k
     assert load_vehicle(str(vehicle)).control.steering.kind == "pid"
 
 
-def test_a_variant_with_a_loop_of_its_own_has_it_written_there(tmp_path: Path, vehicle: Path) -> None:
+def test_gains_of_a_loop_of_a_variant_are_written_to_the_variant(tmp_path: Path, vehicle: Path) -> None:
     loop = result_data("x")["loop"] | {"settings": {}}
     loop["gains"] = {name: {"unit": "", "path": f"wheel_speed.{name}"} for name in ("kp", "ki")}
-    candidates = [{"name": "searched", "gains": {"kp": 1.25, "ki": 0.75}, "feasible": True, "status": "ok"}]
+    candidates = [{"name": "searched", "kind": "searched", "gains": {"kp": 1.25, "ki": 0.75}, "feasible": True}]
     folder = _result(tmp_path, f"{vehicle}@handling", loop=loop, candidates=candidates)
     before = (vehicle / "variants" / "handling.yaml").read_text()
     assert "wheel_speed: {kind: pedals" in before
@@ -114,6 +112,9 @@ def test_a_variant_with_a_loop_of_its_own_has_it_written_there(tmp_path: Path, v
     assert load_vehicle(str(vehicle)).control.wheel_speed.kind == "pid"
 
 
+BROKEN = {"check": "constraint", "figure": "ms", "value": 1.9, "limit": 1.6}
+
+
 def _changed_candidate(**changes: Any) -> list[dict[str, Any]]:
     return [one | (changes if one["name"] == "searched" else {}) for one in result_data("x")["candidates"]]
 
@@ -122,27 +123,31 @@ def _changed_candidate(**changes: Any) -> list[dict[str, Any]]:
     ("changes", "message"),
     [
         (
-            {"candidates": _changed_candidate(feasible=False, reason="Ms 1.9 over 1.6")},
-            "tuning.json: candidate 'searched' does not meet the constraints of the study (Ms 1.9 over 1.6); choose "
+            {"candidates": _changed_candidate(feasible=False, rejections=[BROKEN])},
+            "tuning.json: candidate 'searched' does not meet the constraints of the study (ms 1.9, limit 1.6); choose "
             "another with --candidate",
         ),
         (
-            {"candidates": _changed_candidate(status="unstable", reason="it swings")},
-            "tuning.json: candidate 'searched' is unstable (it swings); choose another with --candidate",
+            {"candidates": _changed_candidate(status="unstable", reason="it oscillates")},
+            "tuning.json: candidate 'searched' is unstable (it oscillates); choose another with --candidate",
         ),
         (
             {"best": None},
-            "tuning.json: best: the study found no candidate that meets its constraints; name another",
+            "tuning.json: best: the study found no candidate that meets its constraints; choose one by name",
         ),
         ({"best": "lamda"}, "tuning.json: no candidate 'lamda'; did you mean 'lambda'?"),
         ({"mirdrake": "tuning/1"}, "tuning.json: mirdrake: is 'tuning/1'; 'tuning-result/1' is expected"),
         (
             {"candidates": _changed_candidate(gains={"kp": None})},
-            "tuning.json: candidate 'searched': kp is None, not a finite number",
+            "tuning.json: candidates.2.gains.kp: should be a valid number",
         ),
         (
             {"candidates": _changed_candidate(gains={"kq": 1.0})},
-            "tuning.json: loop.gains.kq: has no place in control.yaml",
+            "tuning.json: loop.gains.kq: is not a path in control.yaml",
+        ),
+        (
+            {"candidates": _changed_candidate(gains={"kp": "inf"})},
+            "tuning.json: candidate 'searched': kp is inf, not a finite number",
         ),
         (
             {"candidates": _changed_candidate(gains={"kp": -4.0})},
@@ -150,7 +155,7 @@ def _changed_candidate(**changes: Any) -> list[dict[str, Any]]:
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_and_the_file_stays(
+def test_a_result_that_does_not_fit_is_rejected_and_the_file_is_unchanged(
     tmp_path: Path, vehicle: Path, changes: dict[str, Any], message: str
 ) -> None:
     before = (vehicle / "control.yaml").read_bytes()
@@ -169,9 +174,7 @@ def test_what_does_not_fit_is_refused_and_the_file_stays(
         ("rate: 100", "rate: 100\n\trate", "control.yaml:3: not valid YAML: a tab stands here"),
     ],
 )
-def test_a_file_that_was_changed_so_that_it_does_not_load_is_refused(
-    tmp_path: Path, vehicle: Path, old: str, new: str, message: str
-) -> None:
+def test_a_file_that_does_not_load_is_rejected(tmp_path: Path, vehicle: Path, old: str, new: str, message: str) -> None:
     path = vehicle / "control.yaml"
     text = path.read_text()
     assert old in text
@@ -182,7 +185,7 @@ def test_a_file_that_was_changed_so_that_it_does_not_load_is_refused(
     assert path.read_text() == text.replace(old, new)
 
 
-def test_gains_of_a_pid_do_not_go_into_what_has_become_a_servo(tmp_path: Path, vehicle: Path) -> None:
+def test_gains_of_a_pid_are_not_written_to_a_servo(tmp_path: Path, vehicle: Path) -> None:
     path = vehicle / "control.yaml"
     text = path.read_text().replace("kind: pid", "kind: servo\n  gain: 3")
     path.write_text("\n".join(line for line in text.split("\n") if not line.startswith(("  kp: 1.38", "  ki: 1.38"))))
@@ -191,7 +194,7 @@ def test_gains_of_a_pid_do_not_go_into_what_has_become_a_servo(tmp_path: Path, v
         plan_apply(read_result(_result(tmp_path, vehicle, loop=loop)), today=DAY)
 
 
-def test_a_file_that_changes_between_look_and_write_is_left_alone(tmp_path: Path, vehicle: Path) -> None:
+def test_a_file_that_changes_before_it_is_written_is_left_unchanged(tmp_path: Path, vehicle: Path) -> None:
     change = plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
     path = vehicle / "control.yaml"
     path.write_text(change.before + "# by someone else\n")
@@ -226,28 +229,17 @@ def test_the_file_keeps_its_mode_and_its_line_ends(tmp_path: Path, vehicle: Path
         ),
     ],
 )
-def test_a_folder_that_is_no_result_is_told_so(tmp_path: Path, make: Any, message: str) -> None:
+def test_a_folder_without_a_result_is_rejected(tmp_path: Path, make: Any, message: str) -> None:
     make(tmp_path / "result")
     with pytest.raises(ConfigError) as caught:
         read_result(tmp_path / "result")
     assert message in str(caught.value)
 
 
-def _whole_result() -> dict[str, Any]:
-    return {
-        "mirdrake": "tuning-result/1",
-        "name": "n",
-        "loop": {"gains": {"kp": {"path": "speed.kp"}}},
-        "candidates": [{"name": "a", "gains": {"kp": 1.0}}],
-        "baseline": "a",
-        "best": "a",
-    }
-
-
 @pytest.mark.parametrize("value", [3, "text", [1], {"a": [2]}], ids=repr)
-@pytest.mark.parametrize("key", ["loop", "candidates", "schedule", "robustness"])
-def test_a_damaged_value_is_one_line_that_names_the_key(tmp_path: Path, key: str, value: Any) -> None:
-    (tmp_path / "tuning.json").write_text(json.dumps(_whole_result() | {key: value}))
+@pytest.mark.parametrize("key", ["loop", "candidates", "schedule", "robustness", "acceptance", "step_effect"])
+def test_a_damaged_value_gives_one_line_with_the_key(tmp_path: Path, key: str, value: Any) -> None:
+    (tmp_path / "tuning.json").write_text(json.dumps(result_data("unior") | {key: value}))
     with pytest.raises(ConfigError) as caught:
         read_result(tmp_path)
     assert f"tuning.json: {key}" in str(caught.value)
@@ -256,17 +248,33 @@ def test_a_damaged_value_is_one_line_that_names_the_key(tmp_path: Path, key: str
 
 @pytest.mark.parametrize("value", [3, [1], {"a": [2]}], ids=repr)
 @pytest.mark.parametrize("key", ["name", "baseline", "best"])
-def test_a_name_that_is_no_text_is_one_line_that_names_the_key(tmp_path: Path, key: str, value: Any) -> None:
-    (tmp_path / "tuning.json").write_text(json.dumps(_whole_result() | {key: value}))
+def test_a_name_that_is_not_text_gives_one_line_with_the_key(tmp_path: Path, key: str, value: Any) -> None:
+    (tmp_path / "tuning.json").write_text(json.dumps(result_data("unior") | {key: value}))
     with pytest.raises(ConfigError) as caught:
         read_result(tmp_path)
     assert f"tuning.json: {key}" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_failures_of_the_monte_carlo_and_unmet_criteria_are_told(tmp_path: Path, vehicle: Path) -> None:
-    spread = {"runs": 40, "candidates": {"searched": {"failures": 3, "figures": {}, "low": 0.01, "high": 0.2}}}
-    unmet = [{"what": "Ms", "value": 1.7, "limit": 1.6, "met": False}]
-    folder = _result(tmp_path, vehicle, robustness=spread, acceptance=unmet)
-    notes = plan_apply(read_result(folder), today=DAY).notes
-    assert notes == ("not met by the study: Ms", "3 of 40 runs of the Monte Carlo failed with these gains")
+def test_failures_of_the_monte_carlo_and_unmet_criteria_are_reported(
+    tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rate = {"runs": 40, "failures": 3, "rate": 0.075, "low": 0.01, "high": 0.2}
+    candidates = {"searched": {"failures": rate, "figures": {}}}
+    spread = {"runs": 40, "seed": 0, "ranges": {}, "candidates": candidates}
+    unmet = [{"name": "constraint", "figure": "ms", "value": 1.7, "limit": 1.6, "met": False}]
+    text = _run(capsys, _result(tmp_path, vehicle, robustness=spread, acceptance=unmet), "--dry-run")
+    assert "note: criteria that are not met: Ms\n" in text
+    assert "note: 'searched' failed in 3 of 40 runs of the Monte Carlo.\n" in text
+
+
+def test_a_written_result_is_read_back_equal(tmp_path: Path) -> None:
+    written = write_sample(tmp_path / "result", runs=4, trials=30, cells=(3, 3))
+    again = read_result(tmp_path / "result")
+    assert again == written
+    assert (tmp_path / "result" / "tuning.json").read_text() == result_text(again)
+    for name in TABLES:
+        first, second = written.table(name), again.table(name)
+        assert first is not None
+        assert second is not None
+        assert first.reset_index(drop=True).equals(second)

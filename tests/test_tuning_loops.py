@@ -1,4 +1,4 @@
-"""Loops to tune: blocks against their definition, the reduced model against the plant, conditions, refusals."""
+"""Loops to tune: blocks against their definition, the reduced model against the plant, conditions, rejected studies."""
 
 import math
 import pickle
@@ -15,12 +15,13 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.tuning.check import check_study
-from mirdrake.tuning.loops.base import Conditions, LoopSpec
-from mirdrake.tuning.loops.blocks import LateActuator, NoisySensor
+from mirdrake.tuning.loops.base import Conditions, Course, LoopModel, LoopSpec
+from mirdrake.tuning.loops.blocks import DelayedActuator, NoisySensor
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, forget_bench
 from mirdrake.tuning.loops.judge import judge
-from mirdrake.tuning.loops.make import make_loop_spec
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
+from mirdrake.tuning.loops.registry import make_loop_spec
+from mirdrake.tuning.models import TransferFunction
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 
 BOTH = "vehicle: bolt\nloop: speed\n"
@@ -34,54 +35,65 @@ def speed_loop(**test: Any) -> LoopSpec:
 def with_model(spec: LoopSpec) -> LoopSpec:
     """The Bolt's loop with the model that its mass gives: torque on two wheels to wheel speed."""
     mass, radius = 1616.0, 0.3012
-    options = spec.options | {
-        "scale": 1.0 / radius, "slope": 0.6, "slope_down": 0.6, "push": mass * radius / 2, "limit": 1269.0,
-        "drag": 0.0, "weight": mass * 9.80665 * radius / 2,
-    }  # fmt: skip
-    main = {"numerator": [2.0 / (mass * radius**2)], "denominator": [1.0, 0.006], "delay": 0.06}
-    return replace(spec, options=options, models={"main": main})
+    model = LoopModel(
+        {"main": TransferFunction((2.0 / (mass * radius**2),), (1.0, 0.006), 0.06)},
+        scale=1.0 / radius,
+        start=spec.course.speed,
+        rise=0.6,
+        fall=0.6,
+        feedforward=mass * radius / 2,
+        weight=mass * 9.80665 * radius / 2,
+        limit=1269.0,
+    )
+    return replace(spec, model=model)
 
 
-def late_output(delay: float, *, excitation: float = 0.0, load: float = 0.0) -> list[float]:
+def delayed_output(delay: float, *, excitation: float = 0.0, load: float = 0.0) -> list[float]:
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource([2.0]))
-    late = builder.AddSystem(LateActuator(1, 0.1))
-    builder.Connect(source.get_output_port(), late.u)
-    log = LogVectorOutput(late.y, builder, publish_period=0.1)
+    delay_block = builder.AddSystem(DelayedActuator(1, 0.1))
+    builder.Connect(source.get_output_port(), delay_block.u)
+    log = LogVectorOutput(delay_block.y, builder, publish_period=0.1)
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    late.set_delay(late.GetMyContextFromRoot(context), delay)
-    late.excite(late.GetMyContextFromRoot(context), [excitation])
-    late.load(late.GetMyContextFromRoot(context), [load])
+    delay_block.set_delay(delay_block.GetMyContextFromRoot(context), delay)
+    delay_block.set_excitation(delay_block.GetMyContextFromRoot(context), [excitation])
+    delay_block.set_load(delay_block.GetMyContextFromRoot(context), [load])
     simulator.AdvanceTo(0.95)
     return [round(float(value), 9) for value in log.FindLog(context).data()[0]]
 
 
-def test_a_late_actuator_passes_through_without_delay() -> None:
-    assert late_output(0.0)[1:] == [2.0] * 9
+def test_a_delayed_actuator_passes_through_without_delay() -> None:
+    assert delayed_output(0.0)[1:] == [2.0] * 9
 
 
-def test_a_late_actuator_is_late_by_whole_and_parts_of_periods() -> None:
-    assert late_output(0.3)[1:6] == [0.0, 0.0, 0.0, 2.0, 2.0] or late_output(0.3)[1:6] == [0.0, 0.0, 2.0, 2.0, 2.0]
-    whole, part = late_output(0.3), late_output(0.25)
+def test_a_delayed_actuator_delays_by_whole_and_fractional_periods() -> None:
+    assert delayed_output(0.3)[1:6] == [0.0, 0.0, 0.0, 2.0, 2.0] or delayed_output(0.3)[1:6] == [
+        0.0,
+        0.0,
+        2.0,
+        2.0,
+        2.0,
+    ]
+    whole, part = delayed_output(0.3), delayed_output(0.25)
     first = whole.index(2.0)
     assert part[first - 1] == 1.0
     assert part[first] == 2.0
 
 
-def test_load_comes_behind_the_delay_and_excitation_before() -> None:
-    assert late_output(0.3, load=1.0)[2] == 1.0
-    assert late_output(0.3, excitation=1.0)[2] == 0.0
-    assert late_output(0.3, excitation=1.0)[-1] == 3.0
+def test_load_acts_after_the_delay_and_excitation_before() -> None:
+    assert delayed_output(0.3, load=1.0)[2] == 1.0
+    assert delayed_output(0.3, excitation=1.0)[2] == 0.0
+    assert delayed_output(0.3, excitation=1.0)[-1] == 3.0
 
 
-def test_a_delay_beyond_the_longest_is_refused() -> None:
+def test_a_delay_above_the_longest_is_rejected() -> None:
     with pytest.raises(ConfigError, match="delay"):
-        late_output(0.6)
+        delayed_output(0.6)
 
 
-def test_noise_is_where_it_shall_be() -> None:
+def test_noise_is_added_to_the_noisy_elements() -> None:
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource([1.0, 1.0]))
     noisy = builder.AddSystem(NoisySensor(2, 0.1))
@@ -93,15 +105,15 @@ def test_noise_is_where_it_shall_be() -> None:
     assert noisy.y.Eval(own).tolist() == [1.0, 1.5]
     context.SetTime(0.1)
     assert noisy.y.Eval(own).tolist() == [1.0, 0.5]
-    with pytest.raises(ConfigError, match="places"):
+    with pytest.raises(ConfigError, match="indices must be from 0 to 1"):
         noisy.set_noise(own, [2], np.zeros(1))
 
 
-def course() -> dict[str, Any]:
-    return {"speed": 0.0, "step": 1.0, "step_time": 0.5, "load": 0.0, "load_time": 6.0, "duration": 10.0}
+def course() -> Course:
+    return Course(step=1.0, step_time=0.5, load=0.0, load_time=6.0, duration=10.0)
 
 
-def test_a_swing_that_stays_is_unstable_and_one_that_dies_is_not() -> None:
+def test_a_sustained_oscillation_is_unstable_and_a_decaying_one_is_not() -> None:
     t = np.arange(0.0, 10.0, 0.02)
     one = np.ones_like(t)
     stays = judge(t, one, one + 0.3 * np.sin(5.0 * t), one, course=course())
@@ -110,7 +122,7 @@ def test_a_swing_that_stays_is_unstable_and_one_that_dies_is_not() -> None:
     assert (stays.status, dies.status, slow.status) == ("unstable", "ok", "ok")
     assert judge(t, one, np.where(t > 5.0, np.nan, 1.0), one, course=course()).status == "unstable"
     assert judge(t, one, one, one, course=course(), others={"a wheel": np.sin(5.0 * t)}).reason.startswith(
-        "a wheel swings"
+        "a wheel oscillates"
     )
 
 
@@ -125,8 +137,8 @@ def test_figures_of_a_first_order_response() -> None:
 
 def test_reduced_margins_are_those_of_an_integrator_with_delay() -> None:
     spec = with_model(speed_loop())
-    model = spec.models["main"]
-    gain = 0.5 / (0.06 + 0.01) / model["numerator"][0]  # SIMC's gain: Ms 1.59 without integral part
+    assert spec.model is not None
+    gain = 0.5 / (0.06 + 0.01) / spec.model.plants["main"].numerator[0]  # SIMC's gain: Ms 1.59 without integral part
     assert find_loop_margins(spec, {"kp": gain, "ki": 0.0, "kd": 0.0})["ms"] == pytest.approx(1.59, abs=0.05)
     assert run_reduced(spec, {"kp": 5.0 * gain, "ki": 0.0, "kd": 0.0}).status == "unstable"
 
@@ -149,7 +161,7 @@ def test_conditions_change_the_context_only() -> None:
     assert evaluate({"kq": 1.0}).status == "failed"
 
 
-def test_a_trial_does_not_know_those_before_it() -> None:
+def test_a_test_does_not_depend_on_earlier_ones() -> None:
     evaluate = LoopEvaluator(speed_loop(duration=2.0), keep=True)
     hard = Conditions(mass=1.2, friction=0.4, delay=0.1, grade=0.05)
     tried = [(BOLT, hard), ({**BOLT, "kp": 600.0}, Conditions(mass=0.8)), (BOLT, Conditions())]
@@ -165,15 +177,15 @@ def test_a_trial_does_not_know_those_before_it() -> None:
         assert again.response.equals(first.response)
 
 
-def test_a_loop_that_runs_away_is_not_driven_to_the_end() -> None:
+def test_a_diverging_loop_is_not_simulated_to_the_end() -> None:
     found = LoopEvaluator(speed_loop(duration=30.0), keep=True)({"kp": -1000.0, "ki": 0.0, "kd": 0.0})
     assert found.status == "unstable"
-    assert found.reason == "the error grows beyond ten steps"
+    assert found.reason == "the error exceeds ten steps"
     assert found.response is not None
     assert float(found.response["t"].iloc[-1]) < 15.0
 
 
-def test_figures_of_a_speed_loop_do_not_hinge_on_the_step_of_the_plant() -> None:
+def test_figures_of_a_speed_loop_do_not_depend_on_the_step_of_the_plant() -> None:
     spec, plain = speed_loop(), make_tuning({"vehicle": "bolt", "loop": "speed", "test": {"duration": 4.0}})
     assert spec.diagram["plant"]["time_step"] == 0.02
     half = make_loop_spec(plain.model_copy(update={"plant": type(plain.plant)(time_step=0.01)}))
@@ -230,15 +242,15 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
             "  effort: ego.steering_setpoint\n  knobs: [ego.driver.damping]\nsearch: {trials: 3}",
             "t.yaml:7: search.ranges: no rule gives a value of ego.driver.damping; write a range for it",
         ),
-        (BOTH + "world: test_track", "t.yaml:3: world: test_track has friction that is not the same everywhere"),
-        (BOTH + "cost:\n  delay_margin_s: 1", "t.yaml:4: cost.delay_margin_s: more of it is better"),
+        (BOTH + "world: test_track", "t.yaml:3: world: the friction of test_track is not the same everywhere"),
+        (BOTH + "cost:\n  delay_margin_s: 1", "t.yaml:4: cost.delay_margin_s: a larger value is better"),
         (BOTH + "cost:\n  iae: -1", "t.yaml:4: cost.iae: -1 is not allowed; a weight is 0 or more"),
         (BOTH + "cost: {iae: 0}", "t.yaml:3: cost: no figure has a weight"),
         (BOTH + "test:\n  step: 0", "t.yaml:4: test.step: 0 is not allowed"),
         (BOTH + "test:\n  duration: 3\n  step_time: 5", "t.yaml:5: test.step_time: 5 s is not before the end (3 s)"),
     ],
 )  # fmt: skip
-def test_faults_are_told_with_file_and_line(text: str, says: str) -> None:
+def test_faults_are_reported_with_file_and_line(text: str, says: str) -> None:
     def check() -> None:
         spec = parse_yaml(text, TuningSpec, name="t.yaml")
         check_study(spec, make_loop_spec(spec))
@@ -256,7 +268,7 @@ def test_faults_are_told_with_file_and_line(text: str, says: str) -> None:
         ("[ego.spede, pid.measurement]", "loop.yaml:7: connect.0: unknown output 'ego.spede'"),
     ],
 )
-def test_a_loop_that_is_not_connected_is_refused_with_its_line(connect: str, says: str, tmp_path: Path) -> None:
+def test_a_loop_that_is_not_connected_is_rejected_with_its_line(connect: str, says: str, tmp_path: Path) -> None:
     diagram = (
         "world: empty\nvehicles: {ego: {model: bolt}}\n"
         "systems:\n  pid: {kind: pid, kp: 1.0, period: 0.02}\n  wanted: {kind: constant, value: [1]}\n"

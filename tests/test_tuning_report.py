@@ -1,8 +1,8 @@
-"""The report of a tuning study, from a real small study of a textbook loop: what it says equals what was found."""
+"""Report of a tuning study, from a small but real study of a textbook loop: the page has the figures of the result."""
 
 import html
-import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,17 +12,19 @@ import pytest
 from mirdrake.core.errors import ConfigError
 from mirdrake.report.tuning import FIGURES, render_tuning, write_tuning_report
 from mirdrake.report.words import format_quantity
-from mirdrake.tuning.result_folder import TABLES, TuningResult, read_result
-from tests.tuning_sample import result_data, write_sample
+from mirdrake.tuning.loops.base import Conditions
+from mirdrake.tuning.result import TABLES, Schedule, ScheduleRow, ScheduleTest, TuningResult, read_result
+from mirdrake.tuning.robustness import CornerTest
+from tests.tuning_sample import short_result, write_sample
 
 
 @pytest.fixture(scope="module")
-def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sample(tmp_path_factory: pytest.TempPathFactory) -> TuningResult:
     return write_sample(tmp_path_factory.mktemp("study") / "result", runs=20, trials=30, cells=(9, 8))
 
 
 @pytest.fixture(scope="module")
-def page(sample: Path) -> str:
+def page(sample: TuningResult) -> str:
     return write_tuning_report(sample).read_text()
 
 
@@ -59,49 +61,46 @@ def _tables(page: str) -> list[list[list[str]]]:
     return reader.tables
 
 
-def test_the_verdict_comes_first_and_is_that_of_the_figures(sample: Path, page: str) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    by_name = {one["name"]: one for one in data["candidates"]}
-    change = 100.0 * (1.0 - by_name[data["best"]]["cost"] / by_name[data["baseline"]]["cost"])
+def test_the_title_is_the_verdict(sample: TuningResult, page: str) -> None:
+    best, baseline = sample.candidate(), sample.candidate(sample.baseline)
+    assert best.cost is not None
+    assert baseline.cost is not None
+    change = 100.0 * (1.0 - best.cost / baseline.cost)
     heading = html.unescape(re.search(r"<h1>(.*?)</h1>", page).group(1))  # type: ignore[union-attr]
-    assert heading == f"Textbook wheel: every criterion is met; {change:.0f} % less IAE than the baseline"
+    assert heading == f"Textbook wheel: all criteria are met; {change:.0f} % less IAE than the baseline"
     assert page.index("<h1>") < page.index("Acceptance") < page.index("Response") < page.index("All candidates")
-    assert page.count('<span class="verdict good">met</span>') == len(data["acceptance"]) == 4
+    assert page.count('<span class="verdict good">met</span>') == len(sample.acceptance) == 4
 
 
-def test_every_candidate_is_in_the_table_with_all_its_figures(sample: Path, page: str) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Found by", "Verdict"])
-    names = [one["name"] for one in data["candidates"]]
-    assert len(table) == len(names) + 1
+def test_every_candidate_is_in_the_table_with_all_its_figures(sample: TuningResult, page: str) -> None:
+    table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Origin", "Verdict"])
+    assert len(table) == len(sample.candidates) + 1
     assert [len(row) for row in table] == [3 + 3 + 1 + len(FIGURES)] * len(table)
-    for row, one in zip(table[1:], data["candidates"], strict=True):
-        assert row[0].startswith(one["name"])
-        if one["status"] == "ok":
-            wanted = [one["gains"][name] for name in ("kp", "ki", "kd")] + [one["cost"]]
-            wanted += [one["figures"][name] for name in FIGURES]
+    for row, one in zip(table[1:], sample.candidates, strict=True):
+        assert row[0].startswith(one.name)
+        if one.status == "ok":
+            wanted = [one.gains[name] for name in ("kp", "ki", "kd")] + [one.cost]
+            wanted += [one.figures.get(name) for name in FIGURES]
             assert row[3:] == ["–" if value is None else format_quantity(value) for value in wanted]
         else:
             assert row[2] == "unstable"
             assert set(row[6:]) == {"–"}
 
 
-def test_the_robustness_table_has_the_figures_of_the_study(sample: Path, page: str) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
+def test_the_robustness_table_has_the_figures_of_the_study(sample: TuningResult, page: str) -> None:
+    assert sample.robustness is not None
     table = next(rows for rows in _tables(page) if rows[0][:2] == ["Candidate", "Failed"])
     for row in table[2:]:
-        one = data["robustness"]["candidates"][row[0]]
-        assert row[1] == f"{one['failures']} of 20"
-        assert row[2] == f"{100.0 * one['low']:.1f} to {100.0 * one['high']:.1f} %"
-        iae = one["figures"]["iae"]
-        assert row[3:6] == [
-            "–" if iae[key] is None else format_quantity(iae[key]) for key in ("median", "p95", "worst")
-        ]
-    assert [row[0] for row in table[2:]] == list(data["robustness"]["candidates"])
+        one = sample.robustness.candidates[row[0]]
+        assert row[1] == f"{one.failures.failures} of 20"
+        assert row[2] == f"{100.0 * one.failures.low:.1f} to {100.0 * one.failures.high:.1f} %"
+        iae = one.figures["iae"]
+        assert row[3:6] == [format_quantity(value) for value in (iae.median, iae.p95, iae.worst)]
+    assert [row[0] for row in table[2:]] == list(sample.robustness.candidates)
     assert table[3][1:3] == ["20 of 20", "83.2 to 100.0 %"]  # published gains: (0.025)^(1/20) = 0.8316
 
 
-def test_it_opens_without_a_network_and_every_id_is_unique(page: str) -> None:
+def test_the_page_needs_no_network_and_all_ids_are_unique(page: str) -> None:
     outside = re.findall(
         r"""(?:src|href|xlink:href)=["'](?!#|data:)[^"']*|@import|url\(\s*["']?(?!#|data:)[^)]*""", page
     )
@@ -118,113 +117,108 @@ def test_it_opens_without_a_network_and_every_id_is_unique(page: str) -> None:
         assert f"--{name}:" in page, name
 
 
-def test_the_same_result_gives_the_same_bytes(sample: Path, page: str) -> None:
-    assert render_tuning(read_result(sample)) == page
+def test_the_same_result_gives_the_same_bytes(sample: TuningResult, page: str) -> None:
+    assert render_tuning(read_result(sample.folder)) == page
 
 
 def test_units_are_those_of_the_loop(page: str) -> None:
-    table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Found by", "Verdict"])
+    table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Origin", "Verdict"])
     head = table[0]
     assert head[3:8] == ["kpN m s/rad", "kiN m/rad", "kdN m s²/rad", "Cost\u00a0", "IAErad"]
     assert {"ITAErad s", "ISE(rad/s)² s", "RMS jerkrad/s³", "Peak effortN m", "Phase margin°"} <= set(head)
 
 
 def test_a_name_with_markup_is_text(tmp_path: Path) -> None:
-    data = result_data("car")
-    data["candidates"][2]["name"] = data["best"] = "<script>alert(1)</script>"
-    text = render_tuning(TuningResult(tmp_path, data))
+    result = short_result("car", tmp_path)
+    name = "<script>alert(1)</script>"
+    candidates = (*result.candidates[:2], replace(result.candidates[2], name=name))
+    text = render_tuning(replace(result, candidates=candidates, best=name))
     assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)" in text
 
 
 @pytest.mark.parametrize("lost", [("responses", "frequency"), ("trials", "map", "monte_carlo"), TABLES])
 def test_without_some_of_the_tables_the_rest_is_shown(
-    sample: Path, tmp_path: Path, page: str, lost: tuple[str, ...]
+    sample: TuningResult, tmp_path: Path, page: str, lost: tuple[str, ...]
 ) -> None:
-    for path in sample.glob("*.*"):
+    for path in sample.folder.glob("*.*"):
         if path.stem not in lost and path.suffix != ".html":
             (tmp_path / path.name).write_bytes(path.read_bytes())
-    text = write_tuning_report(tmp_path).read_text()
+    text = write_tuning_report(read_result(tmp_path)).read_text()
     pictures = {"responses": 1, "trials": 2, "frequency": 2, "map": 1, "monte_carlo": 1}
     assert text.count("<svg") == page.count("<svg") - sum(pictures[name] for name in lost)
     assert "All candidates" in text
 
 
-def test_an_unstable_baseline_is_told(sample: Path) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    data["baseline"] = "published"
-    text = render_tuning(TuningResult(sample.parent, data))
+def test_an_unstable_baseline_is_reported(sample: TuningResult) -> None:
+    text = render_tuning(replace(sample, baseline="published"))
     assert "the baseline is unstable, the best has IAE" in text
     assert "is unstable: a pole of the closed loop is in the right half plane." in text
 
 
-def test_no_feasible_candidate_is_said_and_shown(sample: Path) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    data |= {"best": None, "best_rule": None, "acceptance": []}
-    text = render_tuning(TuningResult(sample.parent, data))
-    assert "no candidate meets the constraints; searched comes nearest" in text
+def test_a_study_without_a_feasible_candidate_is_reported(sample: TuningResult) -> None:
+    text = render_tuning(replace(sample, best=None, best_rule=None, acceptance=()))
+    assert "no candidate meets the constraints; searched is the nearest" in text
 
 
 @pytest.mark.parametrize(("constant", "missing"), [(["kp", "ms"], ["ki"]), (["ki"], ["iae", "settling_time"])])
-def test_columns_that_never_change_or_have_no_number_break_no_chart(
-    sample: Path, tmp_path: Path, constant: list[str], missing: list[str]
+def test_constant_or_missing_columns_do_not_break_charts(
+    sample: TuningResult, tmp_path: Path, constant: list[str], missing: list[str]
 ) -> None:
-    trials = pd.read_parquet(sample / "trials.parquet")
+    trials = pd.read_parquet(sample.folder / "trials.parquet")
     trials[constant] = 1.0
     trials[missing] = float("nan")
     trials.to_parquet(tmp_path / "trials.parquet", index=False)
-    (tmp_path / "tuning.json").write_bytes((sample / "tuning.json").read_bytes())
-    assert "All candidates" in write_tuning_report(tmp_path).read_text()
+    (tmp_path / "tuning.json").write_bytes((sample.folder / "tuning.json").read_bytes())
+    assert "All candidates" in write_tuning_report(read_result(tmp_path)).read_text()
 
 
-def test_a_schedule_is_shown(sample: Path) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    data["schedule"] = [{"speed": v, "gains": {"kp": v, "ki": 2.0 * v, "kd": 0.0}} for v in (5.0, 15.0, 25.0)]
-    tables = _tables(render_tuning(TuningResult(sample.parent, data)))
+def test_a_schedule_is_shown(sample: TuningResult) -> None:
+    rows = tuple(ScheduleRow(v, {"kp": v, "ki": 2.0 * v, "kd": 0.0}) for v in (5.0, 15.0, 25.0))
+    tables = _tables(render_tuning(replace(sample, schedule=Schedule(rows))))
     table = next(rows for rows in tables if rows[0][0] == "Speed")
     assert table[2] == ["15.0\u00a0m/s", "15.0", "30.0", "0"]
 
 
-def test_a_schedule_that_was_tried_is_shown_with_its_verdicts(sample: Path) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    data["schedule"] = [{"speed": v, "gains": {"kp": v, "ki": 2.0 * v, "kd": 0.0}} for v in (5.0, 15.0)]
-    data["schedule_check"] = [
-        {"speed": v, "gains": name, "where": place, "cost": cost, "feasible": good, "status": "ok", "reason": ""}
-        for v, place in ((5.0, "tuned"), (10.0, "between"), (15.0, "tuned"))
+def test_tests_of_a_schedule_are_shown_with_their_verdicts(sample: TuningResult) -> None:
+    rows = tuple(ScheduleRow(v, {"kp": v, "ki": 2.0 * v, "kd": 0.0}) for v in (5.0, 15.0))
+    tests = tuple(
+        ScheduleTest(v, name, "between" if v == 10.0 else "tuned", {}, "ok", cost, good)
+        for v in (5.0, 10.0, 15.0)
         for name, cost, good in (("scheduled", 0.1 * v, True), ("searched", 0.2 * v, v < 12.0))
-    ]
-    tables = _tables(render_tuning(TuningResult(sample.parent, data)))
+    )
+    tables = _tables(render_tuning(replace(sample, schedule=Schedule(rows, tests))))
     table = next(rows for rows in tables if "Cost, scheduled" in rows[0])
     assert table[2] == ["10.0\u00a0m/s", "between", "1.00", "feasible", "2.00", "feasible"]
-    assert table[3][-1] == "breaks a bound"
+    assert table[3][-1] == "breaks a limit"
 
 
-@pytest.mark.parametrize(("use", "words"), [(0.8, "at most 80%"), (1.2, "In 1 of 20 runs the trial asks the driven")])
-def test_the_grip_that_runs_ask_for_and_the_corners_are_told(
-    sample: Path, tmp_path: Path, use: float, words: str
+@pytest.mark.parametrize(
+    ("use", "words"), [(0.8, "at most 80%"), (1.2, "1 of 20 runs require more longitudinal force")]
+)
+def test_the_required_grip_and_the_corners_are_reported(
+    sample: TuningResult, tmp_path: Path, use: float, words: str
 ) -> None:
-    data = json.loads((sample / "tuning.json").read_text())
-    tried = [
-        {"conditions": "mass × 0.80", "status": "unstable", "reason": "swings"},
-        {"conditions": "", "status": "ok"},
-    ]
-    data["robustness"]["corners"] = {data["best"]: tried}
-    runs = pd.read_parquet(sample / "monte_carlo.parquet")
+    assert sample.robustness is not None
+    assert sample.best is not None
+    tried = (CornerTest(Conditions(mass=0.8), "unstable", "oscillates"), CornerTest(Conditions(), "ok"))
+    result = replace(sample, robustness=replace(sample.robustness, corners={sample.best: tried}), folder=tmp_path)
+    runs = pd.read_parquet(sample.folder / "monte_carlo.parquet")
     runs["grip_use"] = [use if run == 7 else 0.5 for run in runs["run"]]
     runs.to_parquet(tmp_path / "monte_carlo.parquet", index=False)
-    text = render_tuning(TuningResult(tmp_path, data))
+    text = render_tuning(result)
     assert words in text
     table = next(rows for rows in _tables(text) if rows[0][:2] == ["Candidate", "Failed"])
     assert table[0][3] == "Corners failed"
-    assert {row[0]: row[3] for row in table[2:]}[data["best"]] == "1 of 2"
-    assert 'title="mass × 0.80: swings"' in text
+    assert {row[0]: row[3] for row in table[2:]}[sample.best] == "1 of 2"
+    assert 'title="mass × 0.80: oscillates"' in text
 
 
-def test_a_damaged_table_is_told_in_one_line(sample: Path, tmp_path: Path) -> None:
-    (tmp_path / "tuning.json").write_bytes((sample / "tuning.json").read_bytes())
+def test_a_damaged_table_gives_one_line(sample: TuningResult, tmp_path: Path) -> None:
+    (tmp_path / "tuning.json").write_bytes((sample.folder / "tuning.json").read_bytes())
     (tmp_path / "map.parquet").write_bytes(b"PAR1 nonsense")
     with pytest.raises(ConfigError, match=r"map.parquet: cannot be read: "):
-        write_tuning_report(tmp_path)
+        write_tuning_report(read_result(tmp_path))
 
 
 def test_the_documentation_defines_every_figure_of_the_report() -> None:

@@ -19,16 +19,18 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.importing.vehicles import import_vehicle
 from mirdrake.report.tuning import write_tuning_report
 from mirdrake.runs.simulation import Simulation
+from mirdrake.tuning.acceptance import accept
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.designs import Design, make_designs
 from mirdrake.tuning.identify import identify_loop
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
-from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.loops.make import finer, make_loop_spec
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.reduced import find_loop_margins
+from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.models import Integrator
-from mirdrake.tuning.outcome import Candidate, accept
+from mirdrake.tuning.selection import Verification
 from mirdrake.tuning.spec import load_tuning, make_tuning
+from mirdrake.tuning.stages import Candidate, at_finer_step
 from mirdrake.tuning.trials import Trial
 from mirdrake.tuning.tune import tune
 from mirdrake.vehicles import load_vehicle
@@ -57,48 +59,47 @@ SKIDPAD = {
 
 def candidate(name: str, iae: float, *, feasible: bool = True) -> Candidate:
     figures = {"iae": iae, "overshoot_percent": 0.0 if feasible else 30.0}
-    return Candidate(Design(name, "rule", "", {}), Trial(0, {}, "ok", figures, iae, 0.0 if feasible else 5.0))
+    return Candidate(Design(name, "rule", {}), Trial(0, {}, "ok", figures, iae, 0.0 if feasible else 5.0))
 
 
-def rows(winner: float, rule: float, *, feasible: bool = True) -> list[dict[str, Any]]:
-    given = candidate("base", 3.0), candidate("rule", rule, feasible=feasible), candidate("best", winner)
-    return accept(*given, None, {"overshoot_percent": 5.0}, {"step_time": 0.5})
+def criteria(winner: float, rule: float, *, feasible: bool = True, verified: Any = ()) -> list[tuple[str, bool]]:
+    found = accept(
+        candidate("base", 3.0), candidate("rule", rule, feasible=feasible), candidate("best", winner),
+        constraints={"overshoot_percent": 5.0}, step_time=0.5, verified=dict(verified),
+    )  # fmt: skip
+    return [(criterion.name, criterion.met) for criterion in found]
 
 
-def test_a_rule_that_a_finer_step_makes_swing_is_no_rule_to_beat() -> None:
-    given = candidate("base", 3.0), candidate("rule", 1.0), candidate("best", 1.1)
-    swings = replace(given[1], trial=replace(given[1].trial, status="unstable"))
-    fine = {"rule": swings, "best": given[2]}
-    told = accept(*given, None, {}, {"step_time": 0.5}, at_finer=fine)
-    assert [row["met"] for row in told] == [True, True, True]
-    assert told[-1]["what"] == "keeps the constraints and is stable in all runs, which no rule is"
-    lost = accept(*given, None, {}, {"step_time": 0.5}, at_finer={"rule": given[1], "best": swings})
-    assert [row["met"] for row in lost] == [True, False, False]
+def test_a_rule_that_is_unstable_at_a_finer_step_does_not_have_to_be_beaten() -> None:
+    stable = candidate("fine", 1.0)
+    unstable = Verification(finer=replace(stable, trial=replace(stable.trial, status="unstable")))
+    found = criteria(1.1, 1.0, verified={"rule": unstable, "best": Verification(finer=stable)})
+    assert found[-2:] == [("finer_step", True), ("robust_unlike_rules", True)]
+    found = criteria(1.1, 1.0, verified={"rule": Verification(finer=stable), "best": unstable})
+    assert found[-2:] == [("finer_step", False), ("cheaper_than_rule", False)]
 
 
-def test_the_best_rule_is_beaten_only_by_a_smaller_cost() -> None:
-    assert rows(1.0, 1.1)[-1]["met"]
-    assert not rows(1.0, 1.0)[-1]["met"]
-    assert "that keeps the constraints, rule" in rows(1.0, 1.1)[-1]["what"]
+def test_the_best_rule_is_only_beaten_by_a_smaller_cost() -> None:
+    assert criteria(1.0, 1.1)[-1] == ("cheaper_than_rule", True)
+    assert criteria(1.0, 1.0)[-1] == ("cheaper_than_rule", False)
 
 
 def test_a_rule_that_breaks_a_constraint_is_not_compared_with() -> None:
-    row = rows(1.0, 0.5, feasible=False)[-1]
-    assert row == {"what": "keeps the constraints, which no rule does", "value": 1.0, "limit": 1, "met": True}
+    assert criteria(1.0, 0.5, feasible=False)[-1] == ("feasible_unlike_rules", True)
 
 
-def test_a_path_has_ranges_and_begins_with_the_gains_of_its_driver(tmp_path: Path) -> None:
+def test_a_path_loop_has_default_ranges_and_the_gains_of_its_driver_as_baseline(tmp_path: Path) -> None:
     result = tune({"vehicle": "bolt", "loop": "path", **TRACK}, out=tmp_path / "out")
     baseline = result.candidate("baseline")
-    assert baseline["gains"] == {"ego.driver.convergence_time": 0.6, "ego.driver.damping": 1.0}
-    assert result.candidate()["cost"] <= baseline["cost"]
-    shaken = result.data["robustness"]["candidates"]
-    assert shaken["baseline"]["failures"] == 0  # a road with patches of friction keeps them
+    assert baseline.gains == {"ego.driver.convergence_time": 0.6, "ego.driver.damping": 1.0}
+    assert (result.candidate().cost or 9.0) <= (baseline.cost or 0.0)
+    assert result.robustness is not None
+    assert result.robustness.candidates["baseline"].failures.failures == 0  # friction varies along the road: not drawn
 
 
-def test_a_loop_of_gains_that_nobody_knows_needs_a_baseline() -> None:
+def test_a_loop_with_unknown_present_gains_needs_a_baseline() -> None:
     loop = {**SKIDPAD, "knobs": ["ego.speed.kp"]}
-    with pytest.raises(ConfigError, match="baseline: say what to compare with"):
+    with pytest.raises(ConfigError, match=r"baseline: the present value of ego\.speed\.kp is not known"):
         tune({"loop": loop, **TRACK}, out="nowhere")
 
 
@@ -107,15 +108,15 @@ def test_a_loop_of_a_diagram(tmp_path: Path) -> None:
     ranges = {name: {"low": 0.5, "high": 2.0} for name in KNOBS}
     given = {"loop": SKIDPAD, **TRACK, "search": {**TRACK["search"], "ranges": ranges}}
     result = tune(given, out=tmp_path / "out")
-    assert set(result.candidate()["gains"]) == set(KNOBS)
-    assert result.candidate()["cost"] <= result.candidate("baseline")["cost"]
+    assert set(result.candidate().gains) == set(KNOBS)
+    assert (result.candidate().cost or 9.0) <= (result.candidate("baseline").cost or 0.0)
 
 
 @pytest.mark.slow
 def test_the_speed_of_the_wheels(tmp_path: Path) -> None:
     result = tune({**SHORT, "loop": "wheel_speed"}, out=tmp_path / "out")
     best, baseline = result.candidate(), result.candidate("baseline")
-    assert best["figures"]["iae"] < 0.5 * baseline["figures"]["iae"]
+    assert best.figures["iae"] < 0.5 * baseline.figures["iae"]
 
 
 @pytest.mark.slow
@@ -123,11 +124,12 @@ def test_gains_over_speed_are_tuned_applied_and_driven_with(tmp_path: Path) -> N
     bolt = Path(shutil.copytree(ROOT / "models/bolt", tmp_path / "bolt"))
     given = {**SHORT, "vehicle": str(bolt), "search": {"trials": 6, "confirm": 4}, "schedule": {"speeds": [5, 15]}}
     result = tune(given, out=tmp_path / "out")
-    rows, check = result.data["schedule"], result.data["schedule_check"]
-    assert [row["speed"] for row in rows] == [5.0, 15.0]
-    assert [(row["speed"], row["where"]) for row in check[::2]] == [(5.0, "tuned"), (10.0, "between"), (15.0, "tuned")]
-    assert all(row["feasible"] for row in check if row["gains"] == "scheduled")
-    assert next(row for row in result.data["acceptance"] if "schedule" in row["what"])["met"]
+    assert result.schedule is not None
+    rows, tests = result.schedule.rows, result.schedule.tests
+    assert [row.speed for row in rows] == [5.0, 15.0]
+    assert [(one.speed, one.place) for one in tests[::2]] == [(5.0, "tuned"), (10.0, "between"), (15.0, "tuned")]
+    assert all(one.feasible for one in tests if one.candidate == "scheduled")
+    assert next(criterion for criterion in result.acceptance if criterion.name == "schedule").met
 
     plan_apply(result).write()
     control = load_vehicle(str(bolt)).control.wheel_speed
@@ -135,7 +137,7 @@ def test_gains_over_speed_are_tuned_applied_and_driven_with(tmp_path: Path) -> N
     assert control.schedule is not None
     assert control.schedule.speeds == [5.0, 15.0]
     for name, values in control.schedule.rows().items():
-        assert values == pytest.approx([row["gains"][name] for row in rows], rel=1e-5)
+        assert values == pytest.approx([row.gains[name] for row in rows], rel=1e-5)
     drive = [{"time": 0, "speed": 5}, {"time": 1, "speed": 5}, {"time": 5, "speed": 9}]
     run = Simulation(
         assemble(
@@ -148,21 +150,21 @@ def test_gains_over_speed_are_tuned_applied_and_driven_with(tmp_path: Path) -> N
         )
     ).run(duration=7.0)
     assert run.signals["ego.vx"].iloc[-1] == pytest.approx(9.0, abs=0.1)
-    assert "Cost, scheduled" in write_tuning_report(result.folder).read_text()
+    assert "Cost, scheduled" in write_tuning_report(result).read_text()
 
 
-def test_a_schedule_that_does_not_rise_or_has_no_place_is_refused() -> None:
-    with pytest.raises(ConfigError, match="speeds: must rise from 0 or more, got 15, 5"):
+def test_a_schedule_that_does_not_increase_or_is_not_possible_is_rejected() -> None:
+    with pytest.raises(ConfigError, match="speeds: must increase from 0 or more, got 15, 5"):
         make_tuning({**SHORT, "schedule": {"speeds": [15, 5]}})
-    with pytest.raises(ConfigError, match=r"gains of this loop stand in no control\.yaml; leave it out"):
+    with pytest.raises(ConfigError, match=r"the gains of this loop are not in control\.yaml; remove the schedule"):
         tune({"vehicle": "bolt", "loop": "path", **TRACK, "schedule": {"speeds": [5, 15]}}, out="nowhere")
 
 
 @pytest.mark.slow
 def test_margins_are_also_those_of_the_wheels_against_each_other(tmp_path: Path) -> None:
-    """Gains with a delay margin of 0.17 s for both wheels together swing with 0.05 s more: against each other.
+    """Gains with a delay margin of 0.17 s for both wheels together oscillate with 0.05 s more: against each other.
 
-    On a Unior without its steering motors, whose kingpins carry but knuckle and wheel.
+    On a Unior without its steering motors, whose kingpins carry only knuckle and wheel.
     """
     bare = Path(shutil.copytree(ROOT / "models/unior", tmp_path / "unior"))
     numbers = (bare / "properties.xacro").read_text()
@@ -173,7 +175,7 @@ def test_margins_are_also_those_of_the_wheels_against_each_other(tmp_path: Path)
     spec = load_tuning(ROOT / "studies/unior_steering.yaml")
     spec.vehicle = str(bare)
     loop = make_loop_spec(spec)
-    found = identify_loop(bench_of(loop)).spec
+    found = identify_loop(plant_bench(loop)).loop
     gains = {"kp": 0.1134, "ki": 0.0314, "kd": 0.024}
     together = make_only(found, "main")
     assert find_loop_margins(together, gains)["delay_margin_s"] > 0.1
@@ -184,14 +186,15 @@ def test_margins_are_also_those_of_the_wheels_against_each_other(tmp_path: Path)
 
 
 def make_only(loop: LoopSpec, name: str) -> LoopSpec:
-    return replace(loop, models={name: loop.models[name]})
+    assert loop.model is not None
+    return replace(loop, model=replace(loop.model, plants={name: loop.model.plants[name]}))
 
 
 _SCRIPT = "import json, sys; from mirdrake.tuning.tune import tune; tune(json.loads(sys.argv[1]), out=sys.argv[2])"
 
 
 @pytest.mark.slow
-def test_a_study_that_was_killed_ends_as_if_it_were_not(tmp_path: Path) -> None:
+def test_a_killed_study_resumes_with_the_same_result(tmp_path: Path) -> None:
     began = time.monotonic()
     whole = tune(SHORT, out=tmp_path / "whole")
     span, chance = time.monotonic() - began, random.Random(7)
@@ -206,7 +209,7 @@ def test_a_study_that_was_killed_ends_as_if_it_were_not(tmp_path: Path) -> None:
                 killed += 1
     assert killed == 5
     resumed = tune(SHORT, out=tmp_path / "killed")
-    assert {**resumed.data, "wall_s": 0.0} == {**whole.data, "wall_s": 0.0}
+    assert replace(resumed, wall_s=0.0, folder=whole.folder) == replace(whole, wall_s=0.0)
     for name in ("responses", "trials", "frequency", "map", "monte_carlo"):
         assert (resumed.folder / f"{name}.parquet").read_bytes() == (whole.folder / f"{name}.parquet").read_bytes()
 
@@ -223,18 +226,20 @@ def test_the_steering_of_a_new_vehicle_can_be_tuned_by_torque(tmp_path: Path, ma
     loop = make_loop_spec(
         make_tuning({"vehicle": str(tmp_path / "fresh"), "loop": "steering", "test": {"duration": 3}})
     )
-    found = identify_loop(bench_of(loop))
+    found = identify_loop(plant_bench(loop))
     assert isinstance(found.first, Integrator)
     assert found.lag == pytest.approx(0.024, rel=0.2)
     rule = next(one for one in make_designs(found, max_sensitivity=1.4)[0] if one.name == "SIMC lag PD 2")
-    usual, fine = (LoopEvaluator(one)(rule.gains).figures for one in (found.spec, finer(finer(found.spec))))
+    usual, fine = (
+        LoopEvaluator(one)(rule.gains).figures for one in (found.loop, at_finer_step(at_finer_step(found.loop)))
+    )
     assert usual["ms"] < 1.6
     assert usual["overshoot_percent"] < 5.0
     assert fine["iae"] == pytest.approx(usual["iae"], rel=0.01)
 
 
 @pytest.mark.slow
-def test_an_imported_vehicle_reaches_what_a_tuned_loop_shall(tmp_path: Path) -> None:
+def test_a_loop_of_an_imported_vehicle_meets_all_criteria(tmp_path: Path) -> None:
     import_vehicle(trap_packages.golf_cart(tmp_path / "source"), name="golf_cart", folder=tmp_path / "models")
     given = {
         "vehicle": str(tmp_path / "models/golf_cart"),
@@ -244,8 +249,8 @@ def test_an_imported_vehicle_reaches_what_a_tuned_loop_shall(tmp_path: Path) -> 
         "robustness": {"runs": 40},
     }
     result = tune(make_tuning(given), out=tmp_path / "out")
-    rows = result.data["acceptance"]
-    assert [row for row in rows if not row["met"]] == []
-    assert len(rows) >= 6
-    assert "cost against the best rule that keeps the constraints and is stable in all runs" in rows[-1]["what"]
-    assert 0.0 < rows[-1]["value"] < rows[-1]["limit"]
+    assert [criterion for criterion in result.acceptance if not criterion.met] == []
+    assert len(result.acceptance) >= 6
+    last = result.acceptance[-1]
+    assert last.name == "cheaper_than_rule"
+    assert 0.0 < (last.value or 0.0) < last.limit

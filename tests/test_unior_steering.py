@@ -9,10 +9,10 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
-from mirdrake.tuning.identify import Identified, identify_loop
+from mirdrake.tuning.identify import Identification, identify_loop
 from mirdrake.tuning.loops.base import Conditions, Evaluation
-from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.loops.make import make_loop_spec
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
+from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.spec import load_tuning
 
 STUDY = Path(__file__).parents[1] / "studies" / "unior_steering.yaml"
@@ -59,7 +59,7 @@ def trial(vehicle: str = "unior", *, step: float | None = None, delay: float = 0
 
 
 def test_a_kingpin_feels_the_motor_of_its_data_sheet() -> None:
-    bench = bench_of(make_loop_spec(load_tuning(STUDY)))
+    bench = plant_bench(make_loop_spec(load_tuning(STUDY)))
     plant, part = bench.assembly.parts.plant, bench.part
     matrix = plant.CalcMassMatrix(plant.CreateDefaultContext())
     for joint, actuator in zip(part.steering, part.steering_actuators, strict=True):
@@ -111,18 +111,19 @@ def test_a_patch_of_coulomb_friction_has_to_be_torn_loose(step: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def identified() -> Identified:
-    return identify_loop(bench_of(make_loop_spec(load_tuning(STUDY))))
+def identified() -> Identification:
+    return identify_loop(plant_bench(make_loop_spec(load_tuning(STUDY))))
 
 
 @pytest.mark.slow
-def test_the_experiments_find_the_joint(identified: Identified) -> None:
+def test_the_experiments_find_the_joint(identified: Identification) -> None:
     """Gain 1/J, damping c/J, delay 50 ms and the hold, both wheels together and against each other; all fit by 98 %."""
     inertia = 0.03569 + 0.00528
-    for model in identified.models:
+    for model in identified.experiments:
         if model.name != "relay":
+            assert model.fit_percent is not None
             assert model.fit_percent > 98.0
-            gain, damping, delay = (model.parameters[name][0] for name in ("gain", "damping", "delay"))
+            gain, damping, delay = (model.parameters[name].value for name in ("gain", "damping", "delay"))
             assert gain == pytest.approx(1.0 / inertia, rel=0.15)
             assert damping / gain == pytest.approx(STALL / FREE_SPEED, rel=0.03)
             assert delay == pytest.approx(0.055, abs=0.005)

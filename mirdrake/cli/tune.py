@@ -1,27 +1,30 @@
-"""``mirdrake tune``: good gains for a loop, with evidence."""
+"""``mirdrake tune``: tune the gains of a control loop."""
 
 import argparse
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import add_quiet, add_set, add_workers, open_dask
 from mirdrake.core.paths import find
 from mirdrake.core.progress import Progress
 from mirdrake.execution.worker_server import LOOP, start_server
 
+if TYPE_CHECKING:
+    from mirdrake.tuning.result import TuningResult
+
 MORE = """\
 STUDY.yaml names the loop of a vehicle (mirdrake: tuning/1). The loop is identified on the full plant; tuning rules,
-loop shaping and a search give candidates; the best are confirmed on the plant and evaluated by Monte Carlo. The folder
-holds tuning.json, tables and the page tuning.html. Ctrl-C keeps what is done; the same command continues from there.
-`mirdrake tune apply RESULT` writes the gains into control.yaml; see mirdrake tune apply --help.
-Exit codes: 0 all acceptance criteria are met, 1 one is not, 2 bad input, 130 stopped.
+loop shaping and a search give candidates; the best are tested on the plant and in a Monte Carlo. The folder has
+tuning.json, tables and the report tuning.html. Ctrl-C keeps finished work; the same command resumes the study.
+`mirdrake tune apply RESULT` writes the gains to control.yaml; see mirdrake tune apply --help.
+Exit codes: 0 all acceptance criteria are met, 1 one is not, 2 invalid input, 130 stopped.
 
 examples:
   mirdrake tune studies/bolt_speed.yaml --out runs/bolt_speed
   mirdrake tune studies/unior_steering.yaml --set search.trials=200 --set robustness.runs=20
-  mirdrake tune studies/bolt_speed.yaml --scheduler tcp://192.168.1.5:8786      workers of Dask on other computers
+  mirdrake tune studies/bolt_speed.yaml --scheduler tcp://192.168.1.5:8786      Dask workers on other computers
   mirdrake tune apply runs/bolt_speed --dry-run"""
 
 
@@ -42,7 +45,8 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.tuning.spec import load_tuning
 
     spec = load_tuning(path, overrides=options.set)
-    from mirdrake.tuning.tune import StoppedError, tune
+    from mirdrake.tuning.stages import StoppedError
+    from mirdrake.tuning.tune import tune
 
     folder = options.out or Path("runs") / f"tune-{spec.name}"
     with Progress(spec.name, quiet=options.quiet) as progress, open_dask(options.scheduler) as executor:
@@ -57,36 +61,32 @@ def run(options: argparse.Namespace) -> int:
             progress.close()
             print(str(stop), file=sys.stderr)
             return 130
-    _report(result)
-    met = all(row["met"] for row in result.data["acceptance"])
+    from mirdrake.report.tuning import write_tuning_report  # importing Matplotlib takes half a second
+
+    write_tuning_report(result)
     if not options.quiet:
-        _show(result)
-    return 0 if met else 1
+        _print_result(result)
+    return 0 if result.is_accepted else 1
 
 
-def _report(result: Any) -> None:
-    from mirdrake.report.tuning import write_tuning_report  # Matplotlib takes half a second
+def _print_result(result: "TuningResult") -> None:
+    """Print the candidates and the criteria."""
+    from mirdrake.report.tuning_texts import criterion_text
 
-    write_tuning_report(result.folder)
-
-
-def _show(result: Any) -> None:
-    """The candidates, and what was reached."""
-    data = result.data
-    names = list(data["loop"]["gains"])
-    width = max(len(str(one["name"])) for one in data["candidates"])
-    units = ", ".join(f"{name} [{entry['unit']}]" for name, entry in data["loop"]["gains"].items())
-    print(f"{data['name']}: {units}")
-    for one in data["candidates"]:
-        gains = "  ".join(f"{one['gains'][name]:>9.4g}" for name in names)
-        cost = "        -" if one["cost"] is None else f"{one['cost']:9.4g}"
-        word = "best" if one["name"] == data["best"] else "" if one["feasible"] else one["status"]
-        word = "breaks a constraint" if word == "ok" else word
-        print(f"  {one['name']:<{width}}  {gains}  cost {cost}  {word}")
-    for row in data["acceptance"]:
-        value = "-" if row["value"] is None else f"{row['value']:.3g}"
-        limit = "-" if row["limit"] is None else f"{row['limit']:.3g}"
-        print(f"  {'met    ' if row['met'] else 'NOT met'} {row['what']}: {value} (limit {limit})")
-    if data["best"] is None:
-        print("  no candidate meets the constraints; relax them, widen search.ranges, or give more trials")
+    width = max(len(candidate.name) for candidate in result.candidates)
+    units = ", ".join(f"{name} [{gain.unit}]" for name, gain in result.loop.gains.items())
+    print(f"{result.name}: {units}")
+    for candidate in result.candidates:
+        gains = "  ".join(f"{candidate.gains[name]:>9.4g}" for name in result.loop.gains)
+        cost = "        -" if candidate.cost is None else f"{candidate.cost:9.4g}"
+        verdict: str = candidate.status if candidate.status != "ok" else "breaks a constraint"
+        if candidate.feasible:
+            verdict = "best" if candidate.name == result.best else "not robust" if candidate.rejections else ""
+        print(f"  {candidate.name:<{width}}  {gains}  cost {cost}  {verdict}")
+    for criterion in result.acceptance:
+        value = "-" if criterion.value is None else f"{criterion.value:.4g}"
+        met = "met    " if criterion.met else "NOT met"
+        print(f"  {met} {criterion_text(criterion, result)}: {value} (limit {criterion.limit:.4g})")
+    if result.best is None:
+        print("  no candidate meets the constraints; relax them, extend search.ranges, or increase search.trials")
     print(f"  {result.folder}")

@@ -1,4 +1,4 @@
-"""The report of a tuning study: one page which needs no network and no other file."""
+"""Report of a tuning study: one page that needs no network and no other file."""
 
 import json
 from pathlib import Path
@@ -9,6 +9,7 @@ import pandas as pd
 from mirdrake.core.files import write_file
 from mirdrake.report.figures import drawing_style
 from mirdrake.report.page import render_page
+from mirdrake.report.tuning_axes import Shown
 from mirdrake.report.tuning_charts import (
     draw_bode,
     draw_distribution,
@@ -19,10 +20,10 @@ from mirdrake.report.tuning_charts import (
     map_gains,
 )
 from mirdrake.report.tuning_tables import Tables, labelled
+from mirdrake.report.tuning_texts import FIGURES, Texts
 from mirdrake.report.tuning_trials import draw_front, draw_parallel
-from mirdrake.report.tuning_words import FIGURES, Words
 from mirdrake.report.words import title_case
-from mirdrake.tuning.result_folder import TuningResult, read_result
+from mirdrake.tuning.result import TuningResult
 
 _TEMPLATE = "tuning.html.jinja"
 
@@ -32,95 +33,105 @@ _ENOUGH = 10
 """Trials on the plant from which on they are shown instead of those on the reduced model."""
 
 
-def write_tuning_report(folder: Path | str) -> Path:
+def write_tuning_report(result: TuningResult) -> Path:
     """Write tuning.html into the folder of a tuning result.
 
     Raises:
-        ConfigError: the folder holds no result, or a damaged one.
+        ConfigError: a table of the result is damaged.
         RunError: the page cannot be written.
     """
-    result = read_result(folder)
     path = result.folder / "tuning.html"
     write_file(path, render_tuning(result))
     return path
 
 
 def render_tuning(result: TuningResult) -> str:
-    """The text of the page; see :func:`write_tuning_report`."""
-    words = Words(result)
-    tables = Tables(words)
+    """Return the text of the page; see :func:`write_tuning_report`."""
+    texts = Texts(result)
+    shown = _shown(texts)
+    tables = Tables(texts, {one.name: one.role for one in shown})
     with drawing_style():
-        charts = _Charts(words).draw()
-    data = result.data
+        charts = _Charts(texts, shown).draw()
     return render_page(
         _TEMPLATE,
         title=f"{title_case(result.name)} · tuning",
-        over=" · ".join(
-            str(part) for part in (data.get("vehicle"), f"loop {result.loop.get('name', '')}", "tuning report") if part
-        ),
-        headline=f"{title_case(result.name)}: {words.headline()}",
-        tiles=words.tiles(),
+        over=" · ".join(part for part in (result.vehicle, f"loop {result.loop.kind}", "tuning report") if part),
+        headline=f"{title_case(result.name)}: {texts.headline()}",
+        tiles=texts.tiles(),
         acceptance=tables.acceptance(),
-        notices=words.notices(),
+        notices=texts.notices(),
         charts=charts,
-        legend=[(one.role, one.name, f"var(--{one.colour})", one.dashed) for one in words.shown],
+        legend=[(one.role, one.name, f"var(--{one.colour})", one.dashed) for one in shown],
         robustness=tables.robustness(),
         head=tables.head(),
         rows=tables.rows(),
-        hows=tables.hows(),
-        models=tables.models(),
+        rejected=tables.rejected(),
+        origins=tables.origins(),
+        experiments=[texts.experiment(experiment) for experiment in result.experiments],
         schedule=tables.schedule(),
-        schedule_check=tables.schedule_check(),
-        spec=json.dumps(data.get("spec", {}), indent=2, ensure_ascii=False),
-        facts=words.facts(),
-        weights=words.weights(),
-        max_ms=words.max_ms,
-        units=(words.y, words.u),
+        schedule_tests=tables.schedule_tests(),
+        spec=json.dumps(result.spec, indent=2, ensure_ascii=False),
+        facts=texts.facts(),
+        weights=texts.weights(),
+        max_ms=result.constraints.get("ms"),
     )
 
 
-class _Charts:
-    """The pictures of one result."""
+def _shown(texts: Texts) -> list[Shown]:
+    """Return the candidates in the charts; the last one is drawn on top."""
+    roles = [
+        (texts.baseline, "baseline", "edge", True),
+        (texts.best_rule, "best rule", "own1", False),
+        (texts.winner, "best" if texts.best else "nearest", "main", False),
+    ]
+    shown = {one.name: Shown(one.name, role, colour, dashed) for one, role, colour, dashed in roles if one is not None}
+    return list(shown.values())
 
-    def __init__(self, words: Words) -> None:
-        self.words, self.data, self.result = words, words.data, words.result
+
+class _Charts:
+    """Charts of one result."""
+
+    def __init__(self, texts: Texts, shown: list[Shown]) -> None:
+        self.texts, self.shown, self.result = texts, shown, texts.result
+        self.max_ms = self.result.constraints.get("ms")
 
     def draw(self) -> dict[str, Any]:
-        """Pictures by name; what the result has no data for is left out."""
-        table, words = self.result.table, self.words
-        found: dict[str, Any] = {}
-        responses = table("responses")
+        """Return the charts by name; without those for which the result has no data."""
+        charts: dict[str, Any] = {}
+        responses, grid, curves, runs = (
+            self.result.table(name) for name in ("responses", "map", "frequency", "monte_carlo")
+        )
+        by_name, units = self.texts.by_name, (self.texts.y, self.texts.u)
         if responses is not None and len(responses):
-            steady = [one.name for one in words.shown if words.by_name[one.name].get("status", "ok") == "ok"]
-            framing = [name for name in steady if name != words.baseline.get("name")] or steady
-            found["responses"] = draw_responses(responses, words.shown, (words.y, words.u), tuple(framing))
-        grid = table("map")
+            # Stable candidates except for the baseline set the frame.
+            stable = [one.name for one in self.shown if by_name[one.name].status == "ok"]
+            framing = [name for name in stable if name != self.result.baseline] or stable
+            charts["responses"] = draw_responses(responses, self.shown, units, tuple(framing))
         if grid is not None and len(grid):
-            found["map"] = draw_map(
-                grid, [(one, words.by_name[one.name]["gains"]) for one in words.shown], words.max_ms
-            )
-            found["map_gains"] = map_gains(grid)
-        found |= self._trial_charts()
-        curves = table("frequency")
+            marks = [(one, by_name[one.name].gains) for one in self.shown]
+            charts["map"] = draw_map(grid, marks, self.max_ms)
+            charts["map_gains"] = map_gains(grid)
+        charts |= self._trial_charts()
         if curves is not None and len(curves):
-            known = [one for one in self.words.shown if (curves["candidate"] == one.name).any()]
-            ms = float(self.words.max_ms or 1.6)
-            margins = (self.words.by_name[known[-1].name].get("margins") or {}) if known else {}
-            found["bode"] = draw_bode(curves, known)
-            found["nyquist"] = draw_nyquist(curves, known, ms, margins)
-        runs = table("monte_carlo")
-        name = next((name for name in (*self.words.cost, "iae") if runs is not None and name in runs), None)
+            known = [one for one in self.shown if (curves["candidate"] == one.name).any()]
+            figures = by_name[known[-1].name].figures if known else {}
+            charts["bode"] = draw_bode(curves, known)
+            charts["nyquist"] = draw_nyquist(curves, known, float(self.max_ms or 1.6), figures)
+        name = next((name for name in (*self.result.cost, "iae") if runs is not None and name in runs), None)
         if runs is not None and name is not None and len(runs):
-            label, unit = self.words.figure(name)
-            found["distribution"] = draw_distribution(runs, name, f"{label} [{unit or '1'}]", self.words.shown)
-        if self.data.get("schedule"):
-            found["schedule"] = draw_schedule(self.data["schedule"], self.result.loop["gains"])
-        return found
+            label, unit = self.texts.figure(name)
+            charts["distribution"] = draw_distribution(runs, name, f"{label} [{unit or '1'}]", self.shown)
+        if self.result.schedule is not None and self.result.schedule.rows:
+            charts["schedule"] = draw_schedule(self.result.schedule.rows, list(self.result.loop.gains))
+        return charts
 
     def _trial_charts(self) -> dict[str, Any]:
+        """Return the charts of the trials: front and parallel coordinates."""
         trials = self.result.table("trials")
         if trials is None or "feasible" not in trials or "cost" not in trials:
             return {}
+
+        # Trials on the plant, if there are enough of them.
         trials = trials[trials["status"] == "ok"] if "status" in trials else trials
         where = "trials"
         if "fidelity" in trials:
@@ -128,29 +139,38 @@ class _Charts:
             enough = int(on_plant.sum()) >= _ENOUGH
             trials = trials[on_plant if enough else ~on_plant]
             where = "trials on the plant" if enough else "trials on the reduced model; circles: confirmed on the plant"
-        first = next((name for name in (*self.words.cost, "iae") if name in trials), None)
+
+        # The figure of the cost over another one.
+        first = next((name for name in (*self.result.cost, "iae") if name in trials), None)
         second = next(
             (name for name in ("ms", "overshoot_percent", "total_variation") if name in trials and name != first), None
         )
         if first is None or second is None or len(trials) < 2:
             return {}
+        labels = [labelled(*self.texts.figure(name)) for name in (second, first)]
+        columns = self._columns(trials, first, second)
+        gains = self.result.loop.gains
+        pairs = [(name, name if name in gains else self.texts.figure(name)[0]) for name in columns]
+        return {
+            "front": draw_front(trials, (second, labels[0]), (first, labels[1]), self._marks(second, first)),
+            "front_of": (self.texts.figure(first)[0], self.texts.figure(second)[0]),
+            "parallel": draw_parallel(trials, pairs, [name in gains for name in columns]),
+            "trials": f"{len(trials)} {where}",
+        }
+
+    def _marks(self, x: str, y: str) -> list[tuple[Shown, tuple[float, float]]]:
+        """Return the shown candidates that have both figures."""
         marks = []
-        for one in self.words.shown:
-            figures = self.words.by_name[one.name].get("figures") or {}
-            across, up = figures.get(second), figures.get(first)
-            if isinstance(across, int | float) and isinstance(up, int | float):
-                marks.append((one, (float(across), float(up))))
-        labels = [labelled(*self.words.figure(name)) for name in (second, first)]
-        gains = [name for name in self.result.loop["gains"] if name in trials and trials[name].nunique() > 1]
+        for one in self.shown:
+            figures = self.texts.by_name[one.name].figures
+            if x in figures and y in figures:
+                marks.append((one, (figures[x], figures[y])))
+        return marks
+
+    def _columns(self, trials: pd.DataFrame, first: str, second: str) -> list[str]:
+        """Return the columns of the parallel coordinates: gains that vary and figures that most trials have."""
+        gains = [name for name in self.result.loop.gains if name in trials and trials[name].nunique() > 1]
         others = [name for name in (first, second, "overshoot_percent", "settling_time") if name in trials]
         columns = list(dict.fromkeys([*gains, *others]))
         usable = [name for name in columns if pd.api.types.is_numeric_dtype(trials[name])]
-        usable = [name for name in usable if trials[name].notna().mean() > 0.5]
-        pairs = [(name, name if name in gains else self.words.figure(name)[0]) for name in usable]
-        pairs = pairs[:6]
-        return {
-            "front": draw_front(trials, (second, labels[0]), (first, labels[1]), marks),
-            "front_of": (self.words.figure(first)[0], self.words.figure(second)[0]),
-            "parallel": draw_parallel(trials, pairs, [name in gains for name in usable[:6]]),
-            "trials": f"{len(trials)} {where}",
-        }
+        return [name for name in usable if trials[name].notna().mean() > 0.5][:6]

@@ -28,9 +28,9 @@ class Shown:
 
     Attributes:
         name: of the candidate.
-        role: what the reader is told it is.
+        role: baseline, best rule, best or nearest.
         colour: a key of THEME.
-        dashed: whether its line is.
+        dashed: whether its line is dashed.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Shown:
 
     @property
     def style(self) -> dict[str, Any]:
-        """Of its line."""
+        """Style of its line, for Matplotlib."""
         return {
             "color": THEME[self.colour],
             "linestyle": "dashed" if self.dashed else "solid",
@@ -49,12 +49,12 @@ class Shown:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of so many pixels."""
+    """Return an empty figure of a width and height in pixels."""
     return Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0)
 
 
 def add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
-    """Axes inside a part of the figure, with room for their labels."""
+    """Add axes inside a part of the figure (left, bottom, width, height as fractions), with room for their labels."""
     width, height = 72.0 * figure.get_figwidth(), 72.0 * figure.get_figheight()
     left, bottom, wide, high = box[0] * width, box[1] * height, box[2] * width, box[3] * height
     return figure.add_axes(
@@ -68,7 +68,7 @@ def add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
 
 
 def label(axes: Axes, x: str, y: str) -> None:
-    """Names of the axes, and a grid."""
+    """Set the labels of the axes and draw a grid."""
     axes.grid(color=THEME["grid"], linewidth=1.0)
     axes.set_xlabel(x, labelpad=3.0)
     axes.set_ylabel(y)
@@ -76,25 +76,25 @@ def label(axes: Axes, x: str, y: str) -> None:
 
 
 def make_log(axes: Axes, axis: str) -> None:
-    """Make the axis x or y logarithmic; call it when its limits are known."""
+    """Make the axis x or y logarithmic, after its limits are set."""
     getattr(axes, f"set_{axis}scale")("log")
-    one = axes.xaxis if axis == "x" else axes.yaxis
+    scale = axes.xaxis if axis == "x" else axes.yaxis
     low, high = getattr(axes, f"get_{axis}lim")()
     narrow = low > 0.0 and math.log10(high / low) < 1.7
-    one.set_major_locator(LogLocator(10.0, subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=8))
-    one.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    one.set_minor_formatter(NullFormatter())
+    scale.set_major_locator(LogLocator(10.0, subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=8))
+    scale.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    scale.set_minor_formatter(NullFormatter())
 
 
 def embed(figure: Figure, prefix: str, text: str) -> Markup:
-    """A figure as an SVG element; the prefix makes its ids unique in the page."""
+    """Return a figure as an SVG element; the prefix makes its ids unique on the page."""
     return Markup(
         embed_svg(to_svg(figure), f"{prefix}-", attributes={"class": "plot", "role": "img", "aria-label": text})
     )
 
 
 def colour_bounds(values: Array) -> Array:
-    """Borders of the colours: as many values in each, from the best to the worst."""
+    """Return the borders of the colours, from the best to the worst, with the same number of values in each."""
     bounds = np.quantile(values, np.linspace(0.0, 1.0, SCALE_STEPS + 1))
     least = 1e-9 * max(abs(float(bounds[-1])), 1e-12)
     return np.asarray(np.maximum.accumulate(bounds + least * np.arange(len(bounds))))

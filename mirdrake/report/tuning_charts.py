@@ -1,4 +1,4 @@
-"""Charts of the tuning report: responses, map of two gains, trade-offs, frequency response, Monte Carlo."""
+"""Charts of the tuning report: responses, map of two gains, frequency response, Monte Carlo, schedule."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,6 +28,7 @@ from mirdrake.report.tuning_axes import (
     new_figure,
 )
 from mirdrake.report.words import format_quantity
+from mirdrake.tuning.result import ScheduleRow
 
 _POINTS = 600
 _CELL: dict[str, Any] = {"edgecolors": "face", "linewidth": 0.6}  # closes the seams between cells
@@ -36,13 +37,13 @@ _CELL: dict[str, Any] = {"edgecolors": "face", "linewidth": 0.6}  # closes the s
 def draw_responses(
     table: pd.DataFrame, shown: Sequence[Shown], units: tuple[str, str], limits: tuple[str, ...]
 ) -> Markup:
-    """Output and effort of the candidates over time; what leaves the frame is cut.
+    """Draw output and effort of the candidates over time; values outside of the frame are cut off.
 
     Args:
         table: candidate, t [s], reference, output, effort.
-        shown: which; the last one is drawn on top.
+        shown: candidates; the last one is drawn on top.
         units: of output and effort.
-        limits: names of the candidates that set the vertical range, if any of them are there.
+        limits: names of the candidates that set the vertical range.
     """
     figure = new_figure(WIDE, 520.0)
     top = add_axes(figure, (0.0, 0.44, 1.0, 0.56))
@@ -77,12 +78,12 @@ def draw_responses(
 
 
 def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, float]]], max_ms: float | None) -> Markup:
-    """Cost over two gains, where it is stable, the edge of stability and the line of the largest allowed Ms.
+    """Draw the cost over two gains, the limit of stability and the line of the largest allowed Ms.
 
     Args:
         table: two gains, cost, ms, stable; a full grid.
         marks: candidates and their gains.
-        max_ms: of the constraints.
+        max_ms: largest allowed Ms; None if it is not constrained.
     """
     x_name, y_name = map_gains(table)
     grid = table.pivot_table(index=y_name, columns=x_name, values="cost", aggfunc="first", dropna=False)
@@ -129,17 +130,17 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
                 color=THEME["ink"],
                 fontsize=12.0,
             )
-    return embed(figure, "map", f"Cost over {x_name} and {y_name}, with the edge of stability")
+    return embed(figure, "map", f"Cost over {x_name} and {y_name}, with the limit of stability")
 
 
 def map_gains(table: pd.DataFrame) -> tuple[str, str]:
-    """Names of the two gains of a map."""
+    """Return the names of the two gains of a map."""
     names = [str(name) for name in table.columns if name not in {"cost", "ms", "stable", "feasible", "status"}]
     return names[0], names[1]
 
 
 def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
-    """Magnitude and phase of the open loop, crossovers as dots."""
+    """Draw magnitude and phase of the open loop, with dots at the crossovers."""
     figure = new_figure(HALF, 460.0)
     top, low = add_axes(figure, (0.0, 0.46, 1.0, 0.54)), add_axes(figure, (0.0, 0.0, 1.0, 0.54))
     for one in shown:
@@ -171,13 +172,13 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
     return embed(figure, "bode", "Bode diagram of the open loop")
 
 
-def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, margins: Mapping[str, Any]) -> Markup:
-    """The open loop in the complex plane with the circle of the largest allowed Ms, and the best one's margins.
+def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, margins: Mapping[str, float]) -> Markup:
+    """Draw the open loop in the complex plane, the circle of the largest allowed Ms, and the margins of the best.
 
     Args:
         table: candidate, omega, re, im.
-        shown: which.
-        max_ms: whose circle is drawn.
+        shown: candidates.
+        max_ms: Ms of the circle.
         margins: of the last one of `shown`: gain_margin [1], phase_margin_deg [°].
     """
     figure = new_figure(HALF, 460.0)
@@ -215,7 +216,7 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
 
 
 def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: Sequence[Shown]) -> Markup:
-    """Share of the Monte Carlo's runs that are not worse than so much; a run that failed never counts."""
+    """Draw the distribution of a figure in the Monte Carlo; failed runs are missing at the upper end."""
     figure = new_figure(WIDE, 300.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
     tops = []
@@ -239,35 +240,35 @@ def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: 
     return embed(figure, "spread", f"Distribution of {title} over the Monte Carlo")
 
 
-def draw_schedule(schedule: Sequence[Mapping[str, Any]], gains: Mapping[str, str]) -> Markup:
-    """Gains over speed, each over its largest."""
+def draw_schedule(schedule: Sequence[ScheduleRow], gains: Sequence[str]) -> Markup:
+    """Draw the gains over speed, each relative to its largest value."""
     figure = new_figure(WIDE, 260.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
-    speeds = [float(row["speed"]) for row in schedule]
+    speeds = [row.speed for row in schedule]
     for number, name in enumerate(gains):
-        values = np.array([float(row["gains"].get(name) or 0.0) for row in schedule])
+        values = np.array([row.gains.get(name, 0.0) for row in schedule])
         if values.any():
             colour = THEME[("main", "own1", "own2", "own3")[number % 4]]
             axes.plot(speeds, values / np.abs(values).max(), color=colour, marker="o", markersize=5.0)
             axes.annotate(name, (speeds[-1], values[-1] / np.abs(values).max()), xytext=(6, 4),
                           textcoords="offset points", color=colour)  # fmt: skip
-    label(axes, "Speed [m/s]", "Gain over its largest [1]")
+    label(axes, "Speed [m/s]", "Gain / largest gain [1]")
     return embed(figure, "schedule", "Gains over speed")
 
 
 def curve_of(table: pd.DataFrame, name: str) -> tuple[Array, NDArray[np.complex128]]:
-    """Frequencies and open loop of a candidate; empty if there are none."""
+    """Return frequencies and open loop of a candidate; empty if there are none."""
     rows = table[table["candidate"] == name].sort_values("omega")
     value = rows["re"].to_numpy(dtype=float) + 1j * rows["im"].to_numpy(dtype=float)
     keep = np.isfinite(value)
     return rows["omega"].to_numpy(dtype=float)[keep], value[keep]
 
 
-# --- the inner parts --------------------------------------------------------------------------------------------------
+# --- helpers ----------------------------------------------------------------------------------------------------------
 
 
 def _grid(table: pd.DataFrame, name: str, x: Array, y: Array) -> Array:
-    """A column of the map as rows of y and columns of x; nan where a point is missing."""
+    """Return a column of the map as rows of y and columns of x; nan for missing points."""
     x_name, y_name = map_gains(table)
     values = table.assign(**{name: table[name].astype(float)})
     grid = values.pivot_table(index=y_name, columns=x_name, values=name, aggfunc="first", dropna=False)
@@ -282,7 +283,7 @@ def _is_log(values: Array) -> bool:
 
 
 def _edges(values: Array, log: bool) -> Array:
-    """Borders of the cells around the values."""
+    """Return the borders of the cells around the values."""
     inside = np.log(values) if log else values
     if len(inside) == 1:
         return np.array([values[0] * 0.9, values[0] * 1.1 or 1.0])
@@ -292,7 +293,7 @@ def _edges(values: Array, log: bool) -> Array:
 
 
 def _edge_lines(stable: NDArray[np.bool_], x: Array, y: Array) -> list[tuple[list[float], list[float]]]:
-    """Borders between a stable and an unstable cell."""
+    """Return the borders between stable and unstable cells."""
     lines = [([x[j + 1]] * 2, [y[i], y[i + 1]]) for i, j in np.argwhere(stable[:, 1:] != stable[:, :-1])]
     lines += [([x[j], x[j + 1]], [y[i + 1]] * 2) for i, j in np.argwhere(stable[1:] != stable[:-1])]
     return lines

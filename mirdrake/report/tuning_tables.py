@@ -1,154 +1,181 @@
-"""The tables of the report of a tuning study: criteria, candidates, models, Monte Carlo, gains over speed."""
+"""Tables of the report of a tuning study: criteria, candidates, experiments, Monte Carlo, gains over speed."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
-from mirdrake.report.tuning_words import FIGURES, Words
+from mirdrake.report.tuning_texts import FIGURES, KINDS, Texts, criterion_text
 from mirdrake.report.words import format_quantity, title_case
+from mirdrake.tuning.result import CandidateResult, ScheduleTest
+from mirdrake.tuning.scenarios import describe
 
-_KINDS = {
-    "baseline": "baseline",
-    "rule": "rule",
-    "shaped": "loop shaping",
-    "searched": "search",
-    "scheduled": "over speed",
-}
+_MONTE_CARLO_FIGURES = ("iae", "overshoot_percent", "settling_time", "ms", "phase_margin_deg", "saturation_time")
+"""Figures of the Monte Carlo that are shown, besides those of the cost."""
 
 
-_SHAKEN = ("iae", "overshoot_percent", "settling_time", "ms", "phase_margin_deg", "saturation_time")
-"""Figures of the Monte Carlo that are shown."""
+@dataclass(frozen=True)
+class CandidateRow:
+    """Row of the table of candidates.
+
+    Attributes:
+        name: of the candidate.
+        kind: of the candidate.
+        role: in the charts; empty if it is not shown there.
+        verdict: feasible, breaks a limit, unstable or failed.
+        tone: good, plain or bad.
+        numbers: text and sorting key of each column.
+        reason: of a rejection.
+    """
+
+    name: str
+    kind: str
+    role: str
+    verdict: str
+    tone: str
+    numbers: list[tuple[str, str]]
+    reason: str
+
+
+@dataclass(frozen=True)
+class RobustnessRow:
+    """Row of the table of the Monte Carlo."""
+
+    name: str
+    failed: str
+    interval: str
+    bad: bool
+    corners: tuple[str, str] | None
+    cells: list[tuple[str, str, str]]
+
+
+@dataclass(frozen=True)
+class RobustnessTable:
+    """Table of the Monte Carlo.
+
+    Attributes:
+        runs: number of runs.
+        ranges: of the conditions.
+        figures: label and unit of each.
+        rows: of the candidates.
+        grip: sentence on the grip that the runs require; empty if it is not known.
+    """
+
+    runs: int
+    ranges: str
+    figures: list[tuple[str, str]]
+    rows: list[RobustnessRow]
+    grip: str
+
+    @property
+    def corners(self) -> bool:
+        """Whether corners of the ranges were tested."""
+        return any(row.corners is not None for row in self.rows)
 
 
 class Tables:
-    """The tables of one result.
+    """Tables of one result.
 
     Args:
-        words: of the same result.
+        texts: of the result.
+        roles: of the candidates in the charts, by name.
     """
 
-    def __init__(self, words: Words) -> None:
-        self.words, self.data, self.result = words, words.data, words.result
+    def __init__(self, texts: Texts, roles: dict[str, str]) -> None:
+        self.texts, self.result, self.roles = texts, texts.result, roles
 
     def acceptance(self) -> list[tuple[str, str, str, bool]]:
-        """What, value, limit, met."""
-        return [
-            (
-                self._criterion(str(one["what"])),
-                _number(one.get("value")),
-                _number(one.get("limit")),
-                bool(one.get("met")),
-            )
-            for one in self.data.get("acceptance") or []
-        ]
-
-    def _criterion(self, what: str) -> str:
-        """A criterion that is a figure by its label."""
-        return labelled(*self.words.figure(what)).removesuffix(" [1]") if what in FIGURES else what
+        """Return criterion, value, limit, and whether it is met."""
+        rows = []
+        for criterion in self.result.acceptance:
+            text = criterion_text(criterion, self.result)
+            if criterion.name == "constraint":
+                text = labelled(*self.texts.figure(criterion.figure)).removesuffix(" [1]")
+            rows.append((text, _number(criterion.value), _number(criterion.limit), criterion.met))
+        return rows
 
     def head(self) -> list[tuple[str, str]]:
-        """Label and unit of the columns of numbers in the table of candidates."""
-        gains = self.result.loop["gains"]
-        columns = [(name, str(gains[name].get("unit") or "")) for name in gains]
-        return [*columns, ("Cost", ""), *(self.words.figure(name) for name in self._names())]
+        """Return label and unit of the columns of numbers in the table of candidates."""
+        gains = [(name, gain.unit) for name, gain in self.result.loop.gains.items()]
+        return [*gains, ("Cost", ""), *(self.texts.figure(name) for name in self._names())]
 
     def _names(self) -> list[str]:
-        """Figures that any candidate has, in the order of :data:`FIGURES`."""
-        has = dict.fromkeys(name for one in self.words.candidates for name in one["figures"])
+        """Return the figures that any candidate has, in the order of :data:`FIGURES`."""
+        has = dict.fromkeys(name for candidate in self.result.candidates for name in candidate.figures)
         return [name for name in FIGURES if name in has] + [name for name in has if name not in FIGURES]
 
-    def rows(self) -> list[dict[str, Any]]:
-        """Candidates with all figures."""
-        found = []
-        roles = {one.name: one.role for one in self.words.shown}
-        for one in self.words.candidates:
-            figures = one["figures"]
-            numbers = [one["gains"].get(name) for name in self.result.loop["gains"]]
-            numbers += [one.get("cost"), *(figures.get(name) for name in self._names())]
-            word = _verdict(one)
-            found.append(
-                {
-                    "name": one["name"],
-                    "kind": _KINDS.get(str(one.get("kind")), str(one.get("kind"))),
-                    "role": roles.get(one["name"], ""),
-                    "word": word,
-                    "tone": {"feasible": "good", "breaks a bound": "plain"}.get(word, "bad"),
-                    "numbers": [(_number(value), _sortable(value)) for value in numbers],
-                    "reason": str(one.get("reason") or ""),
-                }
+    def rows(self) -> list[CandidateRow]:
+        """Return the candidates with all figures."""
+        rows = []
+        for candidate in self.result.candidates:
+            numbers = [candidate.gains.get(name) for name in self.result.loop.gains]
+            numbers += [candidate.cost, *(candidate.figures.get(name) for name in self._names())]
+            verdict = _verdict(candidate)
+            rows.append(
+                CandidateRow(
+                    name=candidate.name,
+                    kind=KINDS[candidate.kind],
+                    role=self.roles.get(candidate.name, ""),
+                    verdict=verdict,
+                    tone={"feasible": "good", "breaks a limit": "plain"}.get(verdict, "bad"),
+                    numbers=[(_number(value), _sortable(value)) for value in numbers],
+                    reason=self.texts.rejections(candidate.rejections) or candidate.reason,
+                )
             )
-        return found
+        return rows
 
-    def hows(self) -> list[tuple[str, str, str]]:
-        """Name, way and sentence of each candidate."""
+    def origins(self) -> list[tuple[str, str, str]]:
+        """Return name, kind and origin of each candidate."""
         return [
-            (one["name"], _KINDS.get(str(one.get("kind")), str(one.get("kind"))), str(one.get("how") or ""))
-            for one in self.words.candidates
+            (candidate.name, KINDS[candidate.kind], self.texts.how(candidate)) for candidate in self.result.candidates
         ]
 
-    def models(self) -> list[tuple[str, str, str, str]]:
-        """Name, kind, parameters, and how well it fits."""
-        found = []
-        for one in self.data.get("models") or []:
-            parameters = "; ".join(
-                f"{title_case(name).lower()} {format_quantity(float(value[0]), self.unit_told(str(value[1] or '')))}"
-                if isinstance(value, list | tuple) and isinstance(value[0], int | float)
-                else f"{title_case(name).lower()} {value}"
-                for name, value in (one.get("parameters") or {}).items()
-            )
-            fit = one.get("fit_percent")
-            notes = [f"fit {fit:.1f} %"] if isinstance(fit, int | float) else []
-            notes += [str(one["note"])] if one.get("note") else []
-            found.append((str(one.get("name", "")), str(one.get("kind", "")), parameters, "; ".join(notes)))
-        return found
+    def rejected(self) -> list[tuple[str, str, str]]:
+        """Return gains, cost and reasons of candidates that are not the best though they cost less, and of trials."""
+        limit = self.texts.winner.cost if self.texts.winner else None
+        rows = [
+            (candidate.name, _number(candidate.cost), self.texts.rejections(candidate.rejections))
+            for candidate in self.result.candidates
+            if candidate.rejections and candidate.cost is not None and limit is not None and candidate.cost < limit
+        ]
+        for trial in self.result.rejected:
+            gains = ", ".join(f"{name} {value:g}" for name, value in trial.gains.items())
+            rows.append((f"trial {gains}", _number(trial.cost), self.texts.rejections(trial.rejections)))
+        return rows
 
-    def unit_told(self, unit: str) -> str:
-        """A unit with y and u of a general loop as those of this one."""
-        general = {
-            "y/u": f"{self.words.y} per {self.words.u}",
-            "u/y": f"{self.words.u} per {self.words.y}",
-            "y/(u s)": f"{self.words.y} per {self.words.u} and s",
-        }
-        return "" if unit == "1" else general.get(unit, unit)
-
-    def robustness(self) -> dict[str, Any] | None:
-        """The table of the Monte Carlo."""
-        spreads = self.words.spreads()
-        if not spreads:
+    def robustness(self) -> RobustnessTable | None:
+        """Return the table of the Monte Carlo; None if the study has none."""
+        robustness = self.result.robustness
+        if robustness is None:
             return None
-        runs = self.data["robustness"]["runs"]
-        names = list(dict.fromkeys(name for one in spreads.values() for name in one.get("figures") or {}))
-        order = [name for name in FIGURES if name in names]
-        chosen = [name for name in order if name in {*_SHAKEN, *self.words.cost}]
+        has = {name for candidate in robustness.candidates.values() for name in candidate.figures}
+        chosen = [name for name in FIGURES if name in has & {*_MONTE_CARLO_FIGURES, *self.result.cost}]
         rows = []
-        for name, one in spreads.items():
-            rate = f"{one['failures']} of {runs}"
-            interval = f"{100.0 * one['low']:.1f} to {100.0 * one['high']:.1f} %"
+        for name, candidate in robustness.candidates.items():
+            rate = candidate.failures
+            quantiles = [candidate.figures.get(figure) for figure in chosen]
             cells = [
-                tuple(_number((one["figures"].get(figure) or {}).get(key)) for key in ("median", "p95", "worst"))
-                for figure in chosen
+                ("–", "–", "–") if one is None else (_number(one.median), _number(one.p95), _number(one.worst))
+                for one in quantiles
             ]
-            rows.append((name, rate, interval, bool(one["failures"]), self._corners(name), cells))
-        ranges = self.data["robustness"].get("ranges") or {}
-        return {
-            "runs": runs,
-            "ranges": "; ".join(f"{title_case(name).lower()} {_range(value)}" for name, value in ranges.items()),
-            "figures": [self.words.figure(name) for name in chosen],
-            "rows": rows,
-            "corners": any(row[4] is not None for row in rows),
-            "grip": self._grip(),
-        }
+            interval = f"{100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
+            failed = f"{rate.failures} of {robustness.runs}"
+            rows.append(RobustnessRow(name, failed, interval, bool(rate.failures), self._corners(name), cells))
+        ranges = [
+            f"{title_case(name).lower()} {_number(low)} to {_number(high)}"
+            for name, (low, high) in robustness.ranges.items()
+        ]
+        figures = [self.texts.figure(name) for name in chosen]
+        return RobustnessTable(robustness.runs, "; ".join(ranges), figures, rows, self._grip())
 
     def _corners(self, name: str) -> tuple[str, str] | None:
-        """How many corners of the ranges a candidate does not stand, and which; None where they were not tried."""
-        tried = (self.data["robustness"].get("corners") or {}).get(name)
-        if not tried:
+        """Return how many corners of the ranges failed, and which; None if they were not tested."""
+        tests = self.result.robustness.corners.get(name) if self.result.robustness else None
+        if not tests:
             return None
-        lost = [f"{one['conditions']}: {one['reason']}" for one in tried if one["status"] != "ok"]
-        return f"{len(lost)} of {len(tried)}", "; ".join(lost)
+        failed = [f"{describe(test.conditions)}: {test.reason}" for test in tests if test.status != "ok"]
+        return f"{len(failed)} of {len(tests)}", "; ".join(failed)
 
     def _grip(self) -> str:
-        """What the runs ask of the tyres, over what they can give; empty where nobody knows."""
+        """Return a sentence on the grip that the runs require; empty if it is not known."""
         table = self.result.table("monte_carlo")
         if table is None or "grip_use" not in table:
             return ""
@@ -156,62 +183,47 @@ class Tables:
         beyond = int((use > 1.0).sum())
         if beyond:
             return (
-                f"In {beyond} of {len(use)} runs the trial asks the driven tyres for more than they can give on that "
-                "grade and friction: there the figures tell of the car, not of the gains."
+                f"{beyond} of {len(use)} runs require more longitudinal force than the driven tyres can provide at "
+                "their grade and friction: the figures of these runs depend on the car, not on the gains."
             )
         return (
-            f"No run asks the driven tyres for more than they can give (at most {use.max():.0%}): wheels that lose "
-            "their grip and spin are the doing of the loop."
+            f"All runs require at most {use.max():.0%} of the available longitudinal force of the driven tyres: wheels "
+            "that slip do so because of the controller."
         )
 
     def schedule(self) -> list[tuple[str, list[str]]]:
-        """Speed and gains."""
-        gains = self.result.loop["gains"]
-        return [
-            (format_quantity(float(row["speed"]), "m/s"), [_number(row["gains"].get(name)) for name in gains])
-            for row in self.data.get("schedule") or []
-        ]
+        """Return the gains of the schedule by speed."""
+        rows = self.result.schedule.rows if self.result.schedule else ()
+        gains = self.result.loop.gains
+        return [(format_quantity(row.speed, "m/s"), [_number(row.gains.get(name)) for name in gains]) for row in rows]
 
-    def schedule_check(self) -> list[tuple[str, str, list[tuple[str, str, str]]]]:
-        """Speed, whether it is one of the table's, and name, cost and verdict of what was tried there."""
-        rows: dict[float, list[dict[str, Any]]] = {}
-        for one in self.data.get("schedule_check") or []:
-            rows.setdefault(float(one["speed"]), []).append(one)
+    def schedule_tests(self) -> list[tuple[str, str, list[tuple[str, str, str]]]]:
+        """Return by speed: whether it is in the schedule; name, cost and verdict of each test."""
+        rows: dict[float, list[ScheduleTest]] = {}
+        for test in self.result.schedule.tests if self.result.schedule else ():
+            rows.setdefault(test.speed, []).append(test)
         return [
             (
                 format_quantity(speed, "m/s"),
-                str(tried[0]["where"]),
-                [(str(one["gains"]), _number(one["cost"]), _verdict(one)) for one in tried],
+                tests[0].place,
+                [(test.candidate, _number(test.cost), _verdict(test)) for test in tests],
             )
-            for speed, tried in rows.items()
+            for speed, tests in rows.items()
         ]
 
 
-def _verdict(one: Mapping[str, Any]) -> str:
-    status = str(one.get("status", "ok"))
-    return status if status != "ok" else "feasible" if one.get("feasible") else "breaks a bound"
+def _verdict(tested: CandidateResult | ScheduleTest) -> str:
+    return tested.status if tested.status != "ok" else "feasible" if tested.feasible else "breaks a limit"
 
 
 def labelled(label: str, unit: str) -> str:
-    """A figure with its unit in brackets."""
+    """Return a label with its unit in brackets."""
     return f"{label} [{unit or '1'}]"
 
 
-def _number(value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    if value is None or not isinstance(value, int | float) or not math.isfinite(value):
-        return "–"
-    return format_quantity(float(value)) if not isinstance(value, bool) else str(value).lower()
+def _number(value: float | None) -> str:
+    return "–" if value is None or not math.isfinite(value) else format_quantity(float(value))
 
 
-def _sortable(value: Any) -> str:
-    return repr(float(value)) if isinstance(value, int | float) and math.isfinite(value) else "inf"
-
-
-def _range(value: Any) -> str:
-    if isinstance(value, Mapping):
-        value = [value[key] for key in ("low", "high") if key in value] or list(value.values())
-    if isinstance(value, list | tuple) and len(value) == 2:
-        return f"{_number(value[0])} to {_number(value[1])}"
-    return _number(value)
+def _sortable(value: float | None) -> str:
+    return repr(float(value)) if value is not None and math.isfinite(value) else "inf"

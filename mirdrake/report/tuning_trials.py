@@ -17,13 +17,13 @@ from mirdrake.studies.fronts import find_knee, pareto_front
 def draw_front(
     trials: pd.DataFrame, x: tuple[str, str], y: tuple[str, str], marks: Sequence[tuple[Shown, tuple[float, float]]]
 ) -> Markup:
-    """Two figures of all trials against one another, the front of those that none beats in both, and its knee.
+    """Draw two figures of all trials against each other, the Pareto front and its knee.
 
     Args:
         trials: with both figures.
         x: column and label of the horizontal axis.
-        y: of the vertical one.
-        marks: candidates and where they are.
+        y: column and label of the vertical axis.
+        marks: candidates and their positions.
     """
     values = trials[[x[0], y[0]]].to_numpy(dtype=float)
     keep = np.isfinite(values).all(axis=1)
@@ -52,7 +52,7 @@ def draw_front(
 
 
 def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs: Sequence[bool]) -> Markup:
-    """A line per trial through its gains and figures, coloured by cost; what is not feasible is grey.
+    """Draw a line per trial through its gains and figures, coloured by cost; grey if it is not feasible.
 
     Args:
         trials: with the columns, cost and feasible.
@@ -71,7 +71,7 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
         values = rows[name].to_numpy(dtype=float)
         log = log and bool((values > 0.0).all())
         inside = np.log10(values) if log else values
-        # The worst tenth of a figure runs into the top, so that the rest is told apart.
+        # The worst tenth of a figure is clipped to the top, so that the others can be distinguished.
         low, high = float(inside.min()), float(inside.max() if log else np.quantile(inside, 0.9))
         scaled.append(np.clip((inside - low) / ((high - low) or 1.0), 0.0, 1.0))
         ends = (10.0**low, 10.0**high) if log else (low, high)
@@ -102,7 +102,7 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
 
 
 def _trim(axes: Axes, values: Array, front: Array, marks: Sequence[tuple[float, float]]) -> None:
-    """Frame the front, the better of the trials, and marks that are not far off."""
+    """Set the limits of the axes to the front, the better trials, and marks that are close to them."""
     for place, name in ((0, "x"), (1, "y")):
         low = float(values[:, place].min())
         high = max(float(np.quantile(values[:, place], 0.8)), float(front[:, place].max()) if len(front) < 50 else low)

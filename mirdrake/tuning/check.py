@@ -1,4 +1,4 @@
-"""What can be wrong with a study, found before anything is driven, with file and line."""
+"""Checks of a study before any test, with file and line; gains of the baseline."""
 
 import math
 from collections.abc import Iterable
@@ -6,16 +6,16 @@ from collections.abc import Iterable
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
-from mirdrake.tuning.loops.make import baseline_gains
-from mirdrake.tuning.spec import AT_LEAST, FIGURES, TuningSpec
+from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.spec import AT_LEAST, FIGURES, PUBLISHED, TuningSpec
 
 
 def check_study(spec: TuningSpec, loop: LoopSpec) -> None:
-    """Refuse what there is not, or makes no sense for this loop.
+    """Reject unknown names and values that are not valid for a loop.
 
     Args:
         spec: the study.
-        loop: its loop, from :func:`mirdrake.tuning.loops.make.make_loop_spec`.
+        loop: its loop, from :func:`mirdrake.tuning.loops.registry.make_loop_spec`.
 
     Raises:
         ConfigError: the first fault, with file and line.
@@ -23,8 +23,29 @@ def check_study(spec: TuningSpec, loop: LoopSpec) -> None:
     _check_gains(spec, loop)
     _check_cost(spec)
     _check_times(spec)
-    if spec.schedule is not None and loop.kind in ("path", "diagram"):
-        raise ConfigError(f"{where(spec, 'schedule')}: gains of this loop stand in no control.yaml; leave it out")
+    if spec.schedule is not None and not LOOP_KINDS[loop.kind].in_control_yaml:
+        raise ConfigError(
+            f"{where(spec, 'schedule')}: the gains of this loop are not in control.yaml; remove the schedule"
+        )
+
+
+def baseline_gains(spec: TuningSpec, loop: LoopSpec) -> dict[str, float]:
+    """Return the gains to compare with; missing ones are zero, or for a loop of signals those of the diagram.
+
+    Raises:
+        ConfigError: a gain of a loop of signals whose present value is not known.
+    """
+    if LOOP_KINDS[loop.kind].in_control_yaml:
+        given = PUBLISHED if spec.baseline == "published" else spec.baseline
+        return {name: float(given.get(name, 0.0)) for name in loop.gains}
+    present = loop.present | (spec.baseline if isinstance(spec.baseline, dict) else {})
+    missing = [name for name in loop.gains if name not in present]
+    if missing:
+        raise ConfigError(
+            f"{where(spec, 'baseline')}: the present value of {missing[0]} is not known; write the gains to compare "
+            f"with, for example {{{missing[0]}: 1}}"
+        )
+    return {name: float(present[name]) for name in loop.gains}
 
 
 def _check_gains(spec: TuningSpec, loop: LoopSpec) -> None:
@@ -32,9 +53,10 @@ def _check_gains(spec: TuningSpec, loop: LoopSpec) -> None:
     if isinstance(spec.baseline, dict):
         _known(spec, ("baseline",), spec.baseline, loop.gains, "gain")
     baseline_gains(spec, loop)
-    if loop.kind == "diagram":
+    kind = LOOP_KINDS[loop.kind]
+    if not kind.identifiable:
         for gain in loop.gains:
-            if gain not in spec.search.ranges:
+            if gain not in spec.search.ranges and gain not in kind.ranges:
                 place = where(spec, "search", "ranges")
                 raise ConfigError(f"{place}: no rule gives a value of {gain}; write a range for it")
 
@@ -47,7 +69,7 @@ def _check_cost(spec: TuningSpec) -> None:
             raise ConfigError(f"{where(spec, 'cost', name)}: {weight:g} is not allowed; a weight is 0 or more")
         if name in AT_LEAST:
             place = where(spec, "cost", name)
-            raise ConfigError(f"{place}: more of it is better; make it a constraint, or take ms or mt")
+            raise ConfigError(f"{place}: a larger value is better; make it a constraint, or use ms or mt")
     if not any(spec.cost.values()):
         raise ConfigError(f"{where(spec, 'cost')}: no figure has a weight; give one, for example {{iae: 1}}")
 
@@ -55,7 +77,7 @@ def _check_cost(spec: TuningSpec) -> None:
 def _check_times(spec: TuningSpec) -> None:
     test = spec.test
     if test.step == 0.0:
-        raise ConfigError(f"{where(spec, 'test', 'step')}: 0 is not allowed; without a step there is nothing to judge")
+        raise ConfigError(f"{where(spec, 'test', 'step')}: 0 is not allowed; the test needs a step")
     if not test.step_time < test.duration:
         raise ConfigError(
             f"{where(spec, 'test', 'step_time')}: {test.step_time:g} s is not before the end ({test.duration:g} s)"

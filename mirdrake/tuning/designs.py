@@ -1,16 +1,22 @@
-"""Candidates from models: the tuning rules, and loop shaping, each with a sentence on how it was found."""
+"""Candidates by design: tuning rules and loop shaping, applied to an identified loop.
+
+A new rule is one function that yields its solutions and one line in :data:`DESIGN_RULES`.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series
-from mirdrake.tuning.identify import Identified
+from mirdrake.tuning.identify import Identification
+from mirdrake.tuning.loops.reduced import model_of
 from mirdrake.tuning.margins import ultimate_point
 from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
+from mirdrake.tuning.relay import RelayResult
 from mirdrake.tuning.rules import (
     Form,
     amigo,
@@ -25,196 +31,287 @@ from mirdrake.tuning.shaping import design_for_phase_margin, maximize_integral_g
 DIGITS = 4
 """Significant digits of gains."""
 
-SOFTER = (1.5, 2.0)
-"""Closed-loop times of SIMC besides its own [dead times]: softer, for constraints that its own does not keep."""
+FAST = (1.0, 1.5, 2.0)
+"""Closed-loop times of SIMC that are tried first [dead times]."""
 
+SLOW = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+"""The same if no rule is robust [dead times]: no rule considers light wheels that lose their grip."""
 
-SOFTEST = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-"""The same where no rule stands: as soft as it takes. A rule has no say on light wheels that lose their grip."""
+FORMS: tuple[Form, Form] = ("PI", "PID")
+
+Kind = Literal["baseline", "rule", "shaped", "searched", "scheduled"]
 
 
 @dataclass(frozen=True)
 class Design:
-    """Gains from a rule.
+    """A set of gains and its origin.
 
     Attributes:
         name: of the candidate.
-        kind: baseline, rule, shaped, searched or scheduled.
-        how: one sentence.
+        kind: baseline, rule, shaped (loop shaping), searched or scheduled.
         gains: by name.
+        rule: name in :data:`DESIGN_RULES`; empty for other kinds.
+        parameter: of the rule, see its description; None if it has none.
     """
 
     name: str
-    kind: str
-    how: str
+    kind: Kind
     gains: dict[str, float]
+    rule: str = ""
+    parameter: float | None = None
 
 
-def make_designs(found: Identified, *, max_sensitivity: float) -> tuple[list[Design], list[str]]:
-    """Gains from all rules that fit the loop, and by loop shaping; and why others are left out.
+@dataclass(frozen=True)
+class OmittedDesign:
+    """A design that does not exist for a loop.
 
-    Half a period is added to the dead time, for the hold of the control. The derivative's filter is that of the loop,
-    whatever the rule would take.
-
-    Args:
-        found: what the experiments gave.
-        max_sensitivity: bound on Ms for the shaping [1].
+    Attributes:
+        name: of the design.
+        reason: one line.
     """
-    return _made(_ways(found, max_sensitivity), tuple(found.spec.gains))
+
+    name: str
+    reason: str
 
 
-def softer_designs(found: Identified) -> list[Design]:
-    """The rule of Skogestad with longer and longer closed-loop times: to compare with where no rule stands.
+@dataclass(frozen=True)
+class DesignModel:
+    """Identified loop as rules need it; half a period for the hold of the effort is in all dead times.
 
-    Args:
-        found: what the experiments gave.
+    Attributes:
+        main: transfer function.
+        first: first order with delay, or an integrator.
+        lagged: gain [y/(u s)], delay [s] and lag [s] of an integrator with lag.
+        inertial: gain [y/(u s²)] and delay [s] of a double integrator.
+        relay: result of the relay test.
+        max_sensitivity: bound on Ms for loop shaping [1].
     """
-    return _made(_skogestad(found, SOFTEST), tuple(found.spec.gains))[0]
+
+    main: TransferFunction
+    first: FirstOrder | Integrator | None
+    lagged: tuple[float, float, float] | None
+    inertial: tuple[float, float] | None
+    relay: RelayResult | None
+    max_sensitivity: float
 
 
-_Way = tuple[str, str, str, Callable[[], PidGains]]
+Solution = tuple[str, float | None, Callable[[], PidGains]]
+"""Name of the candidate, parameter, and a call that returns the gains, or raises MirdrakeError if there are none."""
 
 
-def _made(ways: Iterable[_Way], names: Sequence[str]) -> tuple[list[Design], list[str]]:
-    """Designs with gains of these names, none twice; and why others are left out."""
-    notes: list[str] = []
-    designs: list[Design] = []
-    for name, kind, how, make in ways:
-        try:
-            pid = make()
-        except MirdrakeError as error:
-            notes.append(f"{name}: {error}")
-            continue
-        given = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
-        if (pid.kd and "kd" not in names) or not all(math.isfinite(x) and x >= 0.0 for x in given.values()):
-            continue
-        gains = {gain: float(f"{given[gain]:.{DIGITS}g}") for gain in names}
-        if gains not in [design.gains for design in designs]:
-            designs.append(Design(name, kind, how, gains))
-    return designs, notes
+@dataclass(frozen=True)
+class DesignRule:
+    """Tuning rule, or method of loop shaping.
+
+    Attributes:
+        name: of the rule.
+        description: one sentence; ``{parameter:g}`` is replaced.
+        solutions: yields the solutions for a loop; none if the rule does not fit it.
+        kind: of its designs.
+    """
+
+    name: str
+    description: str
+    solutions: Callable[[DesignModel], Iterator[Solution]]
+    kind: Kind = "rule"
 
 
-def _ways(found: Identified, bound: float) -> Iterator[_Way]:
-    spec = found.spec
-    half = 0.5 * float(spec.options["period"])
-    main = TransferFunction(
-        tuple(spec.models["main"]["numerator"]),
-        tuple(spec.models["main"]["denominator"]),
-        spec.models["main"]["delay"] + half,
+def _ziegler_nichols_step(model: DesignModel) -> Iterator[Solution]:
+    if model.first is not None:
+        for form in FORMS:
+            yield f"Ziegler-Nichols step {form}", None, partial(ziegler_nichols_step, model.first, form)
+
+
+def _simc(model: DesignModel, times: Sequence[float] = FAST) -> Iterator[Solution]:
+    if model.first is not None:
+        for time in times:
+            name = "SIMC" if time == 1.0 else f"SIMC {time:g}"
+            yield name, time, partial(simc, model.first, closed_loop_time=time * model.first.delay)
+
+
+def _amigo(model: DesignModel) -> Iterator[Solution]:
+    if model.first is not None:
+        for form in FORMS:
+            yield f"AMIGO {form}", None, partial(amigo, model.first, form)
+
+
+def _lambda(model: DesignModel) -> Iterator[Solution]:
+    if model.first is not None:
+        time = 3.0 * model.first.delay
+        yield f"lambda {time:.3g} s", time, partial(lambda_tuning, model.first, time)
+
+
+def _simc_lag(model: DesignModel) -> Iterator[Solution]:
+    if model.lagged is not None:
+        for time in FAST:
+            yield f"SIMC lag {time:g}", time, partial(_integrator_with_lag, model.lagged, time)
+            yield from _simc_lag_pd(model, (time,))
+
+
+def _simc_lag_pd(model: DesignModel, times: Sequence[float]) -> Iterator[Solution]:
+    if model.lagged is not None:
+        for time in times:
+            yield f"SIMC lag PD {time:g}", time, partial(_integrator_with_lag, model.lagged, time, integral=False)
+
+
+def _relay(model: DesignModel) -> Iterator[Solution]:
+    if model.relay is not None and model.first is not None:
+        gain, period = model.relay.ultimate_gain, model.relay.ultimate_period
+        for form in FORMS:
+            yield f"Ziegler-Nichols relay {form}", None, partial(ziegler_nichols_ultimate, gain, period, form)
+
+
+def _simc_inertia(model: DesignModel) -> Iterator[Solution]:
+    if model.inertial is not None:
+        gain, delay = model.inertial
+        for time in (1.0, 2.0, 3.0):
+            solve = partial(simc_double_integrator, gain, delay, closed_loop_time=time * delay)
+            yield f"SIMC inertia {time:g}", time, solve
+        yield from _simc_inertia_pd(model, (*FAST, 3.0))
+
+
+def _simc_inertia_pd(model: DesignModel, times: Sequence[float]) -> Iterator[Solution]:
+    if model.inertial is not None:
+        gain, delay = model.inertial
+        for time in times:
+            yield f"SIMC inertia PD {time:g}", time, partial(_double_integrator_pd, gain, delay, time * delay)
+
+
+def _ultimate(model: DesignModel) -> Iterator[Solution]:
+    if model.inertial is not None:
+        yield "Ziegler-Nichols PID", None, partial(_ultimate_gains, model.main)
+
+
+def _largest_integral_gain(model: DesignModel) -> Iterator[Solution]:
+    bound = model.max_sensitivity
+    for form in FORMS:
+        solve = partial(maximize_integral_gain, model.main, max_sensitivity=bound, derivative=form == "PID")
+        yield f"shaped {form}", bound, solve
+
+
+def _phase_margin(model: DesignModel) -> Iterator[Solution]:
+    crossover = 0.35 / max(model.main.delay, 1e-3)
+    for form in FORMS:
+        solve = partial(design_for_phase_margin, model.main, crossover, derivative=form == "PID")
+        yield f"phase margin {form}", crossover, solve
+
+
+DESIGN_RULES: dict[str, DesignRule] = {
+    rule.name: rule
+    for rule in (
+        DesignRule(
+            "ziegler_nichols_step", "step response rule of Ziegler and Nichols, identified model", _ziegler_nichols_step
+        ),
+        DesignRule("simc", "Skogestad's rule, closed-loop time of {parameter:g} dead times", _simc),
+        DesignRule("amigo", "AMIGO rule, which aims at Ms 1.4", _amigo),
+        DesignRule("lambda", "lambda tuning, closed-loop time of {parameter:.3g} s, three dead times", _lambda),
+        DesignRule(
+            "simc_lag",
+            "Skogestad's rule for an integrator with lag, closed-loop time of {parameter:g} dead times; PD: without "
+            "the integral part, so that a step does not overshoot",
+            _simc_lag,
+        ),
+        DesignRule("ziegler_nichols_relay", "frequency response rule of Ziegler and Nichols, relay feedback", _relay),
+        DesignRule(
+            "simc_inertia",
+            "Skogestad's rule for a double integrator, closed-loop time of {parameter:g} dead times; PD: without the "
+            "integral part, so that a step does not overshoot",
+            _simc_inertia,
+        ),
+        DesignRule(
+            "ziegler_nichols_ultimate",
+            "frequency response rule of Ziegler and Nichols, ultimate point of the identified model",
+            _ultimate,
+        ),
+        DesignRule(
+            "largest_integral_gain",
+            "largest integral gain with Ms of at most {parameter:g}",
+            _largest_integral_gain,
+            kind="shaped",
+        ),
+        DesignRule(
+            "phase_margin", "phase margin of 60° at a crossover of {parameter:.3g} rad/s", _phase_margin, kind="shaped"
+        ),
     )
-    forms: tuple[Form, ...] = ("PI", "PID")
-    if found.first is not None:
-        first = _later(found.first, half)
-        wide = 3.0 * first.delay
-        for form in forms:
-            yield (
-                f"Ziegler-Nichols step {form}",
-                "rule",
-                "step response rule, from the identified model",
-                partial(ziegler_nichols_step, first, form),
-            )
-        yield "SIMC", "rule", "Skogestad's rule, closed-loop time equal to the dead time", partial(simc, first)
-        for times in SOFTER:
-            how = f"Skogestad's rule, closed-loop time of {times:g} dead times"
-            slow = times * first.delay
-            yield f"SIMC {times:g}", "rule", how, partial(simc, first, closed_loop_time=slow)
-        for form in forms:
-            yield (f"AMIGO {form}", "rule", "AMIGO rule, made for Ms 1.4", partial(amigo, first, form))
-        yield (
-            f"lambda {wide:.3g} s",
-            "rule",
-            "lambda tuning, closed-loop time of three dead times",
-            partial(lambda_tuning, first, wide),
-        )
-    if found.lag and isinstance(found.first, Integrator):
-        velocity, delay = found.first.gain, found.first.delay - 0.5 * found.lag + half
-        for times in (1.0, *SOFTER):
-            yield (
-                f"SIMC lag {times:g}",
-                "rule",
-                f"Skogestad's rule for an integrator with lag, closed-loop time of {times:g} dead times",
-                partial(_integrator_with_lag, velocity, delay, found.lag, times * delay),
-            )
-            yield (
-                f"SIMC lag PD {times:g}",
-                "rule",
-                f"the same with closed-loop time of {times:g} dead times, without its integral part: no overshoot",
-                partial(_integrator_with_lag, velocity, delay, found.lag, times * delay, integral=False),
-            )
-    if found.relay is not None and found.first is not None:
-        relay = found.relay
-        for form in forms:
-            yield (
-                f"Ziegler-Nichols relay {form}",
-                "rule",
-                "frequency response rule, from the relay's limit cycle",
-                partial(ziegler_nichols_ultimate, relay.ultimate_gain, relay.ultimate_period, form),
-            )
-    if found.inertial is not None:
-        gain, delay = found.inertial[0], found.inertial[1] + half
-        for times in (1.0, 2.0, 3.0):
-            yield (
-                f"SIMC inertia {times:g}",
-                "rule",
-                f"Skogestad's rule for a double integrator, closed-loop time of {times:g} dead times",
-                partial(simc_double_integrator, gain, delay, closed_loop_time=times * delay),
-            )
-        for times in (1.0, *SOFTER, 3.0):
-            yield (
-                f"SIMC inertia PD {times:g}",
-                "rule",
-                f"the same with closed-loop time of {times:g} dead times, without its integral part: no overshoot",
-                partial(_without_integral, gain, delay, times * delay),
-            )
-        yield (
-            "Ziegler-Nichols PID",
-            "rule",
-            "frequency response rule, at the model's own ultimate point",
-            partial(_ultimate, main),
-        )
-    for derivative, form in ((False, "PI"), (True, "PID")):
-        yield (
-            f"shaped {form}",
-            "shaped",
-            f"largest integral gain for which Ms stays below {bound:g}",
-            partial(maximize_integral_gain, main, max_sensitivity=bound, derivative=derivative),
-        )
-    crossover = 0.35 / max(main.delay, 1e-3)
-    for derivative, form in ((False, "PI"), (True, "PID")):
-        yield (
-            f"phase margin {form}",
-            "shaped",
-            f"60° of phase margin at {crossover:.3g} rad/s",
-            partial(design_for_phase_margin, main, crossover, derivative=derivative),
-        )
+}
+"""Rules by name, in the order of their candidates."""
 
 
-def _skogestad(found: Identified, times: Sequence[float]) -> Iterator[_Way]:
-    """Skogestad's rule for the model that fits best, without an integral part where the plant has one."""
-    half = 0.5 * float(found.spec.options["period"])
-    for many in times:
-        how = f"Skogestad's rule, softened to a closed-loop time of {many:g} dead times, as no faster rule stands"
-        if found.inertial is not None:
-            gain, delay = found.inertial[0], found.inertial[1] + half
-            yield f"SIMC inertia PD {many:g}", "rule", how, partial(_without_integral, gain, delay, many * delay)
-        elif found.lag and isinstance(found.first, Integrator):
-            velocity, delay = found.first.gain, found.first.delay - 0.5 * found.lag + half
-            make = partial(_integrator_with_lag, velocity, delay, found.lag, many * delay, integral=False)
-            yield f"SIMC lag PD {many:g}", "rule", how, make
-        elif found.first is not None:
-            first = _later(found.first, half)
-            yield f"SIMC {many:g}", "rule", how, partial(simc, first, closed_loop_time=many * first.delay)
+def make_designs(
+    found: Identification, *, max_sensitivity: float
+) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
+    """Return the designs of all rules that fit a loop, and those that have no solution.
+
+    The filter of the derivative is that of the loop, whatever a rule would use.
+
+    Args:
+        found: result of the experiments.
+        max_sensitivity: bound on Ms for loop shaping [1].
+    """
+    model = design_model(found, max_sensitivity)
+    ways = ((rule, solution) for rule in DESIGN_RULES.values() for solution in rule.solutions(model))
+    return _solve(ways, tuple(found.loop.gains))
 
 
-def _later(model: FirstOrder | Integrator, by: float) -> FirstOrder | Integrator:
-    """The model with more dead time [s]."""
-    return replace(model, delay=model.delay + by)
+def slower_designs(found: Identification) -> tuple[Design, ...]:
+    """Return designs of Skogestad's rule with increasing closed-loop times, for a loop for which no rule is robust."""
+    model = design_model(found, 1.4)
+    if model.inertial is not None:
+        rule, solutions = "simc_inertia", _simc_inertia_pd(model, SLOW)
+    elif model.lagged is not None:
+        rule, solutions = "simc_lag", _simc_lag_pd(model, SLOW)
+    else:
+        rule, solutions = "simc", _simc(model, SLOW)
+    return _solve(((DESIGN_RULES[rule], solution) for solution in solutions), tuple(found.loop.gains))[0]
 
 
-def _without_integral(gain: float, delay: float, closed_loop_time: float) -> PidGains:
-    """SIMC for a double integrator, the series form's PD part: two equal real poles, so that a step does not overshoot.
+def design_model(found: Identification, max_sensitivity: float) -> DesignModel:
+    """Return an identified loop as rules need it."""
+    model, period = model_of(found.loop)
+    hold, main, first = 0.5 * period, model.plants["main"], found.first
+    lagged = None
+    if found.lag and isinstance(first, Integrator):
+        lagged = (first.gain, first.delay - 0.5 * found.lag + hold, found.lag)
+    return DesignModel(
+        main=replace(main, delay=main.delay + hold),
+        first=None if first is None else replace(first, delay=first.delay + hold),
+        lagged=lagged,
+        inertial=None if found.inertial is None else (found.inertial[0], found.inertial[1] + hold),
+        relay=found.relay,
+        max_sensitivity=max_sensitivity,
+    )
 
-    Kc (1 + τD s) with Kc = 1 / (4 gain (τc + L)²), τD = 4 (τc + L); see
+
+def rounded(gains: dict[str, float]) -> dict[str, float]:
+    """Return gains with the digits that are reported."""
+    return {name: float(f"{value:.{DIGITS}g}") for name, value in gains.items()}
+
+
+def _solve(
+    ways: Iterable[tuple[DesignRule, Solution]], names: Sequence[str]
+) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
+    """Return designs with gains of these names, each set of gains once, and those that have no solution."""
+    designs: list[Design] = []
+    omitted: list[OmittedDesign] = []
+    for rule, (name, parameter, solve) in ways:
+        try:
+            pid = solve()
+        except MirdrakeError as error:
+            omitted.append(OmittedDesign(name, str(error)))
+            continue
+        values = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
+        if (pid.kd and "kd" not in names) or not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
+            continue
+        gains = rounded({gain: values[gain] for gain in names})
+        if gains not in [design.gains for design in designs]:
+            designs.append(Design(name, rule.kind, gains, rule.name, parameter))
+    return tuple(designs), tuple(omitted)
+
+
+def _double_integrator_pd(gain: float, delay: float, closed_loop_time: float) -> PidGains:
+    """Return the PD part of the series form of SIMC for a double integrator, which does not overshoot.
+
+    Kc (1 + τD s) with Kc = 1 / (4 gain (τc + L)²), τD = 4 (τc + L), two equal real poles; see
     :func:`mirdrake.tuning.rules.simc_double_integrator`.
     """
     total = closed_loop_time + delay
@@ -222,19 +319,19 @@ def _without_integral(gain: float, delay: float, closed_loop_time: float) -> Pid
     return PidGains(kp, 0.0, 4.0 * total * kp)
 
 
-def _integrator_with_lag(
-    gain: float, delay: float, lag: float, closed_loop_time: float, *, integral: bool = True
-) -> PidGains:
-    """SIMC for ``gain exp(-L s) / (s (1 + T2 s))``: series PID, Kc = 1/(gain (τc + L)), τI = 4 (τc + L), τD = T2.
+def _integrator_with_lag(lagged: tuple[float, float, float], times: float, *, integral: bool = True) -> PidGains:
+    """Return SIMC for an integrator with lag, ``gain exp(-L s) / (s (1 + T2 s))``.
 
-    Source: Skogestad (2003), table 1. Without the integral part it is the series form's PD part.
+    Series PID with τc = `times` L: Kc = 1/(gain (τc + L)), τI = 4 (τc + L), τD = T2; without integral part its PD part.
+    Source: Skogestad (2003), table 1.
     """
-    total = closed_loop_time + delay
+    gain, delay, lag = lagged
+    total = times * delay + delay
     kp = 1.0 / (gain * total)
     return from_series(kp, 4.0 * total, lag) if integral else PidGains(kp, 0.0, kp * lag)
 
 
-def _ultimate(main: TransferFunction) -> PidGains:
+def _ultimate_gains(main: TransferFunction) -> PidGains:
     point = ultimate_point(main)
     if point is None:
         raise MirdrakeError("the phase never reaches -180°")

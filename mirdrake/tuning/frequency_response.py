@@ -21,7 +21,7 @@ from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.tuning.fourier import fourier_line
 from mirdrake.tuning.gains import hold_response
 from mirdrake.tuning.models import Complexes, Floats
-from mirdrake.tuning.processes import Loop
+from mirdrake.tuning.process_models import Loop
 
 _Part = tuple[Floats, Complexes, Floats]
 
@@ -85,7 +85,7 @@ def measure_frequency_response(
 
     Args:
         loop: adds an excitation [u] to the control for one period and returns (control, measurement), see
-            :mod:`mirdrake.tuning.processes`.
+            :mod:`mirdrake.tuning.process_models`.
         period: period of the loop [s].
         frequencies: wanted frequencies [rad/s], below π/period. A multisine moves them to the nearest multiple of the
             lowest, a sine to a whole number of periods; those that fall together are taken once.

@@ -1,14 +1,15 @@
-"""What the trial of a speed loop asks of the tyres, over what they can give: above 1 no gains can do it.
+"""Longitudinal force that the test of a speed loop requires of the tyres, over the available one (grip use).
 
-A driven axle pushes with friction times its load, and load moves to the rear axle with the push. With s = a + g sin θ,
-the push needed per mass, the centre of mass h above the road, l_r ahead of the rear axle, l_f behind the front::
+Above 1, no gains can follow the set-point. The force of a driven axle is at most friction times its load, and
+acceleration moves load to the rear axle. With s = a + g sin θ, the required force per mass, the centre of mass h above
+the road, l_r ahead of the rear axle and l_f behind the front axle::
 
-    front axle   |s| ≤ μ g cos θ l_r / (L + μ h)      uphill; L - μ h when the push is backward
-    rear axle    |s| ≤ μ g cos θ l_f / (L - μ h)      uphill; L + μ h when the push is backward
+    front axle   |s| ≤ μ g cos θ l_r / (L + μ h)      driving; L - μ h for a backward force
+    rear axle    |s| ≤ μ g cos θ l_f / (L - μ h)      driving; L + μ h for a backward force
     both         |s| ≤ μ g cos θ
 
 Source: T. D. Gillespie, Fundamentals of Vehicle Dynamics (1992), chapter 2, traction-limited acceleration. Rolling
-resistance and air are left out: mass does not matter then.
+resistance and drag are neglected, so that the mass has no effect.
 """
 
 import math
@@ -23,14 +24,14 @@ from mirdrake.tuning.loops.bench import PlantBench
 
 @dataclass(frozen=True)
 class Axles:
-    """Where the load of a car stands.
+    """Position of the centre of mass between the axles, and the driven axles.
 
     Attributes:
-        to_front: from the centre of mass forward to the front axle [m].
-        to_rear: back to the rear axle [m].
+        to_front: distance from the centre of mass forward to the front axle [m].
+        to_rear: distance back to the rear axle [m].
         height: of the centre of mass above the road [m].
         front: whether the front axle is driven.
-        rear: whether the rear axle is.
+        rear: whether the rear axle is driven.
     """
 
     to_front: float
@@ -39,13 +40,13 @@ class Axles:
     front: bool
     rear: bool
 
-    def most(self, friction: float, grade: float, *, backward: bool = False) -> float:
-        """Largest |a + g sin θ| that the driven axles can give [m/s²].
+    def largest(self, friction: float, grade: float, *, backward: bool = False) -> float:
+        """Return the largest |a + g sin θ| that the driven axles can provide [m/s²].
 
         Args:
             friction: coefficient μ [1].
             grade: θ, positive uphill [rad].
-            backward: whether they push backward.
+            backward: whether the force is backward.
         """
         weight, moved = friction * GRAVITY * math.cos(grade), friction * self.height * (-1.0 if backward else 1.0)
         if self.front and self.rear:
@@ -54,19 +55,19 @@ class Axles:
         return weight * (self.to_rear / (base + moved) if self.front else self.to_front / (base - moved))
 
     def use(self, friction: float, grade: float, acceleration: float) -> float:
-        """What is asked over what can be given, the larger of holding the speed and of accelerating [1].
+        """Return the grip use, the larger one of constant speed and of acceleration [1].
 
         Args:
-            friction: see :meth:`most`.
-            grade: see :meth:`most`.
+            friction: coefficient μ [1].
+            grade: θ, positive uphill [rad].
             acceleration: of the set-point, with sign [m/s²].
         """
-        asked = [GRAVITY * math.sin(grade) + part for part in (0.0, acceleration)]
-        return max(abs(one) / self.most(friction, grade, backward=one < 0.0) for one in asked)
+        required = [GRAVITY * math.sin(grade) + part for part in (0.0, acceleration)]
+        return max(abs(force) / self.largest(friction, grade, backward=force < 0.0) for force in required)
 
 
 def axles_of(bench: PlantBench) -> Axles:
-    """Axles of the vehicle on a bench, as it stands."""
+    """Return the axles of the vehicle on a bench."""
     plant, part = bench.assembly.parts.plant, bench.part
     context = plant.CreateDefaultContext()
     centre = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])
@@ -84,8 +85,8 @@ def axles_of(bench: PlantBench) -> Axles:
 
 
 def grip_use(axles: Axles, loop: LoopSpec, conditions: Conditions) -> float:
-    """What the trial of a speed loop asks of the tyres under conditions, over what they can give [1]."""
+    """Return the grip use of the test of a speed loop under conditions [1]."""
     limits = loop.diagram["vehicles"][loop.vehicle]["control"]["speed"]
-    slope = limits["max_acceleration"] if loop.course["step"] > 0.0 else -limits["max_deceleration"]
-    friction = loop.nominal["friction"] if conditions.friction is None else conditions.friction
-    return axles.use(friction, conditions.grade, slope)
+    slope = limits["max_acceleration"] if loop.course.step > 0.0 else -limits["max_deceleration"]
+    friction = loop.friction if conditions.friction is None else conditions.friction
+    return axles.use(friction or 0.0, conditions.grade, slope)

@@ -1,318 +1,170 @@
-"""Identification of a loop on the full plant: step test, relay feedback and frequency response, and what follows.
+"""Identification of a loop on its test bench: results of the experiments, and fits of models to them.
 
-The car runs straight and even. Step and free run are subtracted, so that what drags the car is not in the model. In the
-frequency response the loop is closed by gains that any car stands: a speed loop of 1 rad/s from the mass, a steering
-loop by SIMC from the inertia and the damping of the joint. A motor behind a gear damps its joint so that torque gives
-speed, not acceleration: where that lag is shorter than the delay, the rules see an integrator, else a double one.
+A step test, relay feedback and a frequency response are made on the full plant while the car drives straight. The
+response to a step is the difference of two runs, so that the resistances of the car have no effect on the model.
 """
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # its parts are imported when they are first used
 
-from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
-from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_response
-from mirdrake.tuning.loops.base import Conditions, LoopSpec
-from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
-from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
-from mirdrake.tuning.processes import LinearProcess
-from mirdrake.tuning.relay import RelayResult, run_relay_test
-from mirdrake.tuning.rules import simc, simc_double_integrator
-from mirdrake.tuning.step_test import StepRecord, fit_first_order, fit_integrator
+from mirdrake.core.errors import ConfigError
+from mirdrake.tuning.frequency_response import FrequencyResponse
+from mirdrake.tuning.loops.base import LoopSpec
+from mirdrake.tuning.models import Complexes, FirstOrder, Floats, Integrator, TransferFunction
+from mirdrake.tuning.process_models import LinearProcess
+from mirdrake.tuning.relay import RelayResult
+from mirdrake.tuning.step_test import StepRecord
 
-FAST = 1.0
-"""Bandwidth of the speed loop that is closed for the experiments [rad/s]."""
+if TYPE_CHECKING:
+    from mirdrake.tuning.loops.bench import PlantBench
+
+ExperimentName = Literal["step_test", "relay", "frequency_response", "wheels_apart", "vehicle_data"]
+ModelName = Literal["first_order", "integrator", "inertia", "ultimate_point"]
 
 
 @dataclass(frozen=True)
-class Model:
-    """A model of a loop.
+class Parameter:
+    """Parameter of a model.
 
     Attributes:
-        name: of the experiment.
-        kind: in words.
-        parameters: value and unit, by name.
-        fit_percent: 100 (1 - |error| / |data - mean|); nan if there is nothing to compare with.
-        note: a sentence.
+        value: its value [unit].
+        unit: with u and y for the units of effort and measurement.
     """
 
-    name: str
-    kind: str
-    parameters: dict[str, tuple[float, str]]
-    fit_percent: float = math.nan
-    note: str = ""
+    value: float
+    unit: str
 
 
 @dataclass(frozen=True)
-class Identified:
-    """What the experiments found.
+class Experiment:
+    """An experiment on a loop and the model that it gave.
 
     Attributes:
-        spec: the loop, with its reduced model.
-        models: of each experiment.
+        name: kind of the experiment; ``wheels_apart``: frequency response of the wheels against each other.
+        model: kind of the model.
+        parameters: of the model, by name; empty if the experiment failed.
+        fit_percent: 100 (1 - |error| / |data - mean|) [%]; None if there is no measurement to compare with.
+        derivative_on: whether the derivative part of the loop was active, which a relay may need.
+        error: one line; empty unless the experiment failed.
+    """
+
+    name: ExperimentName
+    model: ModelName
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    fit_percent: float | None = None
+    derivative_on: bool = False
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of the experiments on a loop.
+
+    Attributes:
+        loop: the loop with its reduced model.
+        experiments: in their order.
         first: first order with delay, or an integrator, for the rules; None for a steering loop with little damping.
-        inertial: gain [y/(u s²)] and delay [s] of a double integrator, the larger ones of the two wheels together and
-            against each other; steering loops with little damping only.
-        relay: None where there is no limit cycle.
-        frequency: None where it was not measured.
-        lag: time constant behind the integrator `first`, which counts it as half of it in its delay [s]; damped
-            steering loops only.
+        inertial: gain [y/(u s²)] and delay [s] of a double integrator, the larger ones of both wheels together and
+            against each other; only for steering loops with little damping.
+        relay: None without a limit cycle.
+        frequency: None if it was not measured.
+        lag: time constant behind the integrator `first`, half of which is in its delay [s]; only for damped steering
+            loops.
     """
 
-    spec: LoopSpec
-    models: tuple[Model, ...]
+    loop: LoopSpec
+    experiments: tuple[Experiment, ...] = ()
     first: FirstOrder | Integrator | None = None
     inertial: tuple[float, float] | None = None
     relay: RelayResult | None = None
-    frequency: FrequencyResponse | None = field(default=None)
+    frequency: FrequencyResponse | None = None
     lag: float = 0.0
 
 
-def identify_loop(bench: PlantBench) -> Identified:
+def identify_loop(bench: "PlantBench") -> Identification:
     """Identify a loop on its bench.
 
     Raises:
+        ConfigError: the output does not follow the effort.
         RunError: the plant could not be measured.
     """
-    if bench.spec.options["pedals"]:
-        return _pedals(bench)
-    spec = _with_facts(bench)
-    bench.spec = spec
-    return _steering(bench, spec) if spec.kind == "steering" else _wheels(bench, spec)
+    found = bench.kind.identify(bench)
+    gain = found.loop.model.plants["main"].numerator[0] if found.loop.model else math.nan
+    if not gain > 0.0 or not math.isfinite(gain):
+        raise ConfigError("the output does not follow the effort; is the loop connected?")
+    return found
 
 
-def _with_facts(bench: PlantBench) -> LoopSpec:
-    """The loop with what its vehicle says: slope and feed-forward of the set-point, limits, scales."""
-    spec, part, plant = bench.spec, bench.part, bench.assembly.parts.plant
-    limit = bench.limits.maximum
-    options: dict[str, Any] = {**spec.options, "limit": limit if math.isfinite(limit) else None}
-    if spec.kind == "steering":
-        options |= {"slope": part.vehicle.geometry.steering_rate, "scale": 1.0}
-        return replace(spec, options=options)
-    mass = plant.CalcTotalMass(plant.CreateDefaultContext(), [part.instance])
-    driven, radius = len(part.vehicle.spec.driven_wheels()), bench.radius
-    per = 1.0 if spec.kind == "wheel_speed" else 1.0 / radius
-    limits = part.vehicle.control.speed
-    slope = 1.0 if spec.kind == "speed" else 1.0 / radius
-    options |= {
-        "scale": per,
-        "per_speed": 1.0 / radius,
-        "slope": limits.max_acceleration * slope,
-        "slope_down": limits.max_deceleration * slope,
-        "push": mass * radius / driven * (1.0 if spec.kind == "speed" else radius),
-        "weight": mass * GRAVITY * radius / driven,
-    }
-    return replace(spec, options=options)
+def measure_step(
+    bench: "PlantBench", size: float, *, duration: float, control: float = 0.0, scale: float = 1.0
+) -> StepRecord:
+    """Measure the response to a step of the effort as the difference of a run with and one without it.
 
-
-# --- wheels and car ----------------------------------------------------------------------------------------------
-
-
-def _wheels(bench: PlantBench, spec: LoopSpec) -> Identified:
-    scale, push = float(spec.options["scale"]), float(spec.options["push"])
-    inertia = push / scale if spec.kind == "wheel_speed" else push * bench.radius  # torque per slope of the wheel speed
-    hold = {"kp": FAST * inertia, "ki": 0.0, "kd": 0.0}
-    limit = bench.limits.maximum
-
-    # What drags the car: the torque that holds it.
-    rest = BenchProcess(bench, hold)
-    for _ in range(round(8.0 / bench.period)):
-        rest(0.0)
-    drag, even = bench.control_value(rest.context), rest.measurement * scale
-    spec = replace(spec, options={**spec.options, "drag": drag})
-
-    # Step: with and without, subtracted.
-    size, duration = 0.1 * limit, 6.0
-    free, pushed = BenchProcess(bench), BenchProcess(bench)
-    count = round(duration / bench.period)
-    free_run = np.array([free.measurement, *(free(drag) for _ in range(count))]) * scale
-    run = np.array([pushed.measurement, *(pushed(drag + size) for _ in range(count))]) * scale
-    record = StepRecord(np.arange(count + 1, dtype=float) * bench.period, np.asarray(run - free_run, dtype=float), size)
-    models = []
-    step: FirstOrder | Integrator
-    try:
-        step = fit_first_order(record)
-    except RunError:
-        step = fit_integrator(record)
-    models.append(_model("step test", step, fit=_step_fit(record, step)))
-
-    # Relay, about the torque that holds the car.
-    relay, process = None, BenchProcess(bench)
-    try:
-        relay = run_relay_test(
-            lambda control: process(control) * scale,
-            period=bench.period,
-            amplitude=0.2 * limit,
-            reference=process.measurement * scale,
-            measurement=process.measurement * scale,
-            control=drag,
-            duration=15.0,
-            tolerance=0.1,
-        )
-        models.append(_relay_model(relay))
-    except MirdrakeError as error:
-        models.append(Model("relay", "ultimate point", {}, note=str(error)))
-
-    # Frequency response in closed loop.
-    loop = BenchLoop(bench, hold, rest=(drag, even / scale))
-    top = min(0.4 * math.pi / bench.period, 4.0 / (spec.nominal["delay"] + bench.period))
-    wanted = np.geomspace(0.5, top, 14)
-    found = measure_frequency_response(
-        lambda e: _scaled(loop.step(e), scale),
-        period=bench.period,
-        frequencies=wanted,
-        amplitude=0.1 * limit,
-        cycles=2,
-        settle=1,
-    )
-    start = (2.0 / inertia, 2.0, spec.nominal["delay"] + bench.period)
-    main, fit = fit_response(found, start, order=1)
-    first = FirstOrder(main.numerator[0] / main.denominator[1], 1.0 / main.denominator[1], main.delay)
-    models.append(_model("frequency response", first, fit=fit))
-    return Identified(_with_model(spec, main), tuple(models), _usable(first), None, relay, found)
-
-
-def _usable(first: FirstOrder) -> FirstOrder | Integrator:
-    """A lag so slow that nobody saw its end counts as an integrator."""
-    slow = first.time_constant > 100.0 * max(first.delay, 1e-3)
-    return Integrator(first.gain / first.time_constant, first.delay) if slow else first
-
-
-def _scaled(pair: tuple[float, float], scale: float) -> tuple[float, float]:
-    return pair[0], pair[1] * scale
-
-
-def _pedals(bench: PlantBench) -> Identified:
-    """Pedals, from the data of the vehicle.
-
-    The law turns an acceleration into pedals through the powertrain's own curves, so that what is left is an integrator
-    behind the lag and delay of the actuators.
+    Args:
+        bench: the bench; its loop is open.
+        size: height of the step [u].
+        duration: of the step [s].
+        control: effort without the step [u].
+        scale: factor on the output [1].
     """
-    spec, control = bench.spec, bench.part.vehicle.control
-    throttle = bench.part.vehicle.spec.actuators.throttle
-    delay = spec.nominal["delay"] + throttle.delay + bench.period
-    main = TransferFunction((1.0,), (max(throttle.time_constant, 1e-3), 1.0, 0.0), delay)
-    first = Integrator(1.0, delay + throttle.time_constant)
-    options = {
-        **spec.options,
-        "scale": 1.0,
-        "slope": control.speed.max_acceleration,
-        "slope_down": control.speed.max_deceleration,
-        "push": 1.0,
-        "limit": None,
-        "weight": GRAVITY,
-    }
-    spec = replace(spec, options=options)
-    bench.spec = spec
-    note = "from the data of the vehicle: its law cancels mass, resistance and pedal maps"
-    return Identified(_with_model(spec, main), (replace(_model("vehicle data", first), note=note),), first)
+    from mirdrake.tuning.loops.bench import BenchProcess  # which needs the kinds of loops, which need this module
+
+    count = round(duration / bench.period)
+    runs = []
+    for effort in (control, control + size):
+        process = BenchProcess(bench)
+        runs.append(np.array([process.measurement, *(process(effort) for _ in range(count))]) * scale)
+    time = np.arange(count + 1, dtype=float) * bench.period
+    return StepRecord(time, np.asarray(runs[1] - runs[0], dtype=float), size)
 
 
-# --- steering ----------------------------------------------------------------------------------------------------
+def fit_inertial_step(record: StepRecord, start: tuple[float, ...]) -> tuple[TransferFunction, float]:
+    """Fit ``b / (s² + a1 s + a0)`` with dead time to a step response.
 
+    Args:
+        record: the response.
+        start: first guess of b, a1, a0 and the dead time [s].
 
-def _steering(bench: PlantBench, spec: LoopSpec) -> Identified:
-    plant, joint = bench.assembly.parts.plant, bench.part.steering[0]
-    context = bench.context(dict.fromkeys(spec.gains, 0.0), Conditions())
-    matrix = plant.CalcMassMatrix(plant.GetMyContextFromRoot(context))
-    at = int(joint.velocity_start())
-    inertia, damping = float(matrix[at, at]), float(joint.default_damping())
-    delay = spec.nominal["delay"] + 1.5 * bench.period
-    if damping * delay > inertia:
-        hold = simc(Integrator(1.0 / damping, delay + 0.5 * inertia / damping))
-        gains, start = {"kp": hold.kp, "ki": 0.0, "kd": 0.0}, (1.0 / inertia, damping / inertia, 1.0, delay)
-    else:
-        hold = simc_double_integrator(1.0 / inertia, delay)
-        gains, start = {"kp": hold.kp - hold.ki * delay, "ki": 0.0, "kd": hold.kd}, (1.0 / inertia, 0.5, 1.0, delay)
-    size = 0.5 * hold.kp * float(spec.course["step"])
-
-    # Step of the torque of both joints, with and without, subtracted.
-    count = round(1.0 / bench.period)
-    free, pushed = BenchProcess(bench), BenchProcess(bench)
-    free_run = np.array([free.measurement, *(free(0.0) for _ in range(count))])
-    run = np.array([pushed.measurement, *(pushed(size) for _ in range(count))])
-    record = StepRecord(np.arange(count + 1, dtype=float) * bench.period, np.asarray(run - free_run, dtype=float), size)
-    step, fit = _fit_inertial_step(record, start)
-    models = [_inertial_model("step test", step, fit)]
-
-    relay, process = None, BenchProcess(bench, {**gains, "kp": 0.0})
-    note = "with the derivative part of the loop on, which a relay needs" if gains["kd"] else ""
-    try:
-        relay = run_relay_test(
-            process, period=bench.period, amplitude=size, reference=0.0, duration=15.0, tolerance=0.1, refine=False
-        )
-        models.append(replace(_relay_model(relay), note=note))
-    except MirdrakeError as error:
-        models.append(Model("relay", "ultimate point", {}, note=str(error)))
-
-    # Both wheels the same way, and against each other: the road ties them to the car in other ways.
-    wanted = np.geomspace(1.0, min(0.3 * math.pi / bench.period, 3.0 / delay), 12)
-    fits = []
-    for name, apart in (("frequency response", False), ("wheels against each other", True)):
-        loop = BenchLoop(bench, gains, apart=apart)
-        found = measure_frequency_response(
-            loop.step, period=bench.period, frequencies=wanted, amplitude=size, cycles=3, settle=1
-        )
-        main, fit = fit_response(found, start, order=2)
-        fits.append((found, main))
-        models.append(_inertial_model(name, main, fit))
-    (found, main), (_, apart_model) = fits
-    spec = _with_model(spec, main, apart=apart_model)
-    gain, rate, late = (
-        max(main.numerator[0], apart_model.numerator[0]),
-        min(main.denominator[1], apart_model.denominator[1]),
-        max(main.delay, apart_model.delay),
-    )
-    if rate * late > 1.0:
-        speed = max(model.numerator[0] / model.denominator[1] for model in (main, apart_model))
-        first = Integrator(speed, late + 0.5 / rate)
-        return Identified(spec, tuple(models), first, None, relay, found, lag=1.0 / rate)
-    return Identified(spec, tuple(models), None, (gain, late), relay, found)
-
-
-def _fit_inertial_step(record: StepRecord, start: tuple[float, ...]) -> tuple[TransferFunction, float]:
-    """``b / (s² + a1 s + a0)`` with dead time that follows a step best."""
-    period = float(record.time[1] - record.time[0])
+    Returns:
+        The model, and how well it fits [%].
+    """
 
     def model(x: Floats) -> TransferFunction:
-        b, a1, a0, late = np.exp(x)
-        return TransferFunction((float(b),), (1.0, float(a1), float(a0)), float(min(late, 0.5)))
-
-    def follow(x: Floats) -> Floats:
-        process = LinearProcess(model(x), period)
-        return np.array([0.0, *(process(record.amplitude) for _ in range(len(record.time) - 1))])
+        b, a1, a0, delay = np.exp(x)
+        return TransferFunction((float(b),), (1.0, float(a1), float(a0)), float(min(delay, 0.5)))
 
     data = record.measurement - record.measurement[0]
     size = max(float(np.abs(data).max()), 1e-12)
-    fit = scipy.optimize.least_squares(lambda x: (follow(x) - data) / size, np.log(start), max_nfev=60)
-    return model(fit.x), _percent(follow(fit.x), data)
+    fit = scipy.optimize.least_squares(
+        lambda x: (_simulate(record, model(x)) - data) / size, np.log(start), max_nfev=60
+    )
+    return model(fit.x), _fit_percent(_simulate(record, model(fit.x)), data)
 
 
-# --- both --------------------------------------------------------------------------------------------------------
+def fit_response(
+    response: FrequencyResponse, start: tuple[float, ...], *, order: int
+) -> tuple[TransferFunction, float]:
+    """Fit a transfer function of low order with dead time to a frequency response.
 
-
-def fit_response(found: FrequencyResponse, start: tuple[float, ...], *, order: int) -> tuple[TransferFunction, float]:
-    """A transfer function of low order with dead time that follows a frequency response.
-
-    The sum of the squared logarithms of measured over modelled response is made small, so that a part counts the same
-    wherever it stands; points with more deviation count less.
+    The squared logarithms of the ratio of measured to modelled response are minimised, so that relative errors count
+    the same at all frequencies; points with a larger deviation have a smaller weight.
 
     Args:
-        found: the response.
-        start: gain b, the lower coefficients of the denominator, and the dead time [s], to begin with; all positive.
-            With order 1 the second is the time constant.
+        response: the measured response.
+        start: first guess of the gain b, the lower coefficients of the denominator, and the dead time [s]; all
+            positive. With order 1 the second is the time constant.
         order: ``b / (s + a0)`` (1) or ``b / (s² + a1 s + a0)`` (2).
 
     Returns:
         The model, and how well it fits [%].
     """
-    weight = np.ones(len(found.frequencies))
-    if found.deviation is not None:
-        weight = 1.0 / np.maximum(found.deviation / np.abs(found.values), 0.02)
+    weight = np.ones(len(response.frequencies))
+    if response.deviation is not None:
+        weight = 1.0 / np.maximum(response.deviation / np.abs(response.values), 0.02)
     weight = weight / weight.max()
 
     def model(x: Floats) -> TransferFunction:
@@ -321,8 +173,8 @@ def fit_response(found: FrequencyResponse, start: tuple[float, ...], *, order: i
             return TransferFunction((values[0],), (1.0, 1.0 / values[1]), min(values[2], 1.0))
         return TransferFunction((values[0],), (1.0, values[1], values[2]), min(values[3], 1.0))
 
-    def gap(x: Floats) -> Floats:
-        ratio = found.values / model(x).response(found.frequencies)
+    def residual(x: Floats) -> Floats:
+        ratio = response.values / model(x).response(response.frequencies)
         return np.asarray(np.concatenate([np.log(np.abs(ratio)) * weight, np.angle(ratio) * weight]))
 
     first = list(start)
@@ -330,64 +182,63 @@ def fit_response(found: FrequencyResponse, start: tuple[float, ...], *, order: i
         first[0] = start[0] / 2.0
     begin = np.log(np.maximum(first, 1e-6))
     fit = scipy.optimize.least_squares(
-        gap, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400
+        residual, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400
     )
     best = model(fit.x)
-    return best, _percent(best.response(found.frequencies), found.values)
+    return best, _fit_percent(best.response(response.frequencies), response.values)
 
 
-def _percent(model: Any, data: Any) -> float:
+def step_fit(record: StepRecord, model: FirstOrder | Integrator) -> float:
+    """Return how well a model fits a step response [%]."""
+    return _fit_percent(_simulate(record, model.transfer_function()), record.measurement - record.measurement[0])
+
+
+def _simulate(record: StepRecord, model: TransferFunction) -> Floats:
+    """Return the response of a model to the step of a record."""
+    process = LinearProcess(model, float(record.time[1] - record.time[0]))
+    return np.array([0.0, *(process(record.amplitude) for _ in range(len(record.time) - 1))])
+
+
+def _fit_percent(model: Floats | Complexes, data: Floats | Complexes) -> float:
     spread = float(np.linalg.norm(data - np.mean(data)))
     return 100.0 * (1.0 - float(np.linalg.norm(model - data)) / max(spread, 1e-300))
 
 
-def _step_fit(record: StepRecord, model: FirstOrder | Integrator) -> float:
-    period = float(record.time[1] - record.time[0])
-    process = LinearProcess(model.transfer_function(), period)
-    follow = np.array([0.0, *(process(record.amplitude) for _ in range(len(record.time) - 1))])
-    return _percent(follow, record.measurement - record.measurement[0])
-
-
-def _with_model(spec: LoopSpec, main: TransferFunction, **others: TransferFunction) -> LoopSpec:
-    data = {
-        name: {"numerator": list(model.numerator), "denominator": list(model.denominator), "delay": model.delay}
-        for name, model in {"main": main, **others}.items()
-    }
-    return replace(spec, models=data)
-
-
-def _model(name: str, model: FirstOrder | Integrator, *, fit: float = math.nan) -> Model:
+def simple_experiment(
+    name: ExperimentName, model: FirstOrder | Integrator, *, fit_percent: float | None = None
+) -> Experiment:
+    """Return an experiment that gave a first-order model or an integrator."""
     if isinstance(model, Integrator):
-        return Model(name, "integrator with delay", {"gain": (model.gain, "y/(u s)"), "delay": (model.delay, "s")}, fit)
+        values = {"gain": Parameter(model.gain, "y/(u s)"), "delay": Parameter(model.delay, "s")}
+        return Experiment(name, "integrator", values, fit_percent)
     values = {
-        "gain": (model.gain, "y/u"),
-        "time_constant": (model.time_constant, "s"),
-        "delay": (model.delay, "s"),
+        "gain": Parameter(model.gain, "y/u"),
+        "time_constant": Parameter(model.time_constant, "s"),
+        "delay": Parameter(model.delay, "s"),
     }
-    return Model(name, "first order with delay", values, fit)
+    return Experiment(name, "first_order", values, fit_percent)
 
 
-def _inertial_model(name: str, model: TransferFunction, fit: float) -> Model:
+def inertial_experiment(name: ExperimentName, model: TransferFunction, fit_percent: float) -> Experiment:
+    """Return an experiment that gave an inertia with damping and stiffness."""
     values = {
-        "gain": (model.numerator[0], "y/(u s²)"),
-        "damping": (model.denominator[1], "1/s"),
-        "stiffness": (model.denominator[2], "1/s²"),
-        "delay": (model.delay, "s"),
+        "gain": Parameter(model.numerator[0], "y/(u s²)"),
+        "damping": Parameter(model.denominator[1], "1/s"),
+        "stiffness": Parameter(model.denominator[2], "1/s²"),
+        "delay": Parameter(model.delay, "s"),
     }
-    return Model(name, "inertia with damping, stiffness and delay", values, fit)
+    return Experiment(name, "inertia", values, fit_percent)
 
 
-def _relay_model(relay: RelayResult) -> Model:
-    values = {"ultimate_gain": (relay.ultimate_gain, "u/y"), "ultimate_period": (relay.ultimate_period, "s")}
-    return Model("relay", "ultimate point", values)
+def relay_experiment(relay: RelayResult) -> Experiment:
+    """Return a relay test that gave an ultimate point."""
+    values = {
+        "ultimate_gain": Parameter(relay.ultimate_gain, "u/y"),
+        "ultimate_period": Parameter(relay.ultimate_period, "s"),
+    }
+    return Experiment("relay", "ultimate_point", values)
 
 
-def check_identified(found: Identified) -> None:
-    """Refuse a loop through which nothing goes.
-
-    Raises:
-        ConfigError: the output does not follow the effort.
-    """
-    gain = found.spec.models["main"]["numerator"][0]
-    if not gain > 0.0 or not math.isfinite(gain):
-        raise ConfigError("the output does not follow the effort; is the loop connected?")
+def failed_relay(error: Exception) -> Experiment:
+    """Return a relay test without a limit cycle."""
+    return Experiment("relay", "ultimate_point", error=str(error))

@@ -21,7 +21,7 @@ from mirdrake.core.errors import RunError
 from mirdrake.tuning.fourier import fitted_line
 from mirdrake.tuning.gains import hold_response
 from mirdrake.tuning.models import Floats
-from mirdrake.tuning.processes import Process
+from mirdrake.tuning.process_models import Process
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def run_relay_test(
     """Find the ultimate point of a loop by relay feedback.
 
     Args:
-        process: the process, see :mod:`mirdrake.tuning.processes`; its gain is positive.
+        process: the process, see :mod:`mirdrake.tuning.process_models`; its gain is positive.
         period: its period [s]; a hundredth of the limit cycle is fine.
         amplitude: half the swing of the relay d [u].
         hysteresis: ε [y]; above the noise of the measurement.

@@ -1,64 +1,279 @@
-"""The folder of a tuning study: tuning.json, written last, and its Parquet tables; each file whole or not at all.
+"""Result of a tuning study and its folder: tuning.json, written last, and Parquet tables, each file whole or absent.
 
 ==================  ================================================================================================
-tuning.json         models, candidates with figures and margins, robustness, acceptance, in the order they were found
+tuning.json         :class:`TuningResult`; infinite numbers are the texts ``inf`` and ``-inf``
 responses.parquet   candidate, t [s], reference [y], output [y], effort [u]
-trials.parquet      of the search: number, the gains, figures, cost, violation, feasible, status, reason
-frequency.parquet   candidate, omega [rad/s], re, im of the open loop; the loop's own model as candidate ""
-map.parquet         two gains, cost, ms, stable
-monte_carlo.parquet candidate, run, conditions, figures, status
+trials.parquet      of the search: number, the gains, figures, cost, violation, feasible, status, reason, fidelity
+frequency.parquet   candidate, omega [rad/s], re, im of the open loop
+map.parquet         two gains, cost, ms, stable, feasible
+monte_carlo.parquet candidate, run, conditions, figures, status, reason
 ==================  ================================================================================================
 """
 
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
+from pydantic import TypeAdapter, ValidationError
 
-from mirdrake.core.files import replacing, write_errors, write_file
-from mirdrake.tuning.result_folder import FORMAT, TuningResult, read_result
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.files import write_errors, write_file
+from mirdrake.core.json_io import parse_json
+from mirdrake.core.yaml_io import read_text, shown
+from mirdrake.tuning.acceptance import Criterion, StepEffect
+from mirdrake.tuning.designs import Kind, OmittedDesign
+from mirdrake.tuning.identify import Experiment
+from mirdrake.tuning.loops.base import LoopSpec, Status
+from mirdrake.tuning.robustness import Robustness
+from mirdrake.tuning.selection import RejectedTrial
+from mirdrake.tuning.trials import Rejection
 
-__all__ = ["FORMAT", "TuningResult", "load_result", "plain", "write_result", "write_table"]
+FORMAT = "tuning-result/1"
+FILE = "tuning.json"
+TABLES = ("responses", "trials", "frequency", "map", "monte_carlo")
 
 
-def load_result(folder: Path | str) -> TuningResult:
-    """The result in a folder.
+@dataclass(frozen=True)
+class CandidateResult:
+    """A candidate of a study.
 
-    Raises:
-        ConfigError: there is none, or it is damaged.
+    Attributes:
+        name: its name.
+        kind: baseline, rule, shaped (loop shaping) or searched.
+        gains: by name.
+        status: ok, unstable or failed.
+        figures: by name, margins included; undefined ones are missing.
+        cost: weighted sum of figures; None if it is not finite.
+        feasible: whether it is stable and meets the constraints.
+        rule: name in :data:`mirdrake.tuning.designs.DESIGN_RULES`; empty for other kinds.
+        parameter: of the rule.
+        reason: one line; empty if ok.
+        rejections: reasons why it was rejected; empty for a candidate that is feasible and passed its checks.
     """
-    return read_result(folder)
+
+    name: str
+    kind: Kind
+    gains: dict[str, float]
+    status: Status = "ok"
+    figures: dict[str, float] = field(default_factory=dict)
+    cost: float | None = None
+    feasible: bool = False
+    rule: str = ""
+    parameter: float | None = None
+    reason: str = ""
+    rejections: tuple[Rejection, ...] = ()
 
 
-def write_result(folder: Path, data: Mapping[str, Any], tables: Mapping[str, pd.DataFrame]) -> TuningResult:
-    """Write a result; tuning.json comes last, so that a folder with it is complete.
+@dataclass(frozen=True)
+class ScheduleRow:
+    """Gains at a speed [m/s]."""
+
+    speed: float
+    gains: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ScheduleTest:
+    """Test of a gain schedule, or of constant gains, at a speed.
+
+    Attributes:
+        speed: [m/s].
+        candidate: ``scheduled``, or the name of the candidate with the constant gains.
+        place: whether the speed is in the schedule or between two of its speeds.
+        gains: at this speed.
+        status: ok, unstable or failed.
+        cost: None if it is not finite.
+        feasible: whether it is stable and meets the constraints.
+        reason: one line; empty if ok.
+    """
+
+    speed: float
+    candidate: str
+    place: Literal["tuned", "between"]
+    gains: dict[str, float]
+    status: Status
+    cost: float | None
+    feasible: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Gain schedule over speed.
+
+    Attributes:
+        rows: increasing speeds; none if no gains were found for one of them.
+        tests: at the speeds and between them.
+        failed_speed: at which no gains were found [m/s]; None if there are rows.
+    """
+
+    rows: tuple[ScheduleRow, ...]
+    tests: tuple[ScheduleTest, ...] = ()
+    failed_speed: float | None = None
+
+
+@dataclass(frozen=True)
+class TuningResult:
+    """Result of a tuning study.
+
+    Attributes:
+        name: of the study.
+        vehicle: name or path.
+        spec: the study as plain data.
+        spec_sha256: digest of the study.
+        seed: of all random numbers.
+        versions: of the packages.
+        loop: the loop, with its model.
+        candidates: in the order in which they were tested.
+        baseline: name of the candidate to compare with.
+        best: name of the best candidate; None if none meets the constraints.
+        best_rule: name of the best rule; None without one.
+        cost: weights of figures.
+        constraints: limits of figures.
+        experiments: of the identification.
+        omitted: designs without a solution.
+        rejected: trials of the search that cost less than the best and were rejected.
+        step_effect: effect of a finer step of the plant; None if it was not tested.
+        repeated_for: effect for which the study was repeated with the finer step; None if it was not.
+        schedule: gain schedule; None if the study has none.
+        robustness: Monte Carlo; None if the study has none.
+        acceptance: criteria.
+        wall_s: duration of the study [s].
+        folder: of the result.
+    """
+
+    name: str
+    vehicle: str
+    spec: dict[str, Any]
+    spec_sha256: str
+    seed: int
+    versions: dict[str, str]
+    loop: LoopSpec
+    candidates: tuple[CandidateResult, ...]
+    baseline: str
+    best: str | None
+    best_rule: str | None
+    cost: dict[str, float]
+    constraints: dict[str, float]
+    experiments: tuple[Experiment, ...] = ()
+    omitted: tuple[OmittedDesign, ...] = ()
+    rejected: tuple[RejectedTrial, ...] = ()
+    step_effect: StepEffect | None = None
+    repeated_for: StepEffect | None = None
+    schedule: Schedule | None = None
+    robustness: Robustness | None = None
+    acceptance: tuple[Criterion, ...] = ()
+    wall_s: float | None = None
+    folder: Path = Path()
+
+    def candidate(self, name: str | None = None) -> CandidateResult:
+        """Return a candidate by name; by default the best.
+
+        Raises:
+            ConfigError: no such candidate, or no best one.
+        """
+        wanted = self.best if name is None else name
+        for candidate in self.candidates:
+            if candidate.name == wanted:
+                return candidate
+        place = shown(self.folder / FILE)
+        if wanted is None:
+            raise ConfigError(
+                f"{place}: best: the study found no candidate that meets its constraints; choose one by name"
+            )
+        names = [candidate.name for candidate in self.candidates]
+        raise ConfigError(f"{place}: no candidate '{wanted}'; {did_you_mean(wanted, names)}")
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether all criteria are met."""
+        return all(criterion.met for criterion in self.acceptance)
+
+    @cached_property
+    def _tables(self) -> dict[str, pd.DataFrame | None]:
+        return {}
+
+    def table(self, name: str) -> pd.DataFrame | None:
+        """Return one of :data:`TABLES`, read from the folder when it is first asked for; None if there is none.
+
+        Raises:
+            ConfigError: it cannot be read.
+        """
+        if name not in self._tables:
+            path = self.folder / f"{name}.parquet"
+            try:
+                self._tables[name] = pd.read_parquet(path) if path.is_file() else None
+            except (OSError, ValueError) as error:  # pyarrow raises both
+                raise ConfigError(f"{shown(path)}: cannot be read: {str(error).splitlines()[0]}") from None
+        return self._tables[name]
+
+
+def write_result(result: TuningResult, tables: Mapping[str, pd.DataFrame]) -> TuningResult:
+    """Write a result to its folder; tuning.json comes last, so that a folder with it is complete.
+
+    Returns:
+        The result, with the tables in memory.
 
     Raises:
         RunError: it cannot be written.
     """
-    with write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+    with write_errors(result.folder):
+        result.folder.mkdir(parents=True, exist_ok=True)
     for name, table in tables.items():
-        write_table(folder / f"{name}.parquet", table)
-    write_file(folder / "tuning.json", json.dumps(plain({"mirdrake": FORMAT, **data}), indent=1) + "\n")
-    return read_result(folder)
+        write_file(result.folder / f"{name}.parquet", table.to_parquet(index=False))
+    write_file(result.folder / FILE, result_text(result))
+    result._tables.update(dict.fromkeys(TABLES), **tables)
+    return result
 
 
-def write_table(path: Path, table: pd.DataFrame) -> None:
-    """A whole Parquet file or none.
+def result_text(result: TuningResult) -> str:
+    """Return the text of tuning.json."""
+    content = asdict(result)
+    del content["folder"]
+    return json.dumps(plain({"mirdrake": FORMAT, **content}), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def read_result(folder: Path | str) -> TuningResult:
+    """Read the result in a folder, or of its tuning.json.
 
     Raises:
-        RunError: it cannot be written.
+        ConfigError: there is none, or it is damaged or of another format.
     """
-    with replacing(path) as temporary:
-        table.to_parquet(temporary, index=False)
+    folder = Path(folder)
+    folder = folder.parent if folder.name == FILE else folder
+    path = folder / FILE
+    place = shown(path)
+    if not folder.is_dir():
+        raise ConfigError(f"{shown(folder)}: no such folder; give the folder that mirdrake tune has written")
+    if not path.is_file():
+        raise ConfigError(f"{shown(folder)}: not a tuning result (it has no {FILE}); is the study finished?")
+    try:
+        data = parse_json(read_text(path))
+    except json.JSONDecodeError as error:
+        raise ConfigError(f"{place}:{error.lineno}: not valid JSON: {error.msg}; run the study again") from None
+    except ValueError as error:
+        raise ConfigError(f"{place}: {error}; run the study again") from None
+    given = data.get("mirdrake") if isinstance(data, dict) else None
+    if not isinstance(data, dict) or given != FORMAT:
+        raise ConfigError(f"{place}: mirdrake: is {given!r}; '{FORMAT}' is expected")
+    try:
+        return TypeAdapter(TuningResult).validate_python({**data, "folder": folder})
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"])[:80]
+        message = "is missing" if fault["type"] == "missing" else str(fault["msg"]).removeprefix("Input ").lower()
+        raise ConfigError(f"{place}: {key}: {message}; run the study again") from None
+    except ConfigError as error:  # numbers that a model does not allow
+        raise ConfigError(f"{place}: {error}; run the study again") from None
 
 
-def plain(value: Any) -> Any:
-    """Data for JSON: numbers that are not finite become None, numpy's become Python's."""
+def plain(value: object) -> object:
+    """Return data for JSON: infinite numbers as text, nan as null, numbers of NumPy as those of Python."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -68,5 +283,5 @@ def plain(value: Any) -> Any:
     if hasattr(value, "item"):
         value = value.item()
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return value if math.isfinite(value) else None if math.isnan(value) else str(value)
     return value if isinstance(value, int | bool | str) else str(value)

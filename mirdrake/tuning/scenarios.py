@@ -1,28 +1,30 @@
-"""Conditions that gains must stand: those in which others have failed, the hardest draws, the corners of the ranges."""
+"""Conditions under which gains must be stable: the hardest draws of the Monte Carlo, and corners of its ranges."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity
-from mirdrake.tuning.robustness import draw_conditions, read_ranges
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
+from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.spec import TuningSpec
-from mirdrake.tuning.trials import judge
+from mirdrake.tuning.trials import make_trial
 
 SCREEN = 6
-"""Draws of the Monte Carlo, those of the longest delay and those of the least friction, that come before all others."""
+"""Draws with the longest delay, and draws with the least friction, that are tested before all others."""
+
+Ranges = dict[str, tuple[float, float]]
+"""Lower and upper end by name of a condition."""
 
 
 @dataclass(frozen=True)
 class InScenarios:
-    """Tries gains, and where they keep the constraints also in scenarios; can be pickled.
+    """Tests gains, and those that meet the constraints also in scenarios; can be pickled.
 
-    Gains that are not stable in one of them are unstable. The figures are those of the conditions asked for.
+    Gains that are not stable in a scenario are unstable. The figures are those of the conditions that were asked for.
 
     Attributes:
-        evaluate: tries gains.
-        scenarios: conditions to stand.
+        evaluate: tests gains.
+        scenarios: conditions under which gains must be stable.
         constraints: limits of figures by name.
     """
 
@@ -33,30 +35,23 @@ class InScenarios:
     def __call__(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
     ) -> Evaluation:
-        """Try gains; whatever happens is the answer."""
-        found = self.evaluate(gains, conditions, fidelity)
-        record = {"status": found.status, "figures": found.figures}
-        if found.status == "ok" and judge(0, gains, record, {}, self.constraints).feasible:
-            for one in self.scenarios:
-                other = self.evaluate(gains, one, fidelity)
+        """Test gains; every failure is an evaluation."""
+        result = self.evaluate(gains, conditions, fidelity)
+        if result.status == "ok" and make_trial(0, gains, result, {}, self.constraints).feasible:
+            for scenario in self.scenarios:
+                other = self.evaluate(gains, scenario, fidelity)
                 if other.status != "ok":
-                    return Evaluation(other.status, reason=f"{words(one)}: {other.reason}")
-        return found
+                    return Evaluation(other.status, reason=f"{describe(scenario)}: {other.reason}")
+        return result
 
 
-def drawn_ranges(spec: TuningSpec, *, bare: bool, slides: bool) -> dict[str, Any]:
-    """Ranges of the conditions that the Monte Carlo draws.
-
-    Args:
-        spec: the study.
-        bare: whether nothing is known of the loop but its signals.
-        slides: whether the friction of the road can be changed.
-    """
-    given, ranges = spec.robustness, dict[str, Any]()
+def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:
+    """Return the ranges of the conditions that the Monte Carlo of a study draws, of those that affect the loop."""
+    given, ranges = spec.robustness, Ranges()
     if given.mass:
         ranges["mass"] = (1.0 - given.mass, 1.0 + given.mass)
-    acting = ("friction", "delay", "grade") if not bare else ("friction",) if slides else ()
-    for name in acting:
+    friction = ("friction",) if loop.friction is not None else ()
+    for name in (*friction, "delay", "grade") if LOOP_KINDS[loop.kind].identifiable else friction:
         low, high = getattr(given, name)
         if low < high:
             ranges[name] = (low, high)
@@ -65,36 +60,32 @@ def drawn_ranges(spec: TuningSpec, *, bare: bool, slides: bool) -> dict[str, Any
     return ranges
 
 
-def hardest(spec: TuningSpec, ranges: Mapping[str, Any]) -> list[Conditions]:
-    """Draws of the Monte Carlo that fail first if any does: :data:`SCREEN` of the longest delay and least friction."""
-    spreads = read_ranges(ranges)
-    if not spreads or not spec.robustness.runs:
-        return []
-    draws = draw_conditions(spreads, runs=spec.robustness.runs, seed=spec.seed)
-    late = sorted(draws, key=lambda one: -(one.delay or 0.0))[:SCREEN]
-    slippery = sorted(draws, key=lambda one: one.friction or math.inf)[:SCREEN]
-    return late + [one for one in slippery if one not in late]
+def hardest(draws: Sequence[Conditions]) -> list[Conditions]:
+    """Return the draws that are most likely to fail: :data:`SCREEN` each of longest delay and least friction."""
+    delayed = sorted(draws, key=lambda draw: -(draw.delay or 0.0))[:SCREEN]
+    slippery = sorted(draws, key=lambda draw: draw.friction or math.inf)[:SCREEN]
+    return delayed + [draw for draw in slippery if draw not in delayed]
 
 
-def corners(ranges: Mapping[str, Sequence[float]]) -> list[Conditions]:
-    """Four corners of the ranges: light and heavy, at the least friction, with both ends of delay and grade."""
+def corners(ranges: Ranges) -> list[Conditions]:
+    """Return four corners of the ranges: light and heavy, least friction, both ends of delay and grade."""
 
-    def end(name: str, side: int, default: float | None) -> Any:
-        return ranges[name][side] if name in ranges else default
+    def end(name: str, side: int) -> float | None:
+        return ranges[name][side] if name in ranges else None
 
     return [
         Conditions(
-            mass=end("mass", mass, 1.0),
-            friction=end("friction", 0, None),
-            delay=end("delay", delay, None),
-            grade=end("grade", grade, 0.0),
+            mass=end("mass", mass) or 1.0,
+            friction=end("friction", 0),
+            delay=end("delay", delay),
+            grade=end("grade", grade) or 0.0,
         )
         for mass, delay, grade in ((0, 1, 0), (1, 1, 1), (0, 0, 1), (1, 0, 0))
     ]
 
 
-def words(conditions: Conditions) -> str:
-    """Conditions that are not nominal, for people."""
+def describe(conditions: Conditions) -> str:
+    """Return the conditions that are not nominal as text."""
     parts = [f"mass × {conditions.mass:.2f}"] if conditions.mass != 1.0 else []
     parts += [f"friction {conditions.friction:.2f}"] if conditions.friction is not None else []
     parts += [f"delay {1e3 * conditions.delay:.0f} ms"] if conditions.delay is not None else []

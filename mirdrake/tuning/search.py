@@ -1,40 +1,43 @@
-"""Search for gains: try many, and keep what each of them gave.
+"""Search for gains: evaluates many candidates and keeps the result of each in a journal.
 
-The outcome depends on the seed and the evaluations only: neither on the number of workers, nor on how often the search
-was killed and resumed. A resumed search asks a fresh sampler of the same seed and takes known answers from the journal.
+The outcome depends on the seed and the evaluations only, not on the number of workers or on interruptions: a resumed
+search creates a new sampler with the same seed and reads known results from the journal.
 """
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 from mirdrake.core.errors import ConfigError, RunError
-from mirdrake.core.yaml_io import Source, validate
 from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.execution.job import one_line
 from mirdrake.execution.journal import Journal, Record
 from mirdrake.studies.optimise import Point, make_proposer
 from mirdrake.studies.spec import ParameterSpec
-from mirdrake.tuning.loops.base import Evaluation, Evaluator
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity
 from mirdrake.tuning.spec import AT_LEAST
-from mirdrake.tuning.trials import Trial, Trials, judge
+from mirdrake.tuning.trials import Trial, Trials, make_trial
 
 LIMIT = 600.0
 """Wall time that one evaluation may take in a worker process [s]."""
 
 BATCH = 8
-"""Candidates that a sampler proposes before it learns what the first of them gave."""
+"""Candidates that a sampler proposes before it gets the result of the first of them."""
 
-TrialProgress = Callable[[int, int, float], None]
-"""Called with the number of trials done, of all trials, and the time left [s]."""
+
+class TrialProgress(Protocol):
+    """Receives the progress of a search."""
+
+    def __call__(self, done: int, total: int, left: float, /) -> None:
+        """Receive the numbers of finished and of all evaluations, and the estimated time left [s]."""
 
 
 def search(
     evaluate: Evaluator,
-    space: Mapping[str, Any],
+    space: Mapping[str, ParameterSpec],
     *,
     method: str = "tpe",
     trials: int = 100,
@@ -43,46 +46,42 @@ def search(
     fixed: Mapping[str, float] | None = None,
     start: Sequence[Mapping[str, float]] = (),
     seed: int = 0,
+    fidelity: Fidelity = "plant",
     executor: Executor | None = None,
     workers: int | None = 0,
-    batch: int = BATCH,
     limit: float = LIMIT,
     store: Path | str | None = None,
-    purpose: Mapping[str, Any] | None = None,
+    purpose: Mapping[str, object] | None = None,
     progress: TrialProgress | None = None,
-    options: Mapping[str, Any] | None = None,
 ) -> Trials:
-    """Try gains from a space. Ctrl-C gives the trials that are done.
+    """Evaluate gains from a space. After Ctrl-C, return the finished trials.
 
     Args:
-        evaluate: tries gains; with workers it can be pickled.
-        space: range of each gain, ``{"low": ..., "high": ..., "scale": "linear" | "log"}``, with a count for a grid.
-        method: tpe, cma, nsga2 (its objectives are the figures of the cost, one by one), grid, latin_hypercube, sobol
-            or random.
-        trials: number of candidates, those of `start` with them.
+        evaluate: tests gains; with workers it can be pickled.
+        space: range of each gain, with a count for a grid.
+        method: tpe, cma, nsga2 (whose objectives are the figures of the cost), grid, latin_hypercube, sobol or random.
+        trials: number of candidates, including those of `start`.
         cost: weight of each figure [1/its unit].
         constraints: limit of each figure [its unit]; see :mod:`mirdrake.tuning.trials`.
         fixed: gains that do not vary.
-        start: candidates to begin with, as the baseline or that of a rule; within the ranges.
-        seed: of what is drawn.
-        executor: evaluates; not shut down.
+        start: first candidates, such as those of rules; within the ranges.
+        seed: of the random numbers.
+        fidelity: reduced or plant.
+        executor: makes the evaluations; not shut down.
         workers: processes if there is no executor; 0: this process; None: as many as cores.
-        batch: see :data:`BATCH`; a part of what decides on the outcome, so do not take it from the number of workers.
-        limit: wall time of an evaluation [s].
-        store: journal of finished trials; if it is there, the search goes on from it.
-        purpose: what else must be the same for that: plain data, for example the digest of the loop.
-        progress: called after each trial.
-        options: further arguments of `evaluate`: conditions, fidelity.
+        limit: wall time that one evaluation may take in a process of our own [s].
+        store: file that keeps every evaluation; a search with the same file resumes there.
+        purpose: what the file is for, besides the arguments of the search; a file for another purpose is rejected.
+        progress: called after every evaluation.
 
     Raises:
-        ConfigError: an empty range, no such method or figure, or a start outside the ranges.
-        MissingDependencyError: the method needs Optuna, which is not installed.
-        RunError: the journal belongs to another search, or workers cannot start.
+        ConfigError: unknown method, gain or figure, or a range or number that is not valid.
+        RunError: the file belongs to another search, or workers cannot start.
     """
-    ranges, limits, kept = read_space(space), dict(constraints or {}), dict(fixed or {})
-    _check(ranges, cost, trials, batch, kept, start)
+    limits, kept = dict(constraints or {}), dict(fixed or {})
+    _check(space, cost, trials, kept, start)
     asked = {
-        "space": {name: entry.model_dump() for name, entry in ranges.items()},
+        "space": {name: entry.model_dump() for name, entry in space.items()},
         "method": method,
         "trials": trials,
         "cost": dict(cost),
@@ -90,89 +89,91 @@ def search(
         "fixed": kept,
         "start": [dict(point) for point in start],
         "seed": seed,
-        "batch": batch,
-        "options": repr(dict(options or {})),
+        "batch": BATCH,
+        "fidelity": fidelity,
     }
     proposer = make_proposer(
         method,
-        ranges,
+        space,
         trials=trials,
         objectives=len(cost) if method == "nsga2" else 1,
         seed=seed,
-        batch=batch,
-        start=[{name: float(point[name]) for name in ranges} for point in start],
+        batch=BATCH,
+        start=[{name: float(point[name]) for name in space} for point in start],
     )
     journal = Journal(store, {**(purpose or {}), "search": asked})
     left = trials - min(len(journal), trials)
     done: list[Trial] = []
-    tasks: dict[int, tuple[Point, dict[str, Any]]] = {}
+    points: dict[int, Point] = {}
     complete = False
     with open_executor(executor, workers, calls=left, limit=limit) as (runner, ahead):
-        evaluations = Evaluations(evaluate, journal, runner, ahead, total=trials, progress=progress)
+        evaluations = Evaluations(evaluate, journal, runner, ahead, fidelity=fidelity, total=trials, progress=progress)
         try:
             while len(done) < trials:
-                points = proposer.ask(min(proposer.batch or trials, trials - len(done)))
-                if not points:
+                proposed = proposer.ask(min(proposer.batch or trials, trials - len(done)))
+                if not proposed:
                     break
-                tasks = {len(done) + at: (kept | point, dict(options or {})) for at, point in enumerate(points)}
-                evaluations.make(tasks)
-                for number, (gains, _) in tasks.items():
-                    trial = judge(number, gains, journal[number], cost, limits)
-                    proposer.tell(trial.values(list(cost)) if method == "nsga2" else [trial.cost], trial.violation)
+                points = {len(done) + place: kept | point for place, point in enumerate(proposed)}
+                evaluations.make({str(number): (gains, NOMINAL) for number, gains in points.items()})
+                for number, gains in points.items():
+                    trial = make_trial(number, gains, evaluation_of(journal[number]), cost, limits)
+                    proposer.tell(trial.objectives(list(cost)) if method == "nsga2" else [trial.cost], trial.violation)
                     done.append(trial)
             complete = True
-        except KeyboardInterrupt:  # what is done counts
-            rest = [(number, gains) for number, (gains, _) in tasks.items() if number >= len(done)]
-            done += [judge(n, gains, journal[n], cost, limits) for n, gains in rest if n in journal]
-    return Trials(tuple(done), (*kept, *ranges), dict(cost), limits, method, seed, complete)
+        except KeyboardInterrupt:  # finished evaluations of the batch count
+            rest = [(number, gains) for number, gains in points.items() if number >= len(done) and number in journal]
+            done += [make_trial(number, gains, evaluation_of(journal[number]), cost, limits) for number, gains in rest]
+    return Trials(tuple(done), (*kept, *space), dict(cost), limits, method, seed, complete)
 
 
 class Evaluations:
-    """Makes evaluations, and keeps what each of them gave in a journal.
+    """Makes evaluations and keeps the result of each in a journal.
 
     Args:
-        evaluate: tries gains.
-        journal: of what is known.
+        evaluate: tests gains.
+        journal: of finished evaluations.
         executor: makes the calls.
-        ahead: calls handed to it at a time.
+        ahead: number of calls that it gets at a time.
+        fidelity: of the evaluations.
         total: number of all evaluations, for the progress.
         progress: called after each of them.
     """
 
     def __init__(
         self,
-        evaluate: Callable[..., Evaluation],
+        evaluate: Evaluator,
         journal: Journal,
         executor: Executor,
         ahead: int,
         *,
+        fidelity: Fidelity,
         total: int,
         progress: TrialProgress | None = None,
     ) -> None:
         self._evaluate, self._journal, self._executor, self._ahead = evaluate, journal, executor, ahead
-        self._total, self._progress = total, progress
+        self._fidelity, self._total, self._progress = fidelity, total, progress
         self._done = self._made = 0
         self._began = time.monotonic()
 
-    def make(self, tasks: Mapping[Any, tuple[Mapping[str, float], Mapping[str, Any]]]) -> None:
-        """Make those that the journal does not know.
+    def make(self, tasks: Mapping[str, tuple[Point, Conditions]]) -> None:
+        """Make those evaluations that the journal does not have.
 
         Args:
-            tasks: gains, and further arguments of `evaluate`, by the key in the journal.
+            tasks: gains and conditions by the key in the journal.
 
         Raises:
             RunError: the journal has other gains under a key.
         """
         missing = []
-        for key, (gains, options) in tasks.items():
+        for key, (gains, conditions) in tasks.items():
             if key not in self._journal:
-                missing.append((key, dict(gains), dict(options)))
-            elif self._journal[key].get("gains") != dict(gains):
+                missing.append((key, gains, conditions))
+            elif self._journal[key].get("gains") != gains:
                 raise RunError(f"{self._journal.file}: has other gains for trial {key}; choose another file")
         self._done += len(tasks) - len(missing)
-        calls = ((self._evaluate, gains, options) for _, gains, options in missing)
-        for at, given in call_all(self._executor, try_gains, calls, ahead=self._ahead):
-            key, gains, _ = missing[at]
+        calls = ((self._evaluate, gains, conditions, self._fidelity) for _, gains, conditions in missing)
+        for place, given in call_all(self._executor, evaluate_record, calls, ahead=self._ahead):
+            key, gains, _ = missing[place]
             record = {"status": "failed", "reason": given.reason} if isinstance(given, Lost) else given
             self._journal.add(key, {"gains": gains, **record})
             self._done += 1
@@ -182,60 +183,49 @@ class Evaluations:
                 self._progress(self._done, self._total, each * (self._total - self._done))
 
 
-def try_gains(evaluate: Callable[..., Evaluation], gains: Mapping[str, float], options: Mapping[str, Any]) -> Record:
-    """Evaluate, in whatever process; what it gives as plain data, without the response."""
+def evaluate_record(evaluate: Evaluator, gains: Point, conditions: Conditions, fidelity: Fidelity) -> Record:
+    """Evaluate gains, in any process; return status, reason and figures as a record of a journal."""
     try:
-        given = evaluate(gains, **options)
+        result = evaluate(gains, conditions, fidelity)
     except Exception as error:
         return {"status": "failed", "reason": one_line(error)}
-    figures = {name: float(value) for name, value in given.figures.items()} if given.status == "ok" else {}
-    return {"status": given.status, "reason": given.reason, "figures": figures}
+    figures = {name: float(value) for name, value in result.figures.items()} if result.status == "ok" else {}
+    return {"status": result.status, "reason": result.reason, "figures": figures}
 
 
-def read_space(space: Mapping[str, Any]) -> dict[str, ParameterSpec]:
-    """Ranges of gains, checked.
-
-    Raises:
-        ConfigError: none, or an empty one.
-    """
-    if not space:
-        raise ConfigError("space: no gain has a range; give one for at least one gain")
-    ranges = {}
-    for name, entry in space.items():
-        if isinstance(entry, ParameterSpec):
-            ranges[name] = entry
-            continue
-        data = dict(entry) if isinstance(entry, Mapping) else entry.model_dump(exclude_unset=True)
-        ranges[name] = validate(data, ParameterSpec, Source(f"range of {name}", {}))
-    return ranges
+def evaluation_of(record: Record) -> Evaluation:
+    """Return the evaluation in a record of a journal."""
+    return Evaluation(record["status"], dict(record.get("figures") or {}), reason=str(record.get("reason", "")))
 
 
 def _check(
-    ranges: Mapping[str, ParameterSpec],
+    space: Mapping[str, ParameterSpec],
     cost: Mapping[str, float],
     trials: int,
-    batch: int,
     fixed: Mapping[str, float],
     start: Sequence[Mapping[str, float]],
 ) -> None:
-    if trials < 1 or batch < 1:
-        raise ConfigError(f"trials and batch must be 1 or more, got {trials} and {batch}")
+    """Reject arguments that are not valid."""
+    if not space:
+        raise ConfigError("space: no gain has a range; give one for at least one gain")
+    if trials < 1:
+        raise ConfigError(f"trials: {trials} is not allowed; it must be 1 or more")
     if not any(cost.values()):
         raise ConfigError("cost: no figure has a weight; give one, for example {iae: 1}")
     for name, weight in cost.items():
         if not (math.isfinite(weight) and weight >= 0.0):
             raise ConfigError(f"cost.{name}: {weight:g} is not allowed; a weight is 0 or more")
         if name in AT_LEAST:
-            raise ConfigError(f"cost.{name}: more of it is better; make it a constraint, or take ms or mt")
-    both = sorted(set(ranges) & set(fixed))
+            raise ConfigError(f"cost.{name}: a larger value is better; make it a constraint, or use ms or mt")
+    both = sorted(set(space) & set(fixed))
     if both:
-        raise ConfigError(f"fixed.{both[0]}: has a range as well; leave out one of them")
+        raise ConfigError(f"fixed.{both[0]}: has a range as well; remove one of them")
     if len(start) > trials:
         raise ConfigError(f"start: {len(start)} candidates are more than the {trials} trials")
-    for at, point in enumerate(start):
-        for name, entry in ranges.items():
+    for place, point in enumerate(start):
+        for name, entry in space.items():
             if name not in point:
-                raise ConfigError(f"start.{at}: {name} is missing")
+                raise ConfigError(f"start.{place}: {name} is missing")
             low, high = min(entry.ends()), max(entry.ends())
             if not low <= point[name] <= high:
-                raise ConfigError(f"start.{at}.{name}: {point[name]:g} is outside its range, {low:g} to {high:g}")
+                raise ConfigError(f"start.{place}.{name}: {point[name]:g} is outside its range, {low:g} to {high:g}")

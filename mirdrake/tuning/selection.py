@@ -1,194 +1,242 @@
-"""Which rule to compare with, and which candidate is the best: by cost, among those that stand.
+"""Choice of the rule to compare with and of the best candidate: the cheapest one that is robust.
 
-To stand is to be stable in all runs of the Monte Carlo, and at a finer step of the plant.
+A candidate is *robust* if it is stable in every run of the Monte Carlo and at a finer step of the plant.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass, field, replace
 
-import pandas as pd
-
-from mirdrake.tuning.designs import Design
-from mirdrake.tuning.grip import axles_of, grip_use
+from mirdrake.tuning.designs import Design, rounded
 from mirdrake.tuning.loops.base import Conditions
-from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.outcome import Candidate
-from mirdrake.tuning.robustness import draw_conditions, read_ranges
-from mirdrake.tuning.scenarios import corners, hardest, words
-from mirdrake.tuning.stages import Stages, rounded
-from mirdrake.tuning.trials import Trial, Trials
+from mirdrake.tuning.stages import Candidate, Stages
+from mirdrake.tuning.trials import Rejection, Trial, Trials
 
 POOL = 8
-"""Candidates that are shaken at most before the one that fails least is taken; rules, too."""
+"""Candidates, and rules, that get a Monte Carlo at most before the one with the fewest failures is chosen."""
 
 HARD = 6
-"""Draws in which others have failed, known to a search at most."""
+"""Failed draws of other candidates that a search has to pass at most."""
 
 
-class Selection:
-    """Chooses among candidates.
+@dataclass(frozen=True)
+class Verification:
+    """Checks of the robustness of a candidate.
+
+    Attributes:
+        failed_runs: rejections by runs of the Monte Carlo.
+        finer: the candidate at a finer step of the plant; None if it cannot be tested.
+    """
+
+    failed_runs: tuple[Rejection, ...] = ()
+    finer: Candidate | None = None
+
+    @property
+    def fails_at_finer_step(self) -> bool:
+        """Whether it is not stable at a finer step of the plant."""
+        return self.finer is not None and self.finer.trial.status != "ok"
+
+    @property
+    def failures(self) -> int:
+        """Number of failed checks."""
+        return len(self.failed_runs) + self.fails_at_finer_step
+
+    @property
+    def is_robust(self) -> bool:
+        """Whether all checks passed."""
+        return self.failures == 0
+
+    @property
+    def rejections(self) -> tuple[Rejection, ...]:
+        """Reasons to reject the candidate."""
+        if self.finer is None or not self.fails_at_finer_step:
+            return self.failed_runs
+        return (*self.failed_runs, Rejection("finer_step", reason=self.finer.trial.reason))
+
+
+@dataclass(frozen=True)
+class RejectedTrial:
+    """A trial of the search on the plant that meets the constraints, costs less than the best and was rejected.
+
+    Attributes:
+        gains: by name, rounded.
+        cost: its cost.
+        rejections: reasons.
+    """
+
+    gains: dict[str, float]
+    cost: float
+    rejections: tuple[Rejection, ...]
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """Results of checks so far; every check returns an extended copy.
+
+    Attributes:
+        verified: robustness by name of the candidate.
+        hard: draws of the Monte Carlo in which candidates that meet the constraints have failed.
+        finer: candidates of the search at a finer step of the plant, by name.
+        searched: candidates made of trials of the search.
+        rejected: trials of the search that are no candidates.
+        lost_at_finer_step: whether a trial was rejected for the finer step.
+    """
+
+    verified: dict[str, Verification] = field(default_factory=dict)
+    hard: tuple[Conditions, ...] = ()
+    finer: dict[str, Candidate | None] = field(default_factory=dict)
+    searched: tuple[Candidate, ...] = ()
+    rejected: tuple[RejectedTrial, ...] = ()
+    lost_at_finer_step: bool = False
+
+
+@dataclass(frozen=True)
+class RuleChoice:
+    """The rule to compare with.
+
+    Attributes:
+        rule: None if there is no rule.
+        rejected: rules that meet the constraints, cost less and are not robust.
+        added: slower rules that became candidates.
+        known: results of the checks.
+    """
+
+    rule: Candidate | None
+    rejected: tuple[Candidate, ...]
+    added: tuple[Candidate, ...]
+    known: Knowledge
+
+
+def verify(
+    stages: Stages, known: Knowledge, candidate: Candidate, *, stop_at_finer_step: bool = False
+) -> tuple[Verification, Knowledge]:
+    """Check the robustness of a candidate, unless it is known.
 
     Args:
         stages: of the study.
-        tried: candidates; a softer rule is added if it comes to that.
-        softer: rules to compare with if none of `tried` stands, the fastest first.
-
-    Attributes:
-        hard: draws of the Monte Carlo in which candidates that keep the constraints have failed.
-        fallen_rules: rules that keep the constraints, cost less than the one compared with, and do not stand.
-        at_finer: candidates at a finer step of the plant, by name; None where that cannot be tried.
-        lost_at_finer: whether a finer step has taken candidates of the search.
+        known: results so far.
+        candidate: to check.
+        stop_at_finer_step: whether the Monte Carlo is skipped for one that is not stable at the finer step.
     """
-
-    def __init__(self, stages: Stages, tried: list[Candidate], softer: Sequence[Design] = ()) -> None:
-        self.stages, self._tried, self._softer = stages, tried, softer
-        spreads = read_ranges(stages.ranges) if stages.ranges else {}
-        runs = stages.spec.robustness.runs
-        self._draws = draw_conditions(spreads, runs=runs, seed=stages.spec.seed) if spreads and runs else []
-        self._first = hardest(stages.spec, stages.ranges) if self._draws else []
-        self.hard: tuple[Conditions, ...] = ()
-        self.fallen_rules: list[Candidate] = []
-        self._failures: dict[str, int] = {}
-        self._made: dict[tuple[float, ...], Candidate] = {}
-        self.at_finer: dict[str, Candidate | None] = {}
-        self.lost_at_finer = False
-
-    def finer(self, one: Candidate) -> Candidate | None:
-        """A candidate at a finer step of the plant; None where nothing is known of the loop but its signals."""
-        name = one.design.name
-        if name not in self.at_finer:
-            self.at_finer[name] = self.stages.try_finer(one.design)
-        return self.at_finer[name]
-
-    def falls(self, one: Candidate) -> int:
-        """In how many runs of the Monte Carlo, and at a finer step of the plant, a candidate is not stable."""
-        return self.failures(one) + _swings(self.finer(one))
-
-    def failures(self, one: Candidate) -> int:
-        """Runs of the Monte Carlo in which a candidate is not stable; those draws become hard ones."""
-        name = one.design.name
-        if name not in self._failures:
-            robust = self.stages.shake([one])
-            lost = [] if robust is None else robust.table.loc[robust.table["status"] != "ok", "run"].tolist()
-            self._failures[name] = len(lost)
-            new = [self._draws[run] for run in lost if self._draws[run] not in self.hard]
-            self.hard = (*self.hard, *new)[:HARD]
-        return self._failures[name]
-
-    def best_rule(self) -> Candidate | None:
-        """The cheapest rule that keeps the constraints and stands; if none does, the fastest of the softer ones.
-
-        If none of these does either, that nearest to it.
-        """
-        rules = sorted((one for one in self._tried if one.design.kind == "rule"), key=lambda one: one.rank)
-        able = [one for one in rules if one.trial.feasible]
-        for one in able[:POOL]:
-            if not self.falls(one):
-                return one
-            self.fallen_rules.append(one)
-        for design in self._softer:
-            (one,) = self.stages.try_designs([design], "softer rules")
-            if one.trial.feasible and not _swings(self.finer(one)) and not self.failures(one):
-                self._tried.append(one)
-                return one
-        if self.fallen_rules:
-            nearest = min(self.fallen_rules, key=self.falls)
-            self.fallen_rules.remove(nearest)
-            return nearest
-        return rules[0] if rules else None
-
-    def best(self, fine: Sequence[Trials]) -> Candidate | None:
-        """The cheapest candidate that keeps the constraints and stands.
-
-        If none does, the one that falls least among those that were shaken; None if none keeps the constraints.
-        """
-        known = [one for one in self._tried if one.trial.feasible and one.design.kind != "baseline"]
-        found = [one for trials in fine for one in trials.trials if one.feasible]
-        pool: list[Candidate | Trial] = sorted([*known, *found], key=_cost)
-        fallen: list[tuple[int, int, Candidate]] = []
-        for at, one in enumerate(pool):
-            chosen = one if isinstance(one, Candidate) else self._searched(one)
-            if chosen is None:
-                continue
-            lost = self.falls(chosen)
-            if not lost:
-                return chosen
-            fallen.append((lost, at, chosen))
-            if len(fallen) == POOL:
-                break
-        return min(fallen)[2] if fallen else None
-
-    def good(self, best: Candidate, rule: Candidate | None) -> bool:
-        """Whether a candidate stands, and costs less than the rule if that does."""
-        if self.falls(best):
-            return False
-        return rule is None or bool(self.falls(rule)) or best.trial.cost < rule.trial.cost
-
-    def _searched(self, trial: Trial) -> Candidate | None:
-        """A trial as a candidate, rounded; None if it does not stand what comes first, or the rounding."""
-        gains = rounded(trial.gains)
-        key = tuple(gains.values())
-        if key in self._made:
-            return self._made[key]
-        if not self.stages.stands(gains, [*self.hard, *self._first]):
-            return None
-        how = f"{self.stages.spec.search.method} on the reduced model, refined on the plant"
-        name = "searched" if not self._made else f"searched {len(self._made) + 1}"
-        design = Design(name, "searched", how, gains)
-        fine = self.stages.try_finer(design)
-        if _swings(fine):
-            self.lost_at_finer = True
-            return None
-        (chosen,) = self.stages.try_designs([design], "best")
-        if not chosen.trial.feasible:
-            return None
-        self.at_finer[name] = fine
-        self._made[key] = chosen
-        return chosen
-
-    # --- what the reader must know ---
-
-    def notes(self, winner: Candidate) -> list[str]:
-        """Rules that look better than they are."""
-        runs, told = self.stages.spec.robustness.runs, []
-        for one in self.fallen_rules:
-            lost, fine = self.failures(one), self.falls(one) > self.failures(one)
-            where = [f"in {lost} of {runs} runs"] * bool(lost) + ["at a finer step of the plant"] * fine
-            if one is not winner:
-                told.append(f"{one.design.name} costs {one.trial.cost:.4g}, but is not stable {' and '.join(where)}")
-        return told
-
-    def corners(self, chosen: Sequence[Candidate]) -> dict[str, list[dict[str, str]]]:
-        """Corners of the ranges, harder than nearly every draw: conditions, status and reason for each candidate."""
-        if self.stages.bare:
-            return {}
-        places, evaluate = corners(self.stages.ranges), LoopEvaluator(self.stages.loop)
-        found: dict[str, list[dict[str, str]]] = {}
-        for one in chosen:
-            rows = [evaluate(one.design.gains, place) for place in places]
-            found[one.design.name] = [
-                {"conditions": words(place), "status": row.status, "reason": row.reason}
-                for place, row in zip(places, rows, strict=True)
-            ]
-        return found
-
-    def with_grip(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The Monte Carlo with what each run asks of the tyres, over what they can give."""
-        loop = self.stages.loop
-        if self.stages.bare or loop.kind == "steering":
-            return table
-        bench: Any = bench_of(loop)
-        axles = axles_of(bench)
-        use = [grip_use(axles, loop, one) for one in self._draws]
-        at = list(table.columns).index("seed")
-        table = table.copy()
-        table.insert(at, "grip_use", [use[run] for run in table["run"]])
-        return table
+    if candidate.name in known.verified:
+        return known.verified[candidate.name], known
+    tested = candidate.name in known.finer
+    made = Verification(finer=known.finer[candidate.name] if tested else stages.test_at_finer_step(candidate.design))
+    if not (stop_at_finer_step and made.fails_at_finer_step):
+        made = replace(made, failed_runs=_failed_runs(stages, candidate))
+    conditions = [failure.conditions for failure in made.failed_runs if failure.conditions is not None]
+    new = [draw for draw in conditions if draw not in known.hard]
+    return made, replace(known, verified={**known.verified, candidate.name: made}, hard=(*known.hard, *new)[:HARD])
 
 
-def _swings(one: Candidate | None) -> bool:
-    return one is not None and one.trial.status != "ok"
+def _failed_runs(stages: Stages, candidate: Candidate) -> tuple[Rejection, ...]:
+    """Return a rejection for each run of the Monte Carlo in which a candidate is not stable."""
+    found = stages.monte_carlo([candidate])
+    if found is None:
+        return ()
+    failed = found.table[found.table["status"] != "ok"]
+    return tuple(
+        Rejection("monte_carlo", run=int(run), conditions=stages.draws[int(run)], reason=str(reason))
+        for run, reason in zip(failed["run"], failed["reason"], strict=True)
+    )
 
 
-def _cost(one: Candidate | Trial) -> float:
-    return one.trial.cost if isinstance(one, Candidate) else one.cost
+def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Design]) -> RuleChoice:
+    """Choose the cheapest rule that meets the constraints and is robust.
+
+    If there is none, take the fastest robust one of the slower designs, or else the rule with the fewest failures.
+
+    Args:
+        stages: of the study.
+        tried: candidates that have been tested.
+        slower: further designs, the fastest first.
+    """
+    known = Knowledge()
+    rules = sorted((candidate for candidate in tried if candidate.design.kind == "rule"), key=lambda rule: rule.rank)
+    rejected: list[Candidate] = []
+    for rule in [rule for rule in rules if rule.trial.feasible][:POOL]:
+        check, known = verify(stages, known, rule)
+        if check.is_robust:
+            return RuleChoice(rule, tuple(rejected), (), known)
+        rejected.append(rule)
+    for design in slower:
+        (rule,) = stages.test([design], "slower rules")
+        if rule.trial.feasible:
+            check, known = verify(stages, known, rule, stop_at_finer_step=True)
+            if check.is_robust:
+                return RuleChoice(rule, tuple(rejected), (rule,), known)
+    if rejected:
+        nearest = min(rejected, key=lambda rule: known.verified[rule.name].failures)
+        return RuleChoice(nearest, tuple(rule for rule in rejected if rule is not nearest), (), known)
+    return RuleChoice(rules[0] if rules else None, (), (), known)
+
+
+def choose_best(
+    stages: Stages, known: Knowledge, tried: Sequence[Candidate], searches: Sequence[Trials]
+) -> tuple[Candidate | None, Knowledge]:
+    """Choose the cheapest candidate that meets the constraints and is robust.
+
+    If none is robust, take the one with the fewest failures among those that were checked; None if none meets the
+    constraints.
+
+    Args:
+        stages: of the study.
+        known: results so far.
+        tried: candidates that have been tested.
+        searches: trials on the plant.
+    """
+    known = replace(known, rejected=())
+    pool: list[Candidate | Trial] = [
+        candidate for candidate in tried if candidate.trial.feasible and candidate.design.kind != "baseline"
+    ]
+    pool += [trial for trials in searches for trial in trials.trials if trial.feasible]
+    pool.sort(key=lambda entry: entry.trial.cost if isinstance(entry, Candidate) else entry.cost)
+    failed: list[tuple[int, Candidate]] = []
+    for entry in pool:
+        if isinstance(entry, Candidate):
+            candidate: Candidate | None = entry
+        else:
+            candidate, known = _candidate_of(stages, known, entry)
+        if candidate is None:
+            continue
+        check, known = verify(stages, known, candidate)
+        if check.is_robust:
+            return candidate, known
+        failed.append((check.failures, candidate))
+        if len(failed) == POOL:
+            break
+    return min(failed, key=lambda pair: pair[0], default=(0, None))[1], known
+
+
+def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candidate | None, Knowledge]:
+    """Return a trial with rounded gains as a candidate; None if it fails a check, or due to the rounding."""
+    gains = rounded(trial.gains)
+    for candidate in known.searched:
+        if candidate.design.gains == gains:
+            return candidate, known
+
+    def rejected(*reasons: Rejection) -> Knowledge:
+        return replace(known, rejected=(*known.rejected, RejectedTrial(gains, trial.cost, reasons)))
+
+    failure = stages.first_failure(gains, [*known.hard, *stages.hardest])
+    if failure is not None:
+        return None, rejected(failure)
+    name = "searched" if not known.searched else f"searched {len(known.searched) + 1}"
+    design = Design(name, "searched", gains)
+    finer = stages.test_at_finer_step(design)
+    if finer is not None and finer.trial.status != "ok":
+        return None, replace(rejected(Rejection("finer_step", reason=finer.trial.reason)), lost_at_finer_step=True)
+    (candidate,) = stages.test([design], "best")
+    if not candidate.trial.feasible:
+        return None, rejected(*candidate.trial.rejections(stages.constraints))
+    return candidate, replace(
+        known, searched=(*known.searched, candidate), finer={**known.finer, candidate.name: finer}
+    )
+
+
+def beats_rule(stages: Stages, known: Knowledge, best: Candidate, rule: Candidate | None) -> tuple[bool, Knowledge]:
+    """Return whether a candidate is robust, and costs less than the rule if that is robust."""
+    check, known = verify(stages, known, best)
+    if not check.is_robust or rule is None:
+        return check.is_robust, known
+    other, known = verify(stages, known, rule)
+    return not other.is_robust or best.trial.cost < rule.trial.cost, known

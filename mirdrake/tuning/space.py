@@ -1,82 +1,82 @@
-"""Where gains are searched: the ranges of a file, or around those of the rules, and around the best trials."""
+"""Ranges in which gains are searched: those of a study, or around those of the rules, and around the best trials."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+import math
+from collections.abc import Iterable, Sequence
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.reduced import find_loop_margins
-from mirdrake.tuning.outcome import Candidate
+from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.search_range import Range, Space
 from mirdrake.tuning.spec import TuningSpec
-from mirdrake.tuning.trials import Trial, Trials
+from mirdrake.tuning.trials import Trial
+
+Gains = dict[str, float]
 
 
-def search_space(spec: TuningSpec, loop: LoopSpec, known: list[dict[str, float]]) -> dict[str, dict[str, Any]]:
-    """Range of each gain: the file's, or a decade around those of the rules.
+def search_space(spec: TuningSpec, loop: LoopSpec, known: Sequence[Gains], max_sensitivity: float) -> Space:
+    """Return the range of each gain: that of the study or of the kind of loop, or one around those of the rules.
+
+    Args:
+        spec: the study.
+        loop: its loop.
+        known: gains of the rules.
+        max_sensitivity: largest allowed Ms [1]; rules far above it do not count, unless too few are left.
 
     Raises:
-        ConfigError: neither gives one.
+        ConfigError: a gain has no range.
     """
-    space: dict[str, dict[str, Any]] = {}
+    near = [gains for gains in known if find_loop_margins(loop, gains)["ms"] <= 1.5 * max_sensitivity]
+    known = near if len(near) > 2 else known
+    space: Space = {}
     for gain in loop.gains:
-        if gain in spec.search.ranges:
-            space[gain] = spec.search.ranges[gain].model_dump()
-            continue
-        if gain in loop.options.get("ranges", {}):
-            space[gain] = dict(loop.options["ranges"][gain])
-            continue
+        usual = LOOP_KINDS[loop.kind].ranges
         given = [gains[gain] for gains in known if gains[gain] > 0.0]
-        if not given:
+        if gain in spec.search.ranges:
+            space[gain] = spec.search.ranges[gain].range()
+        elif gain in usual:
+            space[gain] = usual[gain]
+        elif not given:
             raise ConfigError(
                 f"{where(spec, 'search', 'ranges')}: no rule gives a value of {gain}; write a range for it"
             )
-        low, high = min(given) / 3.0, max(given) * 3.0
-        if gain == "kp":
-            space[gain] = {"low": low, "high": high, "scale": "log"}
-        else:  # may be left out
-            space[gain] = {"low": 0.0, "high": max(given) * 1.5, "scale": "linear"}
+        elif gain == "kp":
+            space[gain] = Range(min(given) / 3.0, max(given) * 3.0)
+        else:  # integral and derivative parts may be zero
+            space[gain] = Range(0.0, max(given) * 1.5, "linear")
     return space
 
 
-def near_the_limits(loop: LoopSpec, tried: list[Candidate], max_sensitivity: float) -> list[Candidate]:
-    """Of the rules those that are not far above the largest Ms allowed; all if these are too few for a range."""
-    limit = 1.5 * max_sensitivity
-    mild = [one for one in tried if find_loop_margins(loop, one.design.gains)["ms"] <= limit]
-    return mild if len(mild) > 2 else tried
+def inside(space: Space, gains: Iterable[Gains]) -> list[Gains]:
+    """Return the gains that are within the ranges, each once."""
+    kept: list[Gains] = []
+    for candidate in gains:
+        if candidate not in kept and all(candidate[name] in entry for name, entry in space.items()):
+            kept.append(dict(candidate))
+    return kept
 
 
-def known_starts(
-    space: Mapping[str, Mapping[str, Any]], *groups: Iterable[Candidate] | Iterable[Trial]
-) -> list[dict[str, float]]:
-    """Known gains to begin with: those within the ranges, the best first."""
-    starts: list[dict[str, float]] = []
-    for group in groups:
-        for one in group:
-            gains = dict(one.design.gains if isinstance(one, Candidate) else one.gains)
-            inside = all(entry["low"] <= gains[name] <= entry["high"] for name, entry in space.items())
-            if inside and gains not in starts:
-                starts.append(gains)
-    return starts
-
-
-def leaders_of(coarse: Trials) -> list[Trial]:
-    """The best trials of the reduced model."""
-    ranked = sorted(coarse.trials, key=lambda one: (one.violation, one.cost, one.number))
-    return [one for one in ranked if one.status == "ok"][:5]
-
-
-def space_around(space: dict[str, dict[str, Any]], leaders: list[Trial]) -> dict[str, dict[str, Any]]:
-    """The part of the space around the best trials."""
-    if not leaders:
-        return space
-    near = {}
-    for gain, entry in space.items():
-        values = [one.gains[gain] for one in leaders]
-        if entry["scale"] == "log":
+def space_around(space: Space, leaders: Sequence[Trial]) -> Space:
+    """Return the part of the space around the best trials."""
+    near: Space = {}
+    for gain, entry in space.items() if leaders else ():
+        values = [trial.gains[gain] for trial in leaders]
+        if entry.scale == "log":
             low, high = min(values) / 2.0, max(values) * 1.5
         else:
-            width = 0.25 * (entry["high"] - entry["low"])
+            width = 0.25 * (entry.high - entry.low)
             low, high = min(values) - width, max(values) + width
-        near[gain] = {**entry, "low": max(low, entry["low"]), "high": min(high, entry["high"])}
-    return near
+        near[gain] = Range(max(low, entry.low), min(high, entry.high), entry.scale)
+    return near or space
+
+
+def map_space(space: Space, gains: Gains, gain_margin: float) -> Space:
+    """Return ranges of the first two gains for a map around gains, wide enough for the limit of stability."""
+    times = max(4.0, min(1.6 * gain_margin, 12.0)) if math.isfinite(gain_margin) else 4.0
+    ranges: Space = {}
+    for name, entry in list(space.items())[:2]:
+        high = min(max(times * gains[name], 0.3 * entry.high), 3.0 * entry.high)
+        low = max(high / 60.0, entry.low) if entry.scale == "log" else entry.low
+        ranges[name] = Range(low, high, entry.scale)
+    return ranges

@@ -1,4 +1,4 @@
-"""The tuning file ``mirdrake: tuning/1``: which loop, how it is tried, searched, judged, and shaken."""
+"""The tuning file ``mirdrake: tuning/1``: the loop, its test, the search, the criteria and the Monte Carlo."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -6,45 +6,51 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import resolved
 from mirdrake.core.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, shown, validate
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.studies.spec import Number
+from mirdrake.tuning.search_range import Range
 
 PUBLISHED = {"kp": 100.0, "ki": 0.01, "kd": 10.0}
-"""Untuned gains of the vehicles of the papers, to compare with.
+"""Untuned gains of the papers' vehicles, used for comparison.
 
-They stand on every joint in the control files of *Software-in-the-loop Modeling and Simulation Framework for Autonomous
-Vehicles* (``bulldogbolt_control.yaml`` of the Bolt) and of the CAT Vehicle; *Avrora Unior Car-like Robot in Gazebo
-Environment* calls the tuning of its joints future work and prints no values. In the Bolt's file the controllers are of
-kinds that read no gains, so there they never acted: see README.md of each vehicle, Variants.
+They are set on every joint in the control files of *Software-in-the-loop Modeling and Simulation Framework for
+Autonomous Vehicles* (``bulldogbolt_control.yaml`` of the Bolt) and of the CAT Vehicle; *Avrora Unior Car-like Robot in
+Gazebo Environment* names the tuning of its joints as future work and prints no values. The controllers in the Bolt's
+file are of kinds that read no gains, so they had no effect there: see the README.md of each vehicle, Variants.
 
-On a steered joint they are N m/rad, N m/(rad s) and N m s/rad, on a driven wheel N m s/rad, N m/rad and N m s²/rad, for
-each joint by itself: the joint's torque from the error of its own angle or speed.
+On a steered joint they are N m/rad, N m/(rad s) and N m s/rad, on a driven wheel N m s/rad, N m/rad and N m s²/rad.
+Each joint has its own controller, from the error of its angle or speed to its torque.
 """
 
-LOOPS = ("wheel_speed", "steering", "speed", "path")
+MARGINS = ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
+"""Figures that follow from the model of a loop alone."""
 
 FIGURES = (
     "iae", "itae", "ise", "overshoot_percent", "rise_time", "settling_time", "steady_error", "peak_effort",
-    "rms_effort", "total_variation", "saturation_time", "rms_jerk", "peak_jerk", "ms", "mt", "gain_margin",
-    "phase_margin_deg", "delay_margin_s", "disk_margin",
+    "rms_effort", "total_variation", "saturation_time", "rms_jerk", "peak_jerk", *MARGINS,
 )  # fmt: skip
-"""What a trial gives, and costs and constraints are made of."""
+"""Figures of a test, of which costs and constraints are made."""
 
 AT_LEAST = ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
-"""Figures of which more is better: a constraint on them is a lower bound, on all others an upper one."""
+"""Figures of which larger is better: a constraint on them is a lower bound, on all others an upper bound."""
+
+
+def breaks_limit(name: str, value: float, limit: float) -> bool:
+    """Return whether a figure breaks its constraint; nan does."""
+    return not (value >= limit if name in AT_LEAST else value <= limit)
 
 
 class RangeSpec(Schema):
-    """Range of a gain."""
+    """Range in which a gain is searched."""
 
     low: float = Field(ge=0.0, description="lower end [of the gain]")
     high: float = Field(gt=0.0, description="upper end [of the gain]")
-    scale: Literal["linear", "log"] = Field("log", description="how it is divided [-]")
+    scale: Literal["linear", "log"] = Field("log", description="division of the range [-]")
 
     @model_validator(mode="after")
     def _not_empty(self) -> "RangeSpec":
@@ -54,20 +60,26 @@ class RangeSpec(Schema):
             raise ValueError(f"a range on a log scale needs low above 0, not {self.low:g}; or write scale: linear")
         return self
 
+    def range(self) -> Range:
+        """Return the range as plain data."""
+        return Range(self.low, self.high, self.scale)
+
 
 class SearchSpec(Schema):
-    """How gains are searched."""
+    """Search of the gains."""
 
-    method: Literal["tpe", "cma", "nsga2", "grid", "sobol", "latin_hypercube"] = Field("tpe", description="[-]")
-    trials: int = Field(100, ge=1, le=1_000_000, description="candidates on the reduced model [-]")
-    confirm: int = Field(5, ge=1, le=1000, description="best of them that are tried on the plant [-]")
+    method: Literal["tpe", "cma", "nsga2", "grid", "sobol", "latin_hypercube"] = Field(
+        "tpe", description="sampler on the reduced model [-]"
+    )
+    trials: int = Field(100, ge=1, le=1_000_000, description="candidates tested on the reduced model [-]")
+    confirm: int = Field(5, ge=1, le=1000, description="candidates tested on the plant, near the best of them [-]")
     ranges: dict[str, RangeSpec] = Field(
-        default_factory=dict, description="of each gain; around those of the rules if left out [-]"
+        default_factory=dict, description="range of each gain; by default around those of the rules [-]"
     )
 
 
-def _part(value: Any) -> Any:
-    """``20 %`` as 0.2."""
+def _fraction(value: Any) -> Any:
+    """Convert ``20 %`` to 0.2."""
     if isinstance(value, str) and value.strip().endswith("%"):
         try:
             return float(value.strip()[:-1]) / 100.0
@@ -76,14 +88,16 @@ def _part(value: Any) -> Any:
     return value
 
 
-Part = Annotated[float, BeforeValidator(_part, json_schema_input_type=float | str)]
+Fraction = Annotated[float, BeforeValidator(_fraction, json_schema_input_type=float | str)]
 
 
 class RobustnessSpec(Schema):
-    """What is varied in the Monte Carlo, evenly distributed."""
+    """Monte Carlo: parameters that vary, with uniform distributions."""
 
-    runs: int = Field(100, ge=0, le=1_000_000, description="runs of each candidate; 0: none [-]")
-    mass: Part = Field(0.2, ge=0.0, lt=1.0, description="part by which mass and inertia differ, to both sides [1]")
+    runs: int = Field(100, ge=0, le=1_000_000, description="runs of each candidate; 0: no Monte Carlo [-]")
+    mass: Fraction = Field(
+        0.2, ge=0.0, lt=1.0, description="largest relative deviation of mass and inertia, up and down [1]"
+    )
     friction: tuple[float, float] = Field((0.3, 1.0), description="of the road [1]")
     delay: tuple[Duration, Duration] = Field((0.0, 0.1), description="of the actuator [s]")
     grade: tuple[Angle, Angle] = Field(
@@ -107,7 +121,7 @@ class RobustnessSpec(Schema):
 
 
 class CourseSpec(Schema):
-    """The trial that judges: a step of the set-point, later a load; what is left out depends on the loop."""
+    """Test manoeuvre: a step of the set-point and a later load; the defaults depend on the loop."""
 
     speed: Speed | None = Field(None, ge=0.0, le=60.0, description="of the car before the step [m/s]")
     step: Number | None = Field(None, description="of the set-point [of the output]")
@@ -115,48 +129,62 @@ class CourseSpec(Schema):
         None,
         gt=0.0,
         le=20.0,
-        description="of the speed's set-point; 0.6 if left out, which 0.3 of friction allows [m/s²]",
+        description="of the speed's set-point; default 0.6, which a friction of 0.3 allows [m/s²]",
     )
     load: float | None = Field(None, description="added to the effort from load_time on [of the effort]")
     step_time: Duration = Field(0.5, gt=0.0, description="of the step [s]")
-    load_time: Duration | None = Field(
-        None, gt=0.0, description="of the load; after 60 % of the duration if left out [s]"
+    load_time: Duration | None = Field(None, gt=0.0, description="of the load; default 60 % of the duration [s]")
+    duration: Duration = Field(10.0, ge=1.0, le=600.0, description="of the test [s]")
+    delay: Duration = Field(0.05, ge=0.0, le=0.2, description="nominal delay of the actuator [s]")
+    filter: Duration | None = Field(
+        None, ge=0.0, le=1.0, description="time constant of the derivative's filter; default two periods [s]"
     )
-    duration: Duration = Field(10.0, ge=1.0, le=600.0, description="of a trial [s]")
-    delay: Duration = Field(0.05, ge=0.0, le=0.2, description="of the actuator, nominally [s]")
-    filter: Duration | None = Field(None, ge=0.0, le=1.0, description="of the derivative; two periods if left out [s]")
 
 
 class DiagramLoop(Schema):
-    """A loop in a user's diagram, by the names of its signals as a run logs them, and its knobs."""
+    """A loop in a user's diagram, by the names of its logged signals and parameters."""
 
     diagram: str = Field(description="name of a diagram, or a path [-]")
-    reference: str | float = Field(description="signal, or a number if it stands still [-]")
-    output: str = Field(description="signal that shall follow [-]")
-    effort: str = Field(description="signal that makes it follow [-]")
-    knobs: list[str] = Field(min_length=1, description="gains: of a block of kind pid as block.kp, or of a vehicle [-]")
+    reference: str | float = Field(description="signal of the set-point, or its constant value [-]")
+    output: str = Field(description="controlled signal [-]")
+    effort: str = Field(description="control signal [-]")
+    knobs: list[str] = Field(
+        min_length=1, description="gains: of a block of kind pid, such as block.kp, or of a vehicle [-]"
+    )
 
 
 class ScheduleSpec(Schema):
-    """Gains over speed."""
+    """Gain schedule over speed."""
 
-    speeds: list[Speed] = Field(min_length=2, description="where the loop is tuned anew, rising [m/s]")
+    speeds: list[Speed] = Field(min_length=2, description="speeds at which the loop is tuned, increasing [m/s]")
 
     @model_validator(mode="after")
-    def _rise(self) -> "ScheduleSpec":
+    def _increase(self) -> "ScheduleSpec":
         if self.speeds[0] < 0.0 or any(low >= high for low, high in pairwise(self.speeds)):
-            raise ValueError(f"speeds: must rise from 0 or more, got {', '.join(f'{v:g}' for v in self.speeds)}")
+            raise ValueError(f"speeds: must increase from 0 or more, got {', '.join(f'{v:g}' for v in self.speeds)}")
         return self
 
 
+def _selectable_loops() -> list[str]:
+    from mirdrake.tuning.loops.registry import LOOP_KINDS  # whose kinds read studies
+
+    return [name for name, kind in LOOP_KINDS.items() if kind.selectable]
+
+
+def _known_loop(name: str) -> str:
+    names = _selectable_loops()
+    if name not in names:
+        raise ValueError(f"no loop '{name}'; {did_you_mean(name, names)}")
+    return name
+
+
 def _word_or_mapping(value: Any) -> str:
-    """What a value is meant as, so that a fault in it is told once."""
+    """Discriminate a name from a mapping, so that a fault is reported once."""
     return "word" if isinstance(value, str) else "mapping"
 
 
 LoopChoice = Annotated[
-    Annotated[Literal["wheel_speed", "steering", "speed", "path"], Tag("word")]
-    | Annotated[DiagramLoop, Tag("mapping")],
+    Annotated[str, AfterValidator(_known_loop), Tag("word")] | Annotated[DiagramLoop, Tag("mapping")],
     Discriminator(_word_or_mapping),
 ]
 Baseline = Annotated[
@@ -169,32 +197,34 @@ class TuningSpec(Schema):
     """A tuning file."""
 
     mirdrake: Literal["tuning/1"] = Field("tuning/1", description="format of this file [-]")
-    name: str = Field("tuning", min_length=1, description="the file's own if left out [-]")
-    vehicle: str | None = Field(None, description="name of a vehicle, or a path; of a loop of its own [-]")
+    name: str = Field("tuning", min_length=1, description="of the study; default: that of the file [-]")
+    vehicle: str | None = Field(None, description="name of a vehicle, or a path; not for a loop of a diagram [-]")
     world: str = Field("empty", description="flat, with the same friction everywhere [-]")
-    loop: LoopChoice = Field(description="what is tuned [-]")
+    loop: LoopChoice = Field(description="loop to tune: wheel_speed, steering, speed, path, or signals [-]")
     plant: PlantSpec = Field(default_factory=lambda: PlantSpec(contact="point"), description="step and contact [-]")
-    test: CourseSpec = Field(default_factory=CourseSpec, description="the trial that judges [-]")
+    test: CourseSpec = Field(default_factory=CourseSpec, description="test manoeuvre [-]")
     baseline: Baseline = Field("published", description="gains to compare with; published: 100, 0.01, 10 [-]")
     search: SearchSpec = Field(default_factory=SearchSpec, description="[-]")
-    cost: dict[str, float] = Field(default_factory=lambda: {"iae": 1.0}, min_length=1, description="weights [-]")
+    cost: dict[str, float] = Field(
+        default_factory=lambda: {"iae": 1.0}, min_length=1, description="weights of figures [-]"
+    )
     constraints: dict[str, float] = Field(
-        default_factory=lambda: {"overshoot_percent": 5.0, "ms": 1.6}, description="bounds of figures [-]"
+        default_factory=lambda: {"overshoot_percent": 5.0, "ms": 1.6}, description="limits of figures [-]"
     )
     robustness: RobustnessSpec = Field(default_factory=RobustnessSpec, description="[-]")
-    schedule: ScheduleSpec | None = Field(None, description="gains over speed, if wanted [-]")
-    seed: int = Field(0, ge=0, description="of everything random [-]")
+    schedule: ScheduleSpec | None = Field(None, description="gain schedule over speed [-]")
+    seed: int = Field(0, ge=0, description="of all random numbers [-]")
     folder: str | None = Field(None, description="of the file [-]")
 
     @model_validator(mode="after")
     def _has_a_plant(self) -> "TuningSpec":
         if isinstance(self.loop, str) and self.vehicle is None:
-            raise ValueError(f"the loop '{self.loop}' needs a vehicle; write vehicle: bolt, say")
+            raise ValueError(f"the loop '{self.loop}' needs a vehicle; write for example vehicle: bolt")
         return self
 
 
 def load_tuning(path: Path | str, *, overrides: Iterable[str] = ()) -> TuningSpec:
-    """A tuning file, checked as far as it can be without its vehicle.
+    """Load a tuning file and check it as far as possible without its vehicle.
 
     Args:
         path: the file.
@@ -214,7 +244,7 @@ def load_tuning(path: Path | str, *, overrides: Iterable[str] = ()) -> TuningSpe
 
 
 def make_tuning(study: TuningSpec | Mapping[str, Any] | Path | str) -> TuningSpec:
-    """A tuning spec from itself, its data or its file.
+    """Return a tuning spec, made from its data or its file if need be.
 
     Raises:
         ConfigError: it has faults.

@@ -1,52 +1,77 @@
-"""The stages of a study: designs tried on the plant, a search, a Monte Carlo, a map; each goes on where it was."""
+"""Operations of a study on its loop: tests of designs, searches, Monte Carlo, map. An interrupted one is resumed."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from mirdrake.execution.calls import Lost, call_all, open_executor
-from mirdrake.tuning.designs import DIGITS, Design
+from mirdrake.plant.plant import PlantSpec
+from mirdrake.tuning.designs import Design
 from mirdrake.tuning.gain_map import map_of_two_gains
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator
-from mirdrake.tuning.loops.make import finer
-from mirdrake.tuning.outcome import MARGINS, Candidate
-from mirdrake.tuning.robustness import Robustness, monte_carlo
-from mirdrake.tuning.scenarios import InScenarios, drawn_ranges
+from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
+from mirdrake.tuning.scenarios import InScenarios, Ranges, drawn_ranges, hardest
 from mirdrake.tuning.search import search
-from mirdrake.tuning.spec import TuningSpec
-from mirdrake.tuning.trials import Trials, judge
+from mirdrake.tuning.search_range import Space
+from mirdrake.tuning.space import map_space
+from mirdrake.tuning.spec import MARGINS, TuningSpec
+from mirdrake.tuning.trials import Rejection, Trial, Trials, make_trial
 
 MAP = 13
 """Values of each gain in the map."""
 
 RESERVE = 1.5
-"""Delay margin that candidates need, per what the delay may grow by."""
+"""Required delay margin, relative to the largest increase of the delay in the Monte Carlo."""
 
 LIMIT = 600.0
-"""Wall time of a trial [s]."""
+"""Wall time of a test [s]."""
 
 Progress = Callable[[str, int, int, float], None]
-"""Called with the stage, what is done, of how much, and the time left in it [s]; nan if it is not known."""
+"""Called with the stage, the numbers of finished and all steps, and the time left in the stage [s]; nan if unknown."""
 
 
-@dataclass
+class StoppedError(Exception):
+    """Interrupted by Ctrl-C; finished work is kept in the folder."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A design and the result of its test on the plant."""
+
+    design: Design
+    trial: Trial
+    response: pd.DataFrame | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the design."""
+        return self.design.name
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Violation of the constraints, then cost; smaller is better."""
+        return self.trial.violation, self.trial.cost
+
+
+@dataclass(frozen=True)
 class Stages:
-    """What every stage of a study needs.
+    """A study, its loop, and what executes its tests.
 
     Attributes:
         spec: the study.
-        loop: its loop; with models once it is identified.
+        loop: its loop; with a model once it is identified.
         folder: of the journals.
-        key: of the study, so that no journal of another one is taken.
-        executor: makes the trials.
+        key: of the study; journals of another one are rejected.
+        executor: makes the tests.
         workers: processes if there is no executor.
-        tell: see :data:`Progress`.
+        progress: see :data:`Progress`.
     """
 
     spec: TuningSpec
@@ -55,154 +80,175 @@ class Stages:
     key: str
     executor: Executor | None
     workers: int | None
-    tell: Progress
+    progress: Progress
 
     @property
-    def bare(self) -> bool:
-        """Whether nothing is known of the loop but its signals."""
-        return self.loop.kind in ("diagram", "path")
+    def identifiable(self) -> bool:
+        """Whether the loop has a model, and not only signals."""
+        return LOOP_KINDS[self.loop.kind].identifiable
 
     @property
-    def ranges(self) -> dict[str, Any]:
-        """Of the conditions that are drawn; friction only where the road has no patches of it."""
-        return drawn_ranges(self.spec, bare=self.bare, slides=bool(self.loop.options.get("friction", True)))
+    def first_fidelity(self) -> Fidelity:
+        """Fidelity of the first search."""
+        return "reduced" if self.identifiable else "plant"
+
+    @cached_property
+    def ranges(self) -> Ranges:
+        """Ranges of the conditions that the Monte Carlo draws."""
+        return drawn_ranges(self.spec, self.loop)
+
+    @cached_property
+    def draws(self) -> list[Conditions]:
+        """Conditions of the runs of the Monte Carlo; none if the study has no Monte Carlo."""
+        runs = self.spec.robustness.runs
+        return draw_conditions(self.ranges, runs=runs, seed=self.spec.seed) if self.ranges and runs else []
+
+    @property
+    def hardest(self) -> list[Conditions]:
+        """Draws that are most likely to fail."""
+        return hardest(self.draws)
 
     @property
     def constraints(self) -> dict[str, float]:
-        """Those of the file, and a delay margin with some reserve for the delays of the Monte Carlo."""
-        if self.bare:
+        """Constraints of the study, and a delay margin with a reserve for the delays of the Monte Carlo."""
+        if not self.identifiable:
             return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
-        grows = self.spec.robustness.delay[1] - self.loop.nominal["delay"]
-        asked = {} if grows <= 0.0 or not self.spec.robustness.runs else {"delay_margin_s": RESERVE * grows}
+        increase = self.spec.robustness.delay[1] - self.loop.delay
+        asked = {"delay_margin_s": RESERVE * increase} if increase > 0.0 and self.spec.robustness.runs else {}
         return asked | dict(self.spec.constraints)
 
-    def try_designs(self, designs: list[Design], stage: str) -> list[Candidate]:
-        """Designs on the plant, with their responses, in their order."""
+    def test(self, designs: Sequence[Design], stage: str) -> tuple[Candidate, ...]:
+        """Test designs on the plant; the candidates have their responses."""
         evaluate = LoopEvaluator(self.loop, keep=True)
         done: dict[int, Evaluation] = {}
         calls = ((design.gains, NOMINAL, "plant") for design in designs)
         with open_executor(self.executor, self.workers, calls=len(designs), limit=LIMIT) as (runner, ahead):
-            for at, given in call_all(runner, evaluate, calls, ahead=ahead):
-                done[at] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
-                self.tell(stage, len(done), len(designs), math.nan)
-        return [self.candidate(design, done[at], at) for at, design in enumerate(designs)]
+            for place, given in call_all(runner, evaluate, calls, ahead=ahead):
+                done[place] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
+                self.progress(stage, len(done), len(designs), math.nan)
+        return tuple(self.candidate(design, done[place], place) for place, design in enumerate(designs))
 
-    def candidate(self, design: Design, given: Evaluation, number: int = 0) -> Candidate:
-        """A design with what the plant says of it."""
-        record = {"status": given.status, "reason": given.reason, "figures": given.figures}
-        return Candidate(design, judge(number, design.gains, record, self.spec.cost, self.constraints), given.response)
+    def candidate(self, design: Design, evaluation: Evaluation, number: int = 0) -> Candidate:
+        """Return the candidate of an evaluated design."""
+        trial = make_trial(number, design.gains, evaluation, self.spec.cost, self.constraints)
+        return Candidate(design, trial, evaluation.response)
 
     def search(
         self,
-        space: dict[str, dict[str, Any]],
-        fidelity: str,
-        starts: list[dict[str, float]],
+        space: Space,
+        fidelity: Fidelity,
+        starts: Sequence[dict[str, float]],
         stage: str,
         *,
         loop: LoopSpec | None = None,
         scenarios: Sequence[Conditions] = (),
     ) -> Trials:
-        """Search on the reduced model by the study's method, or on the plant.
+        """Search gains on the reduced model by the method of the study, or on the plant.
 
         Args:
-            space: of the gains.
+            space: ranges of the gains.
             fidelity: reduced or plant.
             starts: gains to begin with.
-            stage: name of it, and of its journal.
-            loop: another than the study's.
-            scenarios: conditions in which gains that keep the constraints must be stable.
+            stage: its name, and that of its journal.
+            loop: instead of the study's.
+            scenarios: conditions under which gains that meet the constraints must be stable.
+
+        Raises:
+            StoppedError: Ctrl-C.
         """
         spec, reduced = self.spec, fidelity == "reduced"
-        asked = spec.search.trials if reduced or (self.bare and stage == "search") else spec.search.confirm
+        count = spec.search.trials if reduced or (not self.identifiable and stage == "search") else spec.search.confirm
         method = spec.search.method if reduced else "tpe"
-        drawn = method in ("tpe", "cma", "nsga2")
         margins = {name: limit for name, limit in self.constraints.items() if name in MARGINS}
-        evaluate: Any = LoopEvaluator(loop or self.loop, margins=margins)
+        evaluate: Evaluator = LoopEvaluator(loop or self.loop, margins=margins)
         if scenarios:
             evaluate = InScenarios(evaluate, tuple(scenarios), self.constraints)
         found = search(
             evaluate,
-            space,
+            {name: entry.parameter() for name, entry in space.items()},
             method=method,
-            trials=max(asked, 1),
+            trials=max(count, 1),
             cost=spec.cost,
             constraints=self.constraints,
-            start=starts[: max(asked // 2, 1)] if drawn else (),
+            start=starts[: max(count // 2, 1)] if method in ("tpe", "cma", "nsga2") else (),
             seed=spec.seed,
+            fidelity=fidelity,
             executor=self.executor,
-            workers=self.workers if fidelity == "plant" else 0,
+            workers=0 if reduced else self.workers,
             store=self.folder / f"{stage}.jsonl",
-            purpose={"study": self.key, "scenarios": [repr(one) for one in scenarios]},
-            progress=lambda done, total, left: self.tell(stage, done, total, left),
-            options={"fidelity": fidelity},
+            purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
+            progress=lambda done, total, left: self.progress(stage, done, total, left),
         )
         if not found.complete:
-            raise KeyboardInterrupt
+            raise StoppedError
         return found
 
-    def try_finer(self, design: Design) -> Candidate | None:
-        """A design at a finer step of the plant; None where nothing is known of the loop but its signals."""
-        return None if self.bare else self.candidate(design, LoopEvaluator(finer(self.loop))(design.gains))
-
-    def stands(self, gains: Mapping[str, float], scenarios: Sequence[Conditions], loop: LoopSpec | None = None) -> bool:
-        """Whether gains are stable in all of some scenarios."""
-        evaluate = LoopEvaluator(loop or self.loop)
-        for number, one in enumerate(scenarios):
-            self.tell("scenarios", number, len(scenarios), math.nan)
-            if evaluate(gains, one).status != "ok":
-                return False
-        return True
-
-    def shake(self, chosen: list[Candidate]) -> Robustness | None:
-        """The Monte Carlo; None if the study asks for none."""
-        given, ranges = self.spec.robustness, self.ranges
-        if not given.runs or not ranges:
+    def test_at_finer_step(self, design: Design) -> Candidate | None:
+        """Test a design at a finer step of the plant; None for a loop that is not identifiable."""
+        if not self.identifiable:
             return None
-        found = monte_carlo(
+        return self.candidate(design, LoopEvaluator(at_finer_step(self.loop))(design.gains))
+
+    def first_failure(
+        self, gains: Mapping[str, float], scenarios: Sequence[Conditions], loop: LoopSpec | None = None
+    ) -> Rejection | None:
+        """Return the first of some scenarios in which gains are not stable; None if they are in all."""
+        evaluate = LoopEvaluator(loop or self.loop)
+        for number, scenario in enumerate(scenarios):
+            self.progress("scenarios", number, len(scenarios), math.nan)
+            result = evaluate(gains, scenario)
+            if result.status != "ok":
+                return Rejection("scenario", conditions=scenario, reason=result.reason)
+        return None
+
+    def monte_carlo(self, candidates: Sequence[Candidate]) -> MonteCarlo | None:
+        """Run the Monte Carlo with candidates; None if the study has none.
+
+        Raises:
+            StoppedError: Ctrl-C.
+        """
+        if not self.draws:
+            return None
+        found = run_monte_carlo(
             LoopEvaluator(self.loop),
-            {one.design.name: one.design.gains for one in chosen},
-            ranges,
-            runs=given.runs,
+            {candidate.name: candidate.design.gains for candidate in candidates},
+            self.ranges,
+            runs=self.spec.robustness.runs,
             seed=self.spec.seed,
-            fidelity="plant",
             executor=self.executor,
             workers=self.workers,
             store=self.folder / "monte_carlo.jsonl",
             purpose={"study": self.key},
-            progress=lambda done, total, left: self.tell("robustness", done, total, left),
+            progress=lambda done, total, left: self.progress("robustness", done, total, left),
         )
         if not found.complete:
-            raise KeyboardInterrupt
+            raise StoppedError
         return found
 
-    def map(self, space: dict[str, dict[str, Any]], winner: Candidate) -> pd.DataFrame | None:
-        """Cost and stability over the first two gains, on the reduced model; the others as those of the best."""
-        if len(space) < 2 or self.bare:
+    def map(self, space: Space, winner: Candidate) -> pd.DataFrame | None:
+        """Return cost and stability over the first two gains, on the reduced model; None without a model."""
+        if len(space) < 2 or not self.identifiable:
             return None
-        names = list(space)[:2]
-        part = {}
-        margin = winner.trial.figures.get("gain_margin", math.nan)
-        times = max(4.0, min(1.6 * margin, 12.0)) if math.isfinite(margin) else 4.0  # so far that the edge is in it
-        for name in names:
-            value, entry = winner.design.gains[name], space[name]
-            high = min(max(times * value, 0.3 * entry["high"]), 3.0 * entry["high"])
-            low = max(high / 60.0, entry["low"]) if entry["scale"] == "log" else entry["low"]
-            part[name] = {"low": low, "high": high, "scale": entry["scale"]}
-        found = map_of_two_gains(
+        ranges = map_space(space, winner.design.gains, winner.trial.figures.get("gain_margin", math.nan))
+        return map_of_two_gains(
             LoopEvaluator(self.loop),
-            part,
+            {name: entry.parameter() for name, entry in ranges.items()},
             cost=self.spec.cost,
             constraints=self.constraints,
             count=MAP,
-            fixed={name: value for name, value in winner.design.gains.items() if name not in names},
+            fixed={name: value for name, value in winner.design.gains.items() if name not in ranges},
+            fidelity="reduced",
             store=self.folder / "map.jsonl",
             purpose={"study": self.key},
-            progress=lambda done, total, left: self.tell("map", done, total, left),
-            options={"fidelity": "reduced"},
+            progress=lambda done, total, left: self.progress("map", done, total, left),
         )
-        return found.table
 
 
-def rounded(gains: Mapping[str, float]) -> dict[str, float]:
-    """Gains with the digits that are reported."""
-    return {name: float(f"{value:.{DIGITS}g}") for name, value in gains.items()}
+def at_finer_step(loop: LoopSpec) -> LoopSpec:
+    """Return a loop at a finer step of the plant: that of a diagram that names none, or half of its own if smaller.
+
+    A long step damps what it does not resolve. Wheels that lose their grip for a moment are light, and gains that suit
+    the car may make them spin; at a long step that does not show.
+    """
+    step = min(PlantSpec().time_step, 0.5 * loop.time_step)
+    return replace(loop, diagram={**loop.diagram, "plant": {**loop.diagram["plant"], "time_step": step}})

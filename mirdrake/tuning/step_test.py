@@ -13,7 +13,7 @@ import scipy  # which imports its parts when they are first named
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator
-from mirdrake.tuning.processes import Process
+from mirdrake.tuning.process_models import Process
 
 Method = Literal["tangent", "area", "least_squares"]
 
@@ -50,7 +50,7 @@ def run_step_test(
     """Step the control of an open loop and record the measurement.
 
     Args:
-        process: the process, see :mod:`mirdrake.tuning.processes`.
+        process: the process, see :mod:`mirdrake.tuning.process_models`.
         period: its period [s].
         duration: time after the step [s].
         amplitude: height of the step [u].

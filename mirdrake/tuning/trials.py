@@ -1,15 +1,15 @@
-"""A candidate and what became of it, and all those of a search: which is best, and what is given up for what.
+"""Trials of a search: figures, cost, constraints and the best of them; reasons for the rejection of a candidate.
 
-A *cost* is a weighted sum of figures. A *constraint* bounds a figure from above, or from below where more of it is
-better (:data:`mirdrake.tuning.spec.AT_LEAST`). A candidate that is unstable, failed, breaks a constraint or has a cost
-that is not finite is never best; the sampler is told a finite violation instead, the worst for one that is unstable.
+A *cost* is a weighted sum of figures. A *constraint* is an upper bound of a figure, or a lower one if larger is better
+(:data:`mirdrake.tuning.spec.AT_LEAST`). A candidate that is unstable, failed, breaks a constraint or has a cost that is
+not finite is never the best; the sampler gets a finite violation instead, the largest one for an unstable candidate.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -17,29 +17,55 @@ import pandas as pd
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.studies.fronts import find_knee, pareto_front
 from mirdrake.studies.optimise import Point
-from mirdrake.tuning.spec import AT_LEAST
+from mirdrake.tuning.loops.base import Conditions, Evaluation, Status
+from mirdrake.tuning.spec import AT_LEAST, breaks_limit
 
 BROKEN, UNSTABLE = 1e9, 1e12
 """Violation of a constraint on a figure that is not finite, and that of an unstable or failed candidate [1]."""
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A candidate and what became of it.
+class Rejection:
+    """Reason why a candidate was rejected.
 
     Attributes:
-        number: from 0, in the order in which they were proposed.
+        check: ``test``: unstable or failed in the nominal test; ``constraint``: breaks a limit in it; ``scenario``: not
+            stable in one of the hardest conditions; ``finer_step``: not stable at a finer step of the plant;
+            ``monte_carlo``: not stable in a run.
+        figure: whose limit is broken; empty for other checks.
+        value: of the figure; None if it is undefined.
+        limit: of the figure.
+        run: number of the run of the Monte Carlo.
+        conditions: of the run or scenario.
+        reason: what happened, in one line; empty for a constraint.
+    """
+
+    check: Literal["test", "constraint", "scenario", "finer_step", "monte_carlo"]
+    figure: str = ""
+    value: float | None = None
+    limit: float | None = None
+    run: int | None = None
+    conditions: Conditions | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate and its evaluation.
+
+    Attributes:
+        number: from 0, in the order of the proposals.
         gains: by name.
         status: ok, unstable or failed.
         figures: by name; empty unless ok.
         cost: weighted sum; inf if a figure in it is not finite, or the status is not ok.
-        violation: 0 if all constraints hold; else by how much they do not, in parts of their limits, added.
+        violation: 0 if all constraints are met; otherwise the sum of the excesses, relative to the limits.
         reason: one line; empty if ok.
     """
 
     number: int
     gains: Point
-    status: str
+    status: Status
     figures: dict[str, float]
     cost: float
     violation: float
@@ -47,37 +73,38 @@ class Trial:
 
     @property
     def feasible(self) -> bool:
-        """Whether it is ok and all constraints hold."""
+        """Whether it is ok and meets all constraints."""
         return self.violation == 0.0 and math.isfinite(self.cost)
 
-    def verdict(self) -> dict[str, Any]:
-        """Cost, violation, feasible, status and reason, as the columns of a table."""
-        return {
-            "cost": self.cost,
-            "violation": self.violation,
-            "feasible": self.feasible,
-            "status": self.status,
-            "reason": self.reason,
-        }
+    def rejections(self, constraints: Mapping[str, float]) -> tuple[Rejection, ...]:
+        """Return the reasons of the nominal test to reject it; none if it is feasible."""
+        if self.status != "ok":
+            return (Rejection("test", reason=self.reason),)
+        values = {name: self.figures.get(name, math.nan) for name in constraints}
+        return tuple(
+            Rejection("constraint", name, finite(values[name]), limit)
+            for name, limit in constraints.items()
+            if breaks_limit(name, values[name], limit)
+        )
 
-    def values(self, names: Sequence[str]) -> list[float]:
-        """Figures to be made small: those of which more is better with the other sign; nan for unknown ones."""
+    def objectives(self, names: Sequence[str]) -> list[float]:
+        """Return figures to minimise, of which those where larger is better change sign; nan for unknown ones."""
         signs = [-1.0 if name in AT_LEAST else 1.0 for name in names]
         return [sign * self.figures.get(name, math.nan) for sign, name in zip(signs, names, strict=True)]
 
 
 @dataclass(frozen=True)
 class Trials:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
         trials: in the order of their numbers.
         gains: names.
         cost: weight of each figure in the cost.
         constraints: limit of each figure.
-        method: how the candidates were proposed.
-        seed: of what was drawn.
-        complete: whether all trials were made; not if Ctrl-C came before.
+        method: that proposed the candidates.
+        seed: of the random numbers.
+        complete: whether all trials were made; False after Ctrl-C.
     """
 
     trials: tuple[Trial, ...]
@@ -90,76 +117,88 @@ class Trials:
 
     @property
     def best(self) -> Trial | None:
-        """The feasible trial of the smallest cost; None if there is none."""
+        """The feasible trial with the smallest cost; None without a feasible one."""
         feasible = [trial for trial in self.trials if trial.feasible]
         return min(feasible, key=lambda trial: (trial.cost, trial.number), default=None)
 
+    @property
+    def leaders(self) -> list[Trial]:
+        """The five best stable trials, feasible ones first."""
+        ranked = sorted(self.trials, key=lambda trial: (trial.violation, trial.cost, trial.number))
+        return [trial for trial in ranked if trial.status == "ok"][:5]
+
     @cached_property
     def table(self) -> pd.DataFrame:
-        """A row a trial: number, the gains, the figures, cost, violation, feasible, status, reason."""
+        """A row per trial: number, the gains, the figures, cost, violation, feasible, status, reason."""
         names = dict.fromkeys(name for trial in self.trials for name in trial.figures)
         rows = [
-            {"number": trial.number, **trial.gains}
-            | {name: trial.figures.get(name, math.nan) for name in names}
-            | trial.verdict()
+            {
+                "number": trial.number,
+                **trial.gains,
+                **{name: trial.figures.get(name, math.nan) for name in names},
+                "cost": trial.cost,
+                "violation": trial.violation,
+                "feasible": trial.feasible,
+                "status": trial.status,
+                "reason": trial.reason,
+            }
             for trial in self.trials
         ]
         columns = ["number", *self.gains, *names, "cost", "violation", "feasible", "status", "reason"]
         return pd.DataFrame(rows, columns=columns)
 
     def front(self, figures: Sequence[str] | None = None) -> tuple[Trial, ...]:
-        """Feasible trials that no other feasible trial beats in one figure without being worse in another.
+        """Return the Pareto front of the feasible trials.
 
         Args:
-            figures: names; those of the cost if left out. Sorted by the first of them.
+            figures: names; by default those of the cost. Sorted by the first of them.
         """
-        names = self._named(figures)
-        feasible = [trial for trial in self.trials if trial.feasible and np.isfinite(trial.values(names)).all()]
-        kept = pareto_front(np.array([trial.values(names) for trial in feasible]).reshape(-1, len(names)))
-        return tuple(sorted((feasible[k] for k in kept), key=lambda trial: (*trial.values(names), trial.number)))
+        names = list(self.cost if figures is None else figures)
+        feasible = [trial for trial in self.trials if trial.feasible and np.isfinite(trial.objectives(names)).all()]
+        kept = pareto_front(np.array([trial.objectives(names) for trial in feasible]).reshape(-1, len(names)))
+        return tuple(sorted((feasible[k] for k in kept), key=lambda trial: (*trial.objectives(names), trial.number)))
 
     def knee(self, figures: Sequence[str] | None = None) -> Trial | None:
-        """The knee of the front, see :func:`find_knee`; None without a front."""
+        """Return the knee of the Pareto front, see :func:`find_knee`; None without a front."""
         front = self.front(figures)
-        if not front:
-            return None
-        names = self._named(figures)
-        return front[find_knee(np.array([trial.values(names) for trial in front]))]
-
-    def _named(self, figures: Sequence[str] | None) -> list[str]:
-        return list(self.cost if figures is None else figures)
+        names = list(self.cost if figures is None else figures)
+        return front[find_knee(np.array([trial.objectives(names) for trial in front]))] if front else None
 
 
-def judge(
+def make_trial(
     number: int,
     gains: Mapping[str, float],
-    record: Mapping[str, Any],
+    evaluation: Evaluation,
     cost: Mapping[str, float],
     constraints: Mapping[str, float],
 ) -> Trial:
-    """A trial from what its evaluation gave.
+    """Return the trial of an evaluation.
 
     Raises:
-        ConfigError: the evaluation knows no such figure.
+        ConfigError: the evaluation does not have a figure of the cost or the constraints.
     """
-    status, reason = str(record["status"]), str(record.get("reason", ""))
-    figures: dict[str, float] = dict(record.get("figures") or {})
-    if status != "ok":
-        return Trial(number, dict(gains), status, {}, math.inf, UNSTABLE, reason)
+    figures = evaluation.figures
+    if evaluation.status != "ok":
+        return Trial(number, dict(gains), evaluation.status, {}, math.inf, UNSTABLE, evaluation.reason)
     for what, names in (("cost", cost), ("constraints", constraints)):
         for name in names:
             if name not in figures:
-                raise ConfigError(f"{what}: no figure is called '{name}'; {did_you_mean(name, figures)}")
+                raise ConfigError(f"{what}: no figure '{name}'; {did_you_mean(name, figures)}")
     total = sum(weight * figures[name] for name, weight in cost.items() if weight)
-    broken = sum(_excess(name, figures[name], limit) for name, limit in constraints.items())
+    violation = sum(_excess(name, figures[name], limit) for name, limit in constraints.items())
     if not math.isfinite(total):
-        total, broken = math.inf, broken + BROKEN
-    return Trial(number, dict(gains), status, figures, total, broken, reason)
+        total, violation = math.inf, violation + BROKEN
+    return Trial(number, dict(gains), "ok", figures, total, violation, evaluation.reason)
 
 
 def _excess(name: str, value: float, limit: float) -> float:
-    """By how much a figure breaks its limit, in parts of the limit."""
-    over = limit - value if name in AT_LEAST else value - limit
-    if math.isnan(over):
+    """Return by how much a figure breaks its limit, relative to the limit."""
+    excess = limit - value if name in AT_LEAST else value - limit
+    if math.isnan(excess):
         return BROKEN
-    return min(max(over, 0.0) / (abs(limit) or 1.0), BROKEN)
+    return min(max(excess, 0.0) / (abs(limit) or 1.0), BROKEN)
+
+
+def finite(value: float) -> float | None:
+    """Return a number, or None if it is not finite."""
+    return float(value) if math.isfinite(value) else None

@@ -1,83 +1,96 @@
-"""The whole way of tuning a loop: identify, design, search, confirm, shake, accept.
+"""Tunes a loop end to end: identify, design, search, confirm on the plant, Monte Carlo, accept.
 
 ::
 
-    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► models ── make_designs ─► rules
-                                                                         │                         │ tried on the plant,
-                                                                         ▼                         ▼ shaken
-                 search on the reduced model ── refined on the plant, where rules have failed too ─► best ── Monte Carlo
+    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► model ── make_designs ─► candidates
+                                                                        │                        │ tested on the plant,
+                                                                        ▼                        ▼ Monte Carlo
+              search on the reduced model ── refined on the plant, in the draws that rules failed ─► best ── Monte Carlo
 
-The baseline ``published`` is 100, 0.01, 10 in the units of the joint: see :data:`mirdrake.tuning.spec.PUBLISHED`.
-The winner is tried at a finer step of the plant, too. If that says otherwise, and the study asks for no step, all is
-done again at the finer one. A study that was stopped goes on where it was when it is called again with the same folder.
+The best candidate is also tested at a finer step of the plant. If the result differs, and the study asks for no step,
+the study is repeated at the finer one. A study that was interrupted is resumed by a call with the same folder.
 """
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
 from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_errors, write_file
+from mirdrake.core.paths import installed_version
 from mirdrake.execution.worker_server import LOOP, start_server
-from mirdrake.tuning.check import check_study
-from mirdrake.tuning.designs import Design, make_designs, softer_designs
-from mirdrake.tuning.identify import Identified, check_identified, identify_loop
-from mirdrake.tuning.loops.evaluate import bench_of
-from mirdrake.tuning.loops.make import baseline_gains, finer, make_loop_spec
-from mirdrake.tuning.outcome import (
-    accept,
-    baseline_words,
-    candidate_data,
-    finer_data,
-    finer_notes,
-    frequency_table,
-    loop_data,
-    responses_table,
-    trials_table,
-    versions,
-)
+from mirdrake.tuning.acceptance import StepEffect, accept
+from mirdrake.tuning.check import baseline_gains, check_study
+from mirdrake.tuning.designs import Design, OmittedDesign, make_designs, slower_designs
+from mirdrake.tuning.identify import Identification, identify_loop
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
+from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.over_speed import tune_over_speed
-from mirdrake.tuning.result import TuningResult, load_result, plain, write_result
-from mirdrake.tuning.selection import Selection
-from mirdrake.tuning.space import known_starts, leaders_of, near_the_limits, search_space, space_around
+from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, plain, read_result, write_result
+from mirdrake.tuning.robustness import CornerTest
+from mirdrake.tuning.scenarios import corners
+from mirdrake.tuning.search_range import Space
+from mirdrake.tuning.selection import Knowledge, RuleChoice, Verification, beats_rule, choose_best, choose_rule
+from mirdrake.tuning.space import inside, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
-from mirdrake.tuning.stages import Progress, Stages
-from mirdrake.tuning.trials import Trials
+from mirdrake.tuning.stages import Candidate, Progress, Stages, StoppedError, at_finer_step
+from mirdrake.tuning.tables import frequency_table, responses_table, trials_table, with_grip
+from mirdrake.tuning.trials import Trial, Trials, finite
 
 STUDY = "study.json"
 
 ROUNDS = 2
-"""Searches on the plant at most; the second is around the best of the first, and knows where others have failed. If it
-was the finer step at which they failed, it is at that step, and around what stands there."""
-
+"""Searches on the plant at most. The second is around the best of the first, in draws that candidates have failed; if
+candidates failed at the finer step, it is at that step, around what is robust there."""
 
 FINE = "fine"
-"""Folder of the journals of what is done again at a finer step."""
+"""Folder of the journals of a study that is repeated at a finer step."""
+
+Tables = dict[str, pd.DataFrame]
 
 
-class Outcome(NamedTuple):
-    """What came of a study.
+@dataclass(frozen=True)
+class Designs:
+    """Candidates by design, tested on the plant.
 
     Attributes:
-        result: as tuning.json has it, but for the time it took.
-        tables: by the names of their files.
-        doubts: what a finer step of the plant says against the best gains.
+        baseline: gains to compare with.
+        tested: rules and loop shaping.
+        omitted: designs without a solution.
+        slower: further designs, not tested, if no rule is robust.
     """
 
-    result: dict[str, Any]
-    tables: dict[str, pd.DataFrame]
-    doubts: list[str]
+    baseline: Candidate
+    tested: tuple[Candidate, ...]
+    omitted: tuple[OmittedDesign, ...] = ()
+    slower: tuple[Design, ...] = ()
 
 
-class StoppedError(Exception):
-    """Ctrl-C; what is done is kept in the folder."""
+@dataclass(frozen=True)
+class SearchOutcome:
+    """Searches, and the best candidate of all.
+
+    Attributes:
+        space: ranges of the gains.
+        coarse: trials on the reduced model.
+        fine: trials on the plant, of each round.
+        best: None if no candidate meets the constraints.
+        known: results of the checks.
+    """
+
+    space: Space
+    coarse: Trials
+    fine: tuple[Trials, ...]
+    best: Candidate | None
+    known: Knowledge
 
 
 def tune(
@@ -92,15 +105,15 @@ def tune(
 
     Args:
         study: a tuning spec, its data or its file.
-        out: folder of the result; made. One of this very study that is not finished is taken up again.
-        executor: makes the trials, for example that of a Dask client; it is not shut down.
+        out: folder of the result; created. If it has an unfinished result of this study, that is resumed.
+        executor: makes the tests, such as that of a Dask client; it is not shut down.
         workers: processes if there is no executor; 0: this process; None: as many as cores. The result is the same.
         progress: see :data:`Progress`.
 
     Raises:
         ConfigError, ModelError, WorldError: the study, its vehicle or its world has faults.
         RunError: the folder belongs to something else, or the plant cannot be measured.
-        StoppedError: Ctrl-C; call again to go on.
+        StoppedError: Ctrl-C; call again to resume.
     """
     if executor is None and workers != 0:
         start_server(LOOP)
@@ -109,129 +122,212 @@ def tune(
     loop = make_loop_spec(spec)
     check_study(spec, loop)
     folder = Path(out)
-    data = spec.model_dump(mode="json")
-    key = digest_data(plain({"study": data, "loop": asdict(loop)}))
+    key = digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop)}))
     finished = _open(folder, key)
     if finished is not None:
         return finished
-    tell = progress or (lambda *_: None)
+    stages = Stages(spec, loop, folder, key, executor, workers, progress or (lambda *_: None))
     try:
-        outcome = _run(Stages(spec, loop, folder, key, executor, workers, tell), data)
-        if outcome.doubts and "time_step" not in spec.plant.model_fields_set:
-            outcome = _again(outcome, Stages(spec, loop, folder / FINE, key, executor, workers, tell), data)
-    except KeyboardInterrupt:
-        raise StoppedError(f"{folder}: stopped; call again to go on") from None
-    wall = round(time.monotonic() - began, 1)
-    return write_result(folder, plain(outcome.result | {"wall_s": wall}), outcome.tables)
-
-
-def _again(outcome: Outcome, stages: Stages, data: dict[str, Any]) -> Outcome:
-    """The same at the finer step at which gains that were found at the usual one have failed, or are other gains."""
-    with write_errors(stages.folder):
-        stages.folder.mkdir(exist_ok=True)
-    plant = stages.spec.plant.model_copy(update={"time_step": outcome.result["finer"]["steps"][1]})
-    stages.spec = stages.spec.model_copy(update={"plant": plant})
-    stages.loop = make_loop_spec(stages.spec)
-    fine = _run(stages, data)
-    fine.result["notes"] += [f"done again with a shorter step of the plant, since {one}" for one in outcome.doubts]
-    return fine
+        result, tables = _run(stages)
+        effect = result.step_effect
+        if effect is not None and effect.is_significant and "time_step" not in spec.plant.model_fields_set:
+            result, tables = _repeat(stages, result, effect)
+    except (KeyboardInterrupt, StoppedError):
+        raise StoppedError(f"{folder}: stopped; run it again to resume") from None
+    return write_result(replace(result, folder=folder, wall_s=round(time.monotonic() - began, 1)), tables)
 
 
 def _open(folder: Path, key: str) -> TuningResult | None:
-    """Make the folder or take it up; the result if it is finished.
+    """Create or resume the folder of a study; return its result if it is finished.
 
     Raises:
         RunError: it has something else in it.
     """
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        used = any(not entry.name.startswith(".") for entry in folder.iterdir())  # a kill may leave a file half written
+        used = any(not entry.name.startswith(".") for entry in folder.iterdir())  # a kill may leave a hidden part
     if not used:
         write_file(folder / STUDY, f'{{"key": "{key}"}}\n')
         return None
     file = folder / STUDY
     if not file.is_file() or key not in file.read_text(encoding="utf-8"):
-        raise RunError(f"{folder}: is not empty, and not of this very study; choose another folder")
-    return load_result(folder) if (folder / "tuning.json").is_file() else None
+        raise RunError(f"{folder}: is not empty and does not belong to this study; choose another folder")
+    return read_result(folder) if (folder / FILE).is_file() else None
 
 
-def _run(stages: Stages, data: dict[str, Any]) -> Outcome:
-    spec, bare = stages.spec, stages.bare
-    stages.tell("identification", 0, 1, math.nan)
-    found = Identified(stages.loop, ())
-    designs, softer = list[Design](), list[Design]()
-    notes = ["a loop known by its signals only: no model, no rules, no margins"]
-    if not bare:
-        found = identify_loop(bench_of(stages.loop))
-        check_identified(found)
-        stages.loop = found.spec
-        designs, notes = make_designs(found, max_sensitivity=min(max(spec.constraints.get("ms", 1.4), 1.1), 2.5))
-        softer = softer_designs(found)
-    base = Design("baseline", "baseline", baseline_words(spec, loop_of_signals=bare), baseline_gains(spec, stages.loop))
-    tried = stages.try_designs([base, *designs], "rules")
-    baseline = tried[0]
-    selection = Selection(stages, tried, softer)
-    rule = selection.best_rule()
+def _repeat(stages: Stages, coarse: TuningResult, effect: StepEffect) -> tuple[TuningResult, Tables]:
+    """Run a study again at the finer step at which its best gains fail or have other figures."""
+    folder = stages.folder / FINE
+    with write_errors(folder):
+        folder.mkdir(exist_ok=True)
+    plant = stages.spec.plant.model_copy(update={"time_step": effect.finer_step})
+    spec = stages.spec.model_copy(update={"plant": plant})
+    result, tables = _run(replace(stages, spec=spec, loop=make_loop_spec(spec), folder=folder))
+    return replace(result, repeated_for=effect, spec=coarse.spec, spec_sha256=coarse.spec_sha256), tables
 
-    # Search on the reduced model, then on the plant around the best.
-    known = tried if bare else tried[1:]
-    mild = near_the_limits(stages.loop, tried[1:], stages.constraints.get("ms", math.inf))
-    space = search_space(spec, stages.loop, [one.design.gains for one in mild])
-    coarse = stages.search(space, "plant" if bare else "reduced", known_starts(space, known), "search")
-    leaders = leaders_of(coarse)
-    near = space_around(space, leaders)
+
+def _run(stages: Stages) -> tuple[TuningResult, Tables]:
+    """Run all stages of a study; the result does not have a folder yet."""
+    found = _identify(stages)
+    stages = replace(stages, loop=found.loop)
+    designs = _design(stages, found)
+    choice = choose_rule(stages, [designs.baseline, *designs.tested], designs.slower)
+    outcome = _search(stages, designs, choice)
+
+    # The winner is the best candidate, or the nearest to the constraints if there is none.
+    tried = [designs.baseline, *designs.tested, *choice.added]
+    if outcome.best is not None and outcome.best not in tried:
+        tried.append(outcome.best)
+    winner = outcome.best or min(tried[1:] or tried, key=lambda candidate: candidate.rank)
+
+    # Monte Carlo of the candidates that are compared; it has the runs of the checks already.
+    compared = {candidate.name for candidate in (designs.baseline, choice.rule, winner, *choice.rejected) if candidate}
+    chosen = [candidate for candidate in tried if candidate.name in compared]
+    runs = stages.monte_carlo(chosen)
+    gain_map = stages.map(outcome.space, winner)
+    schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, outcome.known.hard)
+    known = outcome.known
+    if winner.name not in known.verified:  # it is not feasible
+        check = Verification(finer=stages.test_at_finer_step(winner.design))
+        known = replace(known, verified={**known.verified, winner.name: check})
+    effect = _step_effect(stages, known.verified[winner.name], winner)
+    criteria = accept(
+        designs.baseline,
+        choice.rule,
+        winner,
+        constraints=stages.constraints,
+        step_time=stages.loop.course.step_time,
+        monte_carlo=runs,
+        verified=known.verified,
+    )
+
+    data = stages.spec.model_dump(mode="json")
+    result = TuningResult(
+        name=stages.spec.name,
+        vehicle=stages.loop.diagram["vehicles"][stages.loop.vehicle]["model"],
+        spec=data,
+        spec_sha256=digest_data(plain(data)),
+        seed=stages.spec.seed,
+        versions={
+            "mirdrake": installed_version("mirdrake") or "",
+            "drake": version("drake"),
+            "numpy": version("numpy"),
+        },
+        loop=stages.loop,
+        candidates=tuple(_candidate_result(stages, known, candidate) for candidate in tried),
+        baseline=designs.baseline.name,
+        best=winner.name if winner.trial.feasible else None,
+        best_rule=choice.rule.name if choice.rule is not None else None,
+        cost=dict(stages.spec.cost),
+        constraints=stages.constraints,
+        experiments=found.experiments,
+        omitted=designs.omitted,
+        rejected=tuple(trial for trial in known.rejected if trial.cost < winner.trial.cost),
+        step_effect=effect,
+        schedule=schedule,
+        robustness=None if runs is None else runs.summary(_corner_tests(stages, chosen)),
+        acceptance=(*criteria, *schedule_criteria),
+    )
+    trials = trials_table(outcome.coarse, outcome.fine, limits=stages.constraints, coarse_on=stages.first_fidelity)
+    tables = {"responses": responses_table(tried), "trials": trials}
+    tables |= {"frequency": frequency_table(stages.loop, chosen)} if stages.identifiable else {}
+    tables |= {} if gain_map is None else {"map": gain_map}
+    tables |= {} if runs is None else {"monte_carlo": with_grip(runs.table, stages.loop, stages.draws)}
+    return result, tables
+
+
+def _identify(stages: Stages) -> Identification:
+    """Identify the loop; a loop of signals stays without a model."""
+    stages.progress("identification", 0, 1, math.nan)
+    if not stages.identifiable:
+        return Identification(stages.loop)
+    return identify_loop(plant_bench(stages.loop))
+
+
+def _design(stages: Stages, found: Identification) -> Designs:
+    """Make all designs and test them, with the baseline, on the plant."""
+    made: tuple[Design, ...] = ()
+    omitted: tuple[OmittedDesign, ...] = ()
+    slower: tuple[Design, ...] = ()
+    if stages.identifiable:
+        bound = min(max(stages.spec.constraints.get("ms", 1.4), 1.1), 2.5)
+        made, omitted = make_designs(found, max_sensitivity=bound)
+        slower = slower_designs(found)
+    base = Design("baseline", "baseline", baseline_gains(stages.spec, stages.loop))
+    baseline, *tested = stages.test([base, *made], "rules")
+    return Designs(baseline, tuple(tested), omitted, slower)
+
+
+def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutcome:
+    """Search on the reduced model, then on the plant around the best, and choose the best candidate."""
+    tried = [designs.baseline, *designs.tested, *choice.added]
+    rules = [candidate.design.gains for candidate in tried[1:]]
+    known_gains = rules if stages.identifiable else [candidate.design.gains for candidate in tried]
+    max_sensitivity = stages.constraints.get("ms", math.inf)
+    space = search_space(stages.spec, stages.loop, rules, max_sensitivity)
+    coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search")
+
+    near = space_around(space, coarse.leaders)
+    starts = inside(near, [*_gains(coarse.leaders), *known_gains])
     fine: list[Trials] = []
-    best, fine_loop = None, None
-    starts = known_starts(near, leaders, known)
+    best, known, loop = None, choice.known, None
     for count in range(ROUNDS):
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
-        fine.append(stages.search(near, "plant", starts, stage, loop=fine_loop, scenarios=selection.hard))
-        best = selection.best(fine)
-        if best is None or (selection.good(best, rule) and not selection.lost_at_finer):
+        fine.append(stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard))
+        best, known = choose_best(stages, known, tried, fine)
+        if best is None:
             break
-        around = leaders_of(fine[-1]) or leaders
-        if selection.lost_at_finer:
-            around, fine_loop = [one.trial for one in (best, rule) if one is not None], finer(stages.loop)
-        near = space_around(space, around)
-        starts = known_starts(near, around)
-    tried += [best] if best is not None and best not in tried else []
-    winner = min(tried[1:] or tried, key=lambda one: one.rank) if best is None else best
+        beaten, known = beats_rule(stages, known, best, choice.rule)
+        if beaten and not known.lost_at_finer_step:
+            break
 
-    # Robustness, map, open loops, gains over speed.
-    shaken = {id(one) for one in (baseline, rule, winner, *selection.fallen_rules)}
-    chosen = [one for one in tried if id(one) in shaken]
-    robust = stages.shake(chosen)
-    gain_map = stages.map(space, winner)
-    scheduled = tune_over_speed(stages, space, winner, selection.hard)
-    trials = trials_table(coarse, *fine, limits=stages.constraints, coarse_on="plant" if bare else "reduced")
-    tables = {"responses": responses_table(tried), "trials": trials}
-    tables |= {} if bare else {"frequency": frequency_table(stages.loop, chosen)}
-    tables |= {} if gain_map is None else {"map": gain_map}
-    tables |= {} if robust is None else {"monte_carlo": selection.with_grip(robust.table)}
-    confirmed = selection.finer(winner)
-    fine_step = None if confirmed is None else finer_data(stages.loop, confirmed)
-    notes += selection.notes(winner)
-    doubts = [] if fine_step is None else finer_notes(fine_step, winner.trial.figures)
-    notes += doubts
-    rows = accept(baseline, rule, winner, robust, stages.constraints, stages.loop.course, at_finer=selection.at_finer)
-    result = {
-        "name": spec.name,
-        "vehicle": stages.loop.diagram["vehicles"][stages.loop.vehicle]["model"],
-        "spec": data,
-        "spec_sha256": digest_data(plain(data)),
-        "seed": spec.seed,
-        "versions": versions(),
-        "loop": loop_data(stages.loop),
-        "models": [asdict(model) for model in found.models],
-        "notes": [*notes, *scheduled.notes],
-        "candidates": [candidate_data(one) for one in tried],
-        "baseline": baseline.design.name,
-        "best": winner.design.name if winner.trial.feasible else None,
-        "best_rule": rule.design.name if rule is not None else None,
-        "finer": fine_step,
-        "schedule": scheduled.rows,
-        "schedule_check": scheduled.check,
-        "robustness": None if robust is None else robust.data() | {"corners": selection.corners(chosen)},
-        "acceptance": [*rows, *scheduled.acceptance],
-    }
-    return Outcome(result, tables, doubts)
+        # The next round is around the best trials, or around what is robust at the finer step.
+        around = fine[-1].leaders or coarse.leaders
+        if known.lost_at_finer_step:
+            around = [candidate.trial for candidate in (best, choice.rule) if candidate is not None]
+            loop = at_finer_step(stages.loop)
+        near = space_around(space, around)
+        starts = inside(near, _gains(around))
+    return SearchOutcome(space, coarse, tuple(fine), best, known)
+
+
+def _gains(trials: Sequence[Trial]) -> list[dict[str, float]]:
+    return [trial.gains for trial in trials]
+
+
+def _step_effect(stages: Stages, check: Verification, winner: Candidate) -> StepEffect | None:
+    """Return the effect of a finer step of the plant on the winner; None for a loop of signals."""
+    finer = check.finer
+    if finer is None:
+        return None
+    steps = stages.loop.time_step, at_finer_step(stages.loop).time_step
+    usual, changed = _defined(winner.trial.figures), _defined(finer.trial.figures)
+    return StepEffect(*steps, usual, changed, finer.trial.status, finer.trial.reason)
+
+
+def _candidate_result(stages: Stages, known: Knowledge, candidate: Candidate) -> CandidateResult:
+    """Return a candidate as it is reported, with all reasons to reject it."""
+    design, trial = candidate.design, candidate.trial
+    check = known.verified.get(candidate.name)
+    rejections = trial.rejections(stages.constraints) + (() if check is None else check.rejections)
+    return CandidateResult(
+        design.name, design.kind, design.gains, trial.status, _defined(trial.figures), finite(trial.cost),
+        trial.feasible, design.rule, design.parameter, trial.reason, rejections,
+    )  # fmt: skip
+
+
+def _corner_tests(stages: Stages, chosen: Sequence[Candidate]) -> dict[str, tuple[CornerTest, ...]]:
+    """Test candidates at corners of the ranges, which are harder than nearly every draw."""
+    if not stages.identifiable:
+        return {}
+    evaluate = LoopEvaluator(stages.loop)
+    tests: dict[str, tuple[CornerTest, ...]] = {}
+    for candidate in chosen:
+        rows = [(corner, evaluate(candidate.design.gains, corner)) for corner in corners(stages.ranges)]
+        tests[candidate.name] = tuple(CornerTest(corner, row.status, row.reason) for corner, row in rows)
+    return tests
+
+
+def _defined(figures: Mapping[str, float]) -> dict[str, float]:
+    """Return the figures that are not nan."""
+    return {name: float(value) for name, value in figures.items() if not math.isnan(value)}

@@ -1,7 +1,7 @@
-"""What every loop to tune has in common: its data, the conditions it is tried in, and what a trial gives.
+"""Data of a loop to tune, the conditions of a test, and the result of an evaluation.
 
-The search, the sweeps and the Monte Carlo only know :class:`Evaluator`: a call that can be pickled, that takes gains by
-name, conditions and a fidelity, and whose answer is an :class:`Evaluation`, whatever happens.
+Search and Monte Carlo know a loop only as an :class:`Evaluator`: a call that can be pickled, takes gains, conditions
+and a fidelity, and always returns an :class:`Evaluation`.
 """
 
 import math
@@ -11,20 +11,22 @@ from typing import Any, Literal, Protocol
 
 import pandas as pd
 
+from mirdrake.tuning.models import TransferFunction
+
 Fidelity = Literal["reduced", "plant"]
 Status = Literal["ok", "unstable", "failed"]
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What may differ from the nominal loop in one trial; all of it is changed in a Context, nothing is built.
+    """Deviations from the nominal loop in one test; they are written to a Context, nothing is rebuilt.
 
     Attributes:
-        mass: factor on mass and inertia of all bodies of the vehicle [1]; its controllers do not know.
-        friction: of the road [1]; None: the nominal one.
-        delay: of the actuator, from the controller to the joint or pedal [s]; None: the nominal one.
+        mass: factor on mass and inertia of all bodies of the vehicle, not known to its controllers [1].
+        friction: of the road [1]; None: nominal.
+        delay: of the actuator, from the controller to the joint or pedal [s]; None: nominal.
         grade: of the road, positive uphill [rad].
-        noise: standard deviation of the measurement [y], new in every period of the controller.
+        noise: standard deviation of the measurement, drawn anew in every period of the controller [y].
         seed: of the noise.
     """
 
@@ -35,8 +37,8 @@ class Conditions:
     noise: float = 0.0
     seed: int = 0
 
-    def data(self) -> dict[str, float]:
-        """As numbers; nan for what is nominal."""
+    def numbers(self) -> dict[str, float]:
+        """Return the conditions by name; nan for nominal ones."""
         return {name: math.nan if value is None else float(value) for name, value in asdict(self).items()}
 
 
@@ -45,14 +47,13 @@ NOMINAL = Conditions()
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a set of gains does.
+    """Result of testing a set of gains.
 
     Attributes:
-        status: ok; unstable: it diverged, or still swings at the end; failed: it could not be tried.
-        figures: by name: those of :class:`mirdrake.tuning.figures.Figures` with ``overshoot_percent`` for overshoot,
-            and nominal margins ``ms``, ``mt``, ``gain_margin``, ``phase_margin_deg``, ``delay_margin_s``,
-            ``disk_margin`` where a model of the loop is known. Empty unless ok.
-        response: columns t [s], reference [y], output [y], effort [u]; None where it was not asked for.
+        status: ok; unstable: diverged, or still oscillating at the end; failed: could not be tested.
+        figures: by name: those of :class:`mirdrake.tuning.figures.Figures`, with ``overshoot_percent`` for overshoot,
+            and the nominal margins in :data:`mirdrake.tuning.spec.MARGINS` if a model is known. Empty unless ok.
+        response: columns t [s], reference [y], output [y], effort [u]; None if it was not asked for.
         reason: one line; empty if ok.
     """
 
@@ -63,58 +64,124 @@ class Evaluation:
 
 
 class Evaluator(Protocol):
-    """Tries gains; can be pickled."""
+    """Callable that tests gains and can be pickled."""
 
     def __call__(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
     ) -> Evaluation:
-        """Try gains; never raises but for Ctrl-C."""
+        """Test gains; raises nothing but KeyboardInterrupt."""
         ...
 
 
 @dataclass(frozen=True)
-class LoopSpec:
-    """A loop as plain data, so that a worker can build it; made by :func:`mirdrake.tuning.loops.make_loop_spec`.
+class Gain:
+    """Gain of a loop.
 
     Attributes:
-        kind: wheel_speed, steering, speed, path or diagram.
-        diagram: data of the diagram to build, with the loop's blocks in it.
+        unit: its unit.
+        path: dotted path in control.yaml; empty for a gain of a diagram.
+    """
+
+    unit: str = ""
+    path: str = ""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Test manoeuvre: a step of the set-point and a later load.
+
+    Attributes:
+        step: of the set-point [y].
+        step_time: of the step [s].
+        load: added to the effort from `load_time` on [u].
+        load_time: of the load [s].
+        duration: of the test [s].
+        speed: of the car before the step [m/s].
+    """
+
+    step: float
+    step_time: float
+    load: float
+    load_time: float
+    duration: float
+    speed: float = 0.0
+
+
+@dataclass(frozen=True)
+class LoopModel:
+    """Identified model of a loop, sufficient to simulate it without the plant.
+
+    Attributes:
+        plants: transfer functions from effort to measurement, without the hold of the effort: ``main``, and for a
+            steering loop ``apart``, of the two wheels against each other.
+        scale: measurement per output [1].
+        start: output before the step [y].
+        rise: largest slope of the set-point [y/s].
+        fall: largest downward slope of the set-point [y/s].
+        feedforward: effort per slope of the set-point [u s/y].
+        weight: effort that would lift the whole weight of the car [u].
+        drag: effort that keeps the output constant [u].
+        limit: of the effort [u]; None: unlimited.
+        mass_acts: whether the mass of the car is the inertia of the loop.
+    """
+
+    plants: dict[str, TransferFunction]
+    scale: float = 1.0
+    start: float = 0.0
+    rise: float = math.inf
+    fall: float = math.inf
+    feedforward: float = 0.0
+    weight: float = 0.0
+    drag: float = 0.0
+    limit: float | None = None
+    mass_acts: bool = True
+
+
+@dataclass(frozen=True)
+class LoopSpec:
+    """A loop as plain data, from which a worker process can build it.
+
+    Attributes:
+        kind: a name in :data:`mirdrake.tuning.loops.registry.LOOP_KINDS`.
+        diagram: data of the diagram to build, including the blocks of the test bench.
         vehicle: name of the vehicle in it.
-        gains: unit of each gain, by name.
-        paths: dotted path of each gain in control.yaml; empty for a loop of a user's diagram.
-        settings: other entries of control.yaml that the gains need, by dotted path.
-        reference, output, effort: names of the signals.
-        output_unit, effort_unit: their units.
-        course: reference, load and duration of the trial.
-        models: models of the loop, known after its identification; the reduced fidelity needs one.
-        nominal: delay [s] and friction [1] of the nominal conditions.
-        options: what a kind needs besides.
+        gains: gains to tune, by name.
+        reference: signal of the set-point, or its constant value.
+        output: controlled signal.
+        effort: control signal.
+        output_unit: unit of the output.
+        effort_unit: unit of the effort.
+        course: test manoeuvre.
+        period: of the controller [s]; None for a loop of signals.
+        settings: further entries of control.yaml that the gains need, by dotted path.
+        filter_time: of the derivative [s].
+        delay: nominal delay of the actuator [s].
+        friction: nominal friction of the road [1]; None if it is not the same everywhere.
+        noisy: whether the bench has a block that adds noise to the measurement.
+        present: gains that the diagram has now; only known for loops of signals.
+        model: None before the identification.
     """
 
     kind: str
     diagram: dict[str, Any]
     vehicle: str
-    gains: dict[str, str]
-    paths: dict[str, str]
-    settings: dict[str, Any]
-    reference: str
+    gains: dict[str, Gain]
+    reference: str | float
     output: str
     effort: str
     output_unit: str
     effort_unit: str
-    course: dict[str, Any]
-    nominal: dict[str, float]
-    models: dict[str, Any] = field(default_factory=dict)
-    options: dict[str, Any] = field(default_factory=dict)
+    course: Course
+    period: float | None = None
+    settings: dict[str, float | str] = field(default_factory=dict)
+    filter_time: float = 0.0
+    delay: float = 0.0
+    friction: float | None = None
+    noisy: bool = False
+    present: dict[str, float] = field(default_factory=dict)
+    model: LoopModel | None = None
 
-
-class Loop(Protocol):
-    """A built loop."""
-
-    spec: LoopSpec
-
-    def evaluate(
-        self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
-    ) -> Evaluation:
-        """Try gains."""
-        ...
+    @property
+    def time_step(self) -> float:
+        """Time step of the plant [s]."""
+        return float(self.diagram["plant"]["time_step"])

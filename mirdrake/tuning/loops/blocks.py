@@ -1,6 +1,6 @@
-"""Blocks that a bench puts between a control unit and its plant: a late actuator with a load, and a noisy sensor.
+"""Blocks between a control unit and its plant on a test bench: a delayed actuator with a load, and a noisy sensor.
 
-What they do is set in the Context, so that nothing is built for another delay or noise.
+Delay, load and noise are values in the Context, so that nothing is rebuilt to change them.
 """
 
 import math
@@ -15,24 +15,24 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.tuning.models import Floats
 
 LONGEST = 0.5
-"""Longest delay of a :class:`LateActuator` [s]."""
+"""Longest delay of a :class:`DelayedActuator` [s]."""
 
 
-class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """An actuator that acts late, with a disturbance before and a load behind it.
+class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """An actuator with a delay, an excitation before it and a load after it.
 
-    Without delay the input passes through. With ``n + f`` periods of delay, f below 1, the output is that of a control
-    held for a period, averaged over the period: ``(1 - f) u[k - n] + f u[k - n - 1]``.
+    Without delay the input passes through. With a delay of ``n + f`` periods, f below 1, the output is the delayed
+    control, which is held for a period, averaged over the period: ``(1 - f) u[k - n] + f u[k - n - 1]``.
 
     Input port:
-        u (size): controls, held over a period by whoever gives them.
+        u (size): controls, constant during a period.
     Output port:
-        y (size): ``late(u + excitation) + load``.
+        y (size): ``delayed(u + excitation) + load``.
 
-    Parameters of the Context: 0: delay [s]; 1: excitation (size) [u], then load (size) [u]. All may change while it
-    runs: excitation and load act from the next update on.
+    Parameters of the Context: 0: delay [s]; 1: excitation (size) [u], then load (size) [u]. They may change during a
+    simulation: excitation and load act from the next update on.
 
-    State: discrete, excitation and load in force, then the controls of the last periods, newest first.
+    State: discrete; active excitation and load, then the controls of the past periods, newest first.
 
     Args:
         size: number of controls.
@@ -42,7 +42,7 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
     def __init__(self, size: int, period: float) -> None:
         super().__init__()
         self.size = int(size)
-        self.period = check_number("LateActuator", "period", period, unit="s", above=0.0)
+        self.period = check_number("DelayedActuator", "period", period, unit="s", above=0.0)
         rows = math.ceil(LONGEST / self.period) + 2
         self.u = self.DeclareVectorInputPort("u", self.size)
         self._delay = self.DeclareNumericParameter(BasicVector([0.0]))
@@ -57,20 +57,20 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update)
 
     def set_delay(self, context: Context, delay: float) -> None:
-        """Write the delay [s] into a Context of this system.
+        """Write the delay [s] to a Context of this system.
 
         Raises:
             ConfigError: negative, or longer than :data:`LONGEST`.
         """
-        check_number("LateActuator", "delay", delay, unit="s", at_least=0.0, at_most=LONGEST)
+        check_number("DelayedActuator", "delay", delay, unit="s", at_least=0.0, at_most=LONGEST)
         context.get_mutable_numeric_parameter(self._delay).SetAtIndex(0, delay)
 
-    def excite(self, context: Context, values: list[float]) -> None:
-        """Write what is added to the controls, before the delay."""
+    def set_excitation(self, context: Context, values: list[float]) -> None:
+        """Write the addition to the controls, before the delay."""
         context.get_mutable_numeric_parameter(self._force).get_mutable_value()[: self.size] = values
 
-    def load(self, context: Context, values: list[float]) -> None:
-        """Write what is added behind the delay."""
+    def set_load(self, context: Context, values: list[float]) -> None:
+        """Write the addition after the delay."""
         context.get_mutable_numeric_parameter(self._force).get_mutable_value()[self.size :] = values
 
     def _calc(self, context: Context, output: BasicVector) -> None:
@@ -79,11 +79,11 @@ class LateActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
         periods = context.get_numeric_parameter(self._delay).value().item() / self.period
         whole = math.floor(periods + 1e-9)
         part = max(periods - whole, 0.0)
-        at = (1 + whole) * n  # the newest past control is at 2 n
-        late = memory[at : at + n] if whole else self.u.Eval(context) + memory[:n]
+        start = (1 + whole) * n  # the newest past control is at 2 n
+        delayed = memory[start : start + n] if whole else self.u.Eval(context) + memory[:n]
         if part:
-            late = (1.0 - part) * late + part * memory[at + n : at + 2 * n]
-        output.SetFromVector(late + memory[n : 2 * n])
+            delayed = (1.0 - part) * delayed + part * memory[start + n : start + 2 * n]
+        output.SetFromVector(delayed + memory[n : 2 * n])
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         n = self.size
@@ -99,14 +99,14 @@ class NoisySensor(LeafSystem):  # type: ignore[misc, unused-ignore]
     Input port:
         u (size).
     Output port:
-        y (size): u, and at each of `places` the noise of the present period.
+        y (size): u, plus the noise of the present period on the noisy elements.
 
-    Abstract parameter 0 of the Context: the places, and the noise of every period, shape (n,); the last one holds on.
-    No numbers: none.
+    Abstract parameter 0 of the Context: indices of the noisy elements, and the noise of every period, shape (n,), of
+    which the last value is held. An empty array: no noise.
 
     Args:
         size: of the vector.
-        period: time for which a noise holds [s].
+        period: time for which a value of the noise is held [s].
     """
 
     def __init__(self, size: int, period: float) -> None:
@@ -116,20 +116,20 @@ class NoisySensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._noise = self.DeclareAbstractParameter(Value[object](([], np.zeros(0))))
         self.y = self.DeclareVectorOutputPort("y", self.size, self._calc)
 
-    def set_noise(self, context: Context, places: list[int], noise: Floats) -> None:
-        """Write into a Context of this system which elements are noisy, and the noise of every period.
+    def set_noise(self, context: Context, elements: list[int], noise: Floats) -> None:
+        """Write the noisy elements and the noise of every period to a Context of this system.
 
         Raises:
-            ConfigError: a place outside of the vector.
+            ConfigError: an index outside of the vector.
         """
-        if any(not 0 <= place < self.size for place in places):
-            raise ConfigError(f"NoisySensor: places must be from 0 to {self.size - 1}")
-        context.get_mutable_abstract_parameter(self._noise).set_value((list(places), noise))
+        if any(not 0 <= element < self.size for element in elements):
+            raise ConfigError(f"NoisySensor: indices must be from 0 to {self.size - 1}")
+        context.get_mutable_abstract_parameter(self._noise).set_value((list(elements), noise))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         values = self.u.Eval(context)
-        places, noise = context.get_abstract_parameter(self._noise).get_value()
+        elements, noise = context.get_abstract_parameter(self._noise).get_value()
         if len(noise):
             values = values.copy()
-            values[places] += noise[min(int(context.get_time() / self.period + 1e-6), len(noise) - 1)]
+            values[elements] += noise[min(int(context.get_time() / self.period + 1e-6), len(noise) - 1)]
         output.SetFromVector(values)

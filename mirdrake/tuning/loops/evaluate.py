@@ -1,70 +1,78 @@
-"""Trials of gains, in whatever process: a bench is built once a process and loop, and kept."""
+"""Evaluation of gains in any process; a test bench is built once per process and loop, and kept."""
 
 import json
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.execution.job import one_line
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
+from mirdrake.tuning.loops.kind import Bench
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
-from mirdrake.tuning.spec import AT_LEAST
+from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.spec import breaks_limit
 
 KEPT = 3
-"""Benches that a process keeps."""
+"""Test benches that a thread keeps."""
 
 
-class _Here(threading.local):
+class _Benches(threading.local):
     def __init__(self) -> None:
-        self.benches: OrderedDict[str, Any] = OrderedDict()
+        self.by_key: OrderedDict[str, Bench] = OrderedDict()
 
 
-_here = _Here()
+_benches = _Benches()
 
 
-def bench_of(spec: LoopSpec) -> Any:
-    """The bench of a loop, built unless this thread has it."""
-    key = json.dumps([spec.kind, spec.diagram, spec.options.get("signals")], sort_keys=True)
-    bench = _here.benches.pop(key, None)
+def _key(spec: LoopSpec) -> str:
+    """Return what a bench is built from; loops that differ in course or model share it."""
+    return json.dumps([spec.kind, spec.diagram, spec.reference, spec.output, spec.effort], sort_keys=True)
+
+
+def bench_of(spec: LoopSpec) -> Bench:
+    """Return the bench of a loop; it is built unless this thread has it."""
+    key = _key(spec)
+    bench = _benches.by_key.pop(key, None)
     if bench is None:
-        while len(_here.benches) >= KEPT:
-            _here.benches.popitem(last=False)
-        if spec.kind in ("diagram", "path"):
-            from mirdrake.tuning.loops.signals import SignalBench
-
-            bench = SignalBench(spec)
-        else:
-            bench = PlantBench(spec)
+        while len(_benches.by_key) >= KEPT:
+            _benches.by_key.popitem(last=False)
+        bench = LOOP_KINDS[spec.kind].make_bench(spec)
     bench.spec = spec
-    _here.benches[key] = bench
+    _benches.by_key[key] = bench
+    return bench
+
+
+def plant_bench(spec: LoopSpec) -> PlantBench:
+    """Return the bench of a loop of a vehicle.
+
+    Raises:
+        ConfigError: it is a loop of signals.
+    """
+    bench = bench_of(spec)
+    if not isinstance(bench, PlantBench):
+        raise ConfigError(f"a loop of kind '{spec.kind}' has no bench of the plant")
     return bench
 
 
 def forget_bench(spec: LoopSpec) -> None:
-    """Drop the bench of a loop, which may be in any state."""
-    key = json.dumps([spec.kind, spec.diagram, spec.options.get("signals")], sort_keys=True)
-    _here.benches.pop(key, None)
-
-
-def _breaks(name: str, value: float, limit: float) -> bool:
-    return not (value >= limit if name in AT_LEAST else value <= limit)
+    """Discard the bench of a loop, whose state is not known after an error."""
+    _benches.by_key.pop(_key(spec), None)
 
 
 @dataclass(frozen=True)
 class LoopEvaluator:
-    """Tries gains on a loop; see :class:`mirdrake.tuning.loops.base.Evaluator`. Can be pickled.
+    """Tests gains on a loop; see :class:`mirdrake.tuning.loops.base.Evaluator`. Can be pickled.
 
     Attributes:
         spec: the loop.
         keep: whether evaluations keep their responses.
-        margins: limits of margins by name. The plant is not troubled with gains that break one on the model, which no
-            run can mend: they are answered by the reduced model.
+        margins: limits of margins by name. Gains that break one of them on the model, which no test can change, are
+            evaluated on the reduced model, to save the time of the plant.
     """
 
     spec: LoopSpec
@@ -74,27 +82,24 @@ class LoopEvaluator:
     def __call__(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
     ) -> Evaluation:
-        """Try gains; whatever happens is the answer."""
+        """Test gains; every failure is an evaluation."""
         try:
             with np.errstate(all="ignore"):
-                if not all(np.isfinite(value) for value in gains.values()):
-                    found = Evaluation("unstable", reason="a gain is not finite")
-                elif fidelity == "reduced":
-                    found = run_reduced(self.spec, gains, conditions)
-                else:
-                    margins = find_loop_margins(self.spec, gains)
-                    if any(_breaks(name, margins[name], limit) for name, limit in self.margins.items()):
-                        found = run_reduced(self.spec, gains, conditions)
-                    else:
-                        found = bench_of(self.spec).run(gains, conditions, margins=margins)
+                result = self._evaluate(gains, conditions, fidelity)
         except MirdrakeError as error:
             forget_bench(self.spec)
-            found = Evaluation("failed", reason=str(error).splitlines()[0])
+            result = Evaluation("failed", reason=str(error).splitlines()[0])
         except Exception as error:
             forget_bench(self.spec)
-            found = Evaluation("failed", reason=one_line(error))
-        return found if self.keep else replace(found, response=None)
+            result = Evaluation("failed", reason=one_line(error))
+        return result if self.keep else replace(result, response=None)
 
-    def digest(self) -> dict[str, Any]:
-        """What decides on the outcome, as plain data."""
-        return asdict(self.spec)
+    def _evaluate(self, gains: Mapping[str, float], conditions: Conditions, fidelity: Fidelity) -> Evaluation:
+        if not all(np.isfinite(value) for value in gains.values()):
+            return Evaluation("unstable", reason="a gain is not finite")
+        if fidelity == "reduced":
+            return run_reduced(self.spec, gains, conditions)
+        margins = find_loop_margins(self.spec, gains)
+        if any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
+            return run_reduced(self.spec, gains, conditions)
+        return bench_of(self.spec).run(gains, conditions, margins=margins)

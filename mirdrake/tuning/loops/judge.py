@@ -1,25 +1,24 @@
-"""From a response to its figures, and whether the loop is stable."""
+"""Figures of a test from its response, and whether the loop is stable."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from mirdrake.core.pid import NO_LIMITS, PidLimits
 from mirdrake.tuning.figures import response_figures
-from mirdrake.tuning.loops.base import Evaluation
+from mirdrake.tuning.loops.base import Course, Evaluation
 from mirdrake.tuning.models import Floats
 
-SWING = 0.1
-"""A loop is unstable if its error swings at the end by more than this part of the step, root mean square."""
+OSCILLATION = 0.1
+"""A loop is unstable if the oscillation of its error at the end has a larger RMS than this fraction of the step."""
 
-AWAY = 10.0
-"""A loop is unstable if its error grows beyond so many steps."""
+DIVERGED = 10.0
+"""A loop is unstable if its error exceeds so many steps."""
 
-DYING = 0.6
-"""A swing that has shrunk to this part from one quarter of the time to the next dies out."""
+DECAY = 0.6
+"""An oscillation decays if its RMS in the last quarter of the test is below this fraction of that in the third."""
 
 
 def judge(
@@ -28,53 +27,56 @@ def judge(
     output: Floats,
     effort: Floats,
     *,
-    course: dict[str, Any],
+    course: Course,
     limits: PidLimits = NO_LIMITS,
     noise: float = 0.0,
-    margins: dict[str, float] | None = None,
+    margins: Mapping[str, float] = MappingProxyType({}),
     others: Mapping[str, Floats] = MappingProxyType({}),
 ) -> Evaluation:
-    """Figures of a trial.
+    """Evaluate the response of a test.
 
     Costs are taken from the step to the end; overshoot, rise and settling from the step to the load, the steady error
-    over the last tenth before the load. The loop is unstable if a number is not finite, if the error leaves ten steps,
-    or if, without its straight line, it swings over the last quarter of the time by more than :data:`SWING` of the
-    step, noise aside, and the swing does not die out. Of `others` the swing counts alike: where the wheels of a car
-    slip in turns its speed is smooth.
+    over the last tenth before the load. The loop is unstable if a number is not finite, if the error exceeds ten steps,
+    or if its oscillation about a straight line in the last quarter of the time has an RMS above :data:`OSCILLATION` of
+    the step, apart from noise, and does not decay. The same holds for `others`: the speed of a car is smooth even if
+    its wheels slip in turns.
 
     Args:
         t: [s], shape (n,).
         reference: [y], shape (n,).
         output: [y], shape (n,).
         effort: [u], shape (n,).
-        course: see :func:`mirdrake.tuning.loops.make.make_course`.
+        course: the test manoeuvre.
         limits: of the effort.
         noise: standard deviation of the measurement [y].
-        margins: figures to add.
-        others: signals that must not swing either [y], each of shape (n,), by what swings then.
+        margins: added to the figures.
+        others: further signals that must not oscillate [y], each of shape (n,), by what oscillates.
     """
     response = pd.DataFrame({"t": t, "reference": reference, "output": output, "effort": effort})
     if not (np.isfinite(output).all() and np.isfinite(effort).all()) or len(t) < 20:
         return Evaluation("unstable", response=response, reason="a number is not finite")
-    step = abs(float(course["step"]))
+    step = abs(course.step)
     error = reference - output
-    if np.abs(error).max() > AWAY * step + 5.0 * noise:
-        return Evaluation("unstable", response=response, reason="the error grows beyond ten steps")
+    if np.abs(error).max() > DIVERGED * step + 5.0 * noise:
+        return Evaluation("unstable", response=response, reason="the error exceeds ten steps")
+
+    # Oscillation in the last quarter of the time, compared with the quarter before.
     span = t[-1] - t[0]
     last, before = t >= t[-1] - 0.25 * span, (t >= t[-1] - 0.5 * span) & (t < t[-1] - 0.25 * span)
-    bound = SWING * step + 2.0 * noise
-    found = []
+    bound = OSCILLATION * step + 2.0 * noise
+    oscillations = []
     for name, signal in {"": error, **others}.items():
-        early, swing = _swing(t[before], signal[before]), _swing(t[last], signal[last])
-        if swing > bound and (swing > DYING * early or swing > 5.0 * bound):
-            found.append((swing, name))
-    if found:
-        swing, name = max(found)
-        words = f"{name} swings at the end by {swing:.3g}, {swing / step:.0%} of the step".strip()
-        return Evaluation("unstable", response=response, reason=words)
-    whole = t >= course["step_time"] - 1e-9
-    loaded = course["load"] != 0.0
-    first = whole & (t < course["load_time"] - 1e-9) if loaded else whole
+        early, late = _oscillation(t[before], signal[before]), _oscillation(t[last], signal[last])
+        if late > bound and (late > DECAY * early or late > 5.0 * bound):
+            oscillations.append((late, name))
+    if oscillations:
+        size, name = max(oscillations)
+        reason = f"{name or 'the error'} oscillates at the end, RMS {size:.3g}, {size / step:.0%} of the step"
+        return Evaluation("unstable", response=response, reason=reason)
+
+    # Costs count the load, figures of the step do not.
+    whole = t >= course.step_time - 1e-9
+    first = whole & (t < course.load_time - 1e-9) if course.load != 0.0 else whole
     costs = response_figures(t[whole], reference[whole], output[whole], effort[whole], limits=limits)
     steps = response_figures(t[first], reference[first], output[first], effort[first], limits=limits)
     figures = {
@@ -83,9 +85,9 @@ def judge(
         "peak_effort": costs.peak_effort, "rms_effort": costs.rms_effort, "total_variation": costs.total_variation,
         "saturation_time": costs.saturation_time, "rms_jerk": costs.rms_jerk, "peak_jerk": costs.peak_jerk,
     }  # fmt: skip
-    return Evaluation("ok", {**figures, **(margins or {})}, response)
+    return Evaluation("ok", {**figures, **margins}, response)
 
 
-def _swing(t: Floats, signal: Floats) -> float:
-    """Standard deviation from the straight line."""
+def _oscillation(t: Floats, signal: Floats) -> float:
+    """Return the standard deviation from a straight line."""
     return float(np.std(signal - np.polyval(np.polyfit(t, signal, 1), t)))

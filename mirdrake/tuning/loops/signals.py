@@ -1,16 +1,17 @@
-"""Loops of a diagram by the names of their signals: a user's own, and the tracking of a path.
+"""Loops known by their signals only: a loop of a user's diagram, and path tracking.
 
-Nothing is known of such a loop but what a run logs, so that it has no reduced model and no margins: its gains are
-searched on the plant. Knobs are ``<block>.kp``, ``.ki``, ``.kd`` of blocks of kind pid, those of
-:mod:`mirdrake.execution.parameters`, and of a driver that tracks a path ``<vehicle>.driver.convergence_time`` [s] and
-``<vehicle>.driver.damping`` [1].
+Such a loop has no reduced model and no margins; its gains are searched on the plant. Its gains are ``<block>.kp``,
+``.ki``, ``.kd`` of blocks of kind pid, the parameters of :mod:`mirdrake.execution.parameters`, and for a driver that
+tracks a path ``<vehicle>.driver.convergence_time`` [s] and ``<vehicle>.driver.damping`` [1].
 """
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -25,13 +26,15 @@ from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import where
 from mirdrake.execution.parameters import find_knobs
 from mirdrake.runs.simulation import Simulation
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Gain, LoopSpec
 from mirdrake.tuning.loops.judge import judge
+from mirdrake.tuning.loops.kind import LoopKind
+from mirdrake.tuning.search_range import Range
 from mirdrake.tuning.spec import DiagramLoop, TuningSpec
 from mirdrake.worlds import load_world
 
-LOOK = 0.2
-"""Time for which a diagram is run to see which signals it has [s]."""
+PROBE = 0.2
+"""Simulated time of the run that lists the signals of a diagram [s]."""
 
 PID_GAINS = ("kp", "ki", "kd")
 """Gains of a block of kind pid that are tuned."""
@@ -39,154 +42,197 @@ PID_GAINS = ("kp", "ki", "kd")
 PATH_GAINS = ("convergence_time", "damping")
 """Gains of a driver that tracks a path."""
 
-PATH_RANGES = {
-    "ego.driver.convergence_time": {"low": 0.3, "high": 3.0, "scale": "log"},
-    "ego.driver.damping": {"low": 0.6, "high": 1.5, "scale": "linear"},
-}
-"""Where the gains of a path are searched unless the file says [s, 1]."""
-
-Turn = Callable[[Context, float], None]
+Setter = Callable[[Context, float], None]
 
 
-def make_signal_loop(spec: TuningSpec) -> LoopSpec:
-    """The loop of a tuning file that names signals, or a path.
+class SignalLoop(LoopKind):
+    """A loop known by its signals only."""
 
-    Raises:
-        ConfigError: the diagram cannot be built, as with an input that is not connected; or it has no such signal or
-            knob.
-    """
-    loop = spec.loop if isinstance(spec.loop, DiagramLoop) else _path_loop(spec)
-    own = isinstance(spec.loop, DiagramLoop)
-    drawing = _own_diagram(spec, loop.diagram) if own else make_spec(_path_diagram(spec))
-    drawing.record.meshcat = drawing.record.report = drawing.record.cameras = False
-    assembly = assemble(drawing)  # of the file itself, so that its faults are told with their lines
-    diagram = drawing.model_dump(mode="json")
-    columns = Simulation(assembly).run(duration=LOOK).signals.columns
-    wanted = {"output": loop.output, "effort": loop.effort}
-    if isinstance(loop.reference, str):
-        wanted["reference"] = loop.reference
-    for key, name in wanted.items():
-        if name not in columns:
-            place = where(spec, "loop", key) if own else where(spec, "loop")
-            raise ConfigError(f"{place}: no signal '{name}' is logged; {did_you_mean(name, columns)}")
-    knobs = knobs_of(assembly)
-    for index, name in enumerate(loop.knobs):
-        if name not in knobs:
-            place = where(spec, "loop", "knobs", index) if own else where(spec, "loop")
-            raise ConfigError(f"{place}: no knob '{name}'; {did_you_mean(name, knobs)}")
-    test = spec.test
-    return LoopSpec(
-        kind="diagram" if own else "path",
-        diagram=diagram,
-        vehicle=next(iter(diagram["vehicles"])),
-        gains=dict.fromkeys(loop.knobs, ""),
-        paths={},
-        settings={},
-        reference=str(loop.reference),
-        output=loop.output,
-        effort=loop.effort,
-        output_unit="" if own else "m",
-        effort_unit="" if own else "rad",
-        course={
-            "step": (1.0 if own else 0.5) if test.step is None else test.step,
-            "step_time": test.step_time if own else 0.0,
-            "load": 0.0,
-            "load_time": test.duration,
-            "duration": test.duration,
-        },
-        nominal={"delay": 0.0, "friction": math.nan},
-        options={
-            "signals": [loop.reference, loop.output, loop.effort],
-            "noisy": False,
-            "pedals": False,
-            "friction": "road.friction" in knobs,
-            "present": {name: value for name, value in present_gains(assembly).items() if name in loop.knobs},
-            "ranges": {} if own else PATH_RANGES,
-        },
-    )
+    identifiable: ClassVar[bool] = False
+    in_control_yaml: ClassVar[bool] = False
+
+    def make_bench(self, spec: LoopSpec) -> "SignalBench":
+        """See :meth:`LoopKind.make_bench`."""
+        return SignalBench(spec)
+
+    @abstractmethod
+    def signals(self, study: TuningSpec) -> DiagramLoop:
+        """Return signals and gains of the loop."""
+
+    @abstractmethod
+    def diagram(self, study: TuningSpec) -> DiagramSpec:
+        """Return the diagram of the loop."""
+
+    @abstractmethod
+    def course(self, study: TuningSpec) -> Course:
+        """Return the test manoeuvre."""
+
+    @abstractmethod
+    def place(self, study: TuningSpec, *path: str | int) -> str:
+        """Return file and line of an entry of ``loop:`` for an error."""
+
+    def make_spec(self, study: TuningSpec, *, noise: bool | None = None, speed: float | None = None) -> LoopSpec:  # noqa: ARG002
+        """Return the loop as plain data; its signals are looked up in a short run.
+
+        Raises:
+            ConfigError: the diagram cannot be built, or does not have a signal or gain.
+        """
+        loop, drawing = self.signals(study), self.diagram(study)
+        drawing.record.meshcat = drawing.record.report = drawing.record.cameras = False
+        assembly = assemble(drawing)  # built from the file, so that errors have its lines
+        diagram = drawing.model_dump(mode="json")
+        columns = Simulation(assembly).run(duration=PROBE).signals.columns
+        wanted = {"output": loop.output, "effort": loop.effort}
+        if isinstance(loop.reference, str):
+            wanted["reference"] = loop.reference
+        for key, name in wanted.items():
+            if name not in columns:
+                raise ConfigError(
+                    f"{self.place(study, key)}: no signal '{name}' is logged; {did_you_mean(name, columns)}"
+                )
+        setters = find_setters(assembly)
+        for index, name in enumerate(loop.knobs):
+            if name not in setters:
+                place = self.place(study, "knobs", index)
+                raise ConfigError(f"{place}: no knob '{name}'; {did_you_mean(name, setters)}")
+        uniform = "road.friction" in setters
+        return LoopSpec(
+            kind=self.name,
+            diagram=diagram,
+            vehicle=next(iter(diagram["vehicles"])),
+            gains=dict.fromkeys(loop.knobs, Gain()),
+            reference=loop.reference,
+            output=loop.output,
+            effort=loop.effort,
+            output_unit="m" if self.selectable else "",
+            effort_unit="rad" if self.selectable else "",
+            course=self.course(study),
+            friction=float(assembly.parts.world.ground.mu) if uniform else None,
+            present={name: value for name, value in present_gains(assembly).items() if name in loop.knobs},
+        )
 
 
-def knobs_of(assembly: Assembly) -> dict[str, Turn]:
-    """What can be turned in a Context of a diagram, by name."""
-    vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
-    turns: dict[str, Turn] = {
-        name: lambda context, value, knob=knob: knob.turn(assembly, context, value)  # type: ignore[misc]
-        for name, knob in find_knobs(vehicles, assembly.parts.world).items()
+class DiagramLoopKind(SignalLoop):
+    """A loop of a user's diagram."""
+
+    name: ClassVar[str] = "diagram"
+    selectable: ClassVar[bool] = False
+
+    def signals(self, study: TuningSpec) -> DiagramLoop:
+        """Return what the study names."""
+        if not isinstance(study.loop, DiagramLoop):
+            raise ConfigError(f"{where(study, 'loop')}: must name a diagram and its signals")
+        return study.loop
+
+    def diagram(self, study: TuningSpec) -> DiagramSpec:
+        """Load the diagram: a file beside the study, a path, or a name."""
+        name = self.signals(study).diagram
+        beside = Path(study.folder or ".") / name
+        if not beside.is_file():
+            beside = find("diagrams", name, where=where(study, "loop", "diagram"))
+        return load_diagram(str(beside))
+
+    def course(self, study: TuningSpec) -> Course:
+        """Return the test manoeuvre; the diagram itself makes the step."""
+        test = study.test
+        step = 1.0 if test.step is None else test.step
+        return Course(step, test.step_time, 0.0, test.duration, test.duration)
+
+    def place(self, study: TuningSpec, *path: str | int) -> str:
+        """See :meth:`SignalLoop.place`."""
+        return where(study, "loop", *path)
+
+
+class PathLoop(SignalLoop):
+    """Tracking of a path: from a start beside the path, the driver returns to it."""
+
+    name: ClassVar[str] = "path"
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "ego.driver.convergence_time": Range(0.3, 3.0),
+        "ego.driver.damping": Range(0.6, 1.5, "linear"),
     }
-    for system in assembly.diagram.GetSystems():
-        name = system.get_name()
-        if isinstance(system, DiscretePid):
-            for gain in PID_GAINS:
-                turns[f"{name}.{gain}"] = lambda context, value, system=system, gain=gain: _set(  # type: ignore[misc]
-                    system, context, gain, value
-                )
-        elif isinstance(system, PathTracker):
-            for gain in PATH_GAINS:
-                turns[f"{name}.{gain}"] = lambda context, value, system=system, gain=gain: _set(  # type: ignore[misc]
-                    system, context, gain, value
-                )
-    return turns
+
+    def signals(self, study: TuningSpec) -> DiagramLoop:  # noqa: ARG002
+        """Return cross-track error and steering."""
+        return DiagramLoop(
+            diagram="",
+            reference=0.0,
+            output="ego.lateral_error",
+            effort="ego.steering_setpoint",
+            knobs=[f"ego.driver.{name}" for name in PATH_GAINS],
+        )
+
+    def diagram(self, study: TuningSpec) -> DiagramSpec:
+        """Return a diagram in which the vehicle starts beside the path."""
+        world = "test_track" if study.world == "empty" else study.world
+        start = next(iter(load_world(world, where=where(study, "world")).starts.values()))
+        offset, speed = self.course(study).step, study.test.speed or 5.0
+        pose = {
+            "x": start.x - offset * math.sin(start.yaw),
+            "y": start.y + offset * math.cos(start.yaw),
+            "yaw": start.yaw,
+        }
+        return make_spec(
+            {
+                "name": study.name,
+                "world": world,
+                "vehicles": {"ego": {"model": str(study.vehicle), "start": pose, "speed": speed}},
+                "control": {"ego": {"kind": "path_tracking", "speed": speed}},
+                "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
+                "duration": study.test.duration,
+                "seed": study.seed,
+            }
+        )
+
+    def course(self, study: TuningSpec) -> Course:
+        """Return the test manoeuvre, which begins with the step."""
+        test = study.test
+        return Course(0.5 if test.step is None else test.step, 0.0, 0.0, test.duration, test.duration)
+
+    def place(self, study: TuningSpec, *path: str | int) -> str:  # noqa: ARG002
+        """See :meth:`SignalLoop.place`."""
+        return where(study, "loop")
+
+
+def find_setters(assembly: Assembly) -> dict[str, Setter]:
+    """Return functions that write a parameter to a Context of a diagram, by name of the parameter."""
+    vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
+    setters: dict[str, Setter] = {
+        name: partial(knob.turn, assembly) for name, knob in find_knobs(vehicles, assembly.parts.world).items()
+    }
+    for system, names in _blocks_with_gains(assembly):
+        setters |= {f"{system.get_name()}.{gain}": partial(_set_gain, system, gain) for gain in names}
+    return setters
 
 
 def present_gains(assembly: Assembly) -> dict[str, float]:
-    """Gains that the diagram's own blocks have, those of kind pid and of drivers that track a path, by knob."""
-    found: dict[str, float] = {}
+    """Return the gains in the blocks of a diagram: those of kind pid and drivers that track a path."""
+    gains: dict[str, float] = {}
     context = assembly.make_context()
-    for system in assembly.diagram.GetSystems():
-        if isinstance(system, DiscretePid | PathTracker):
-            gains = system.get_gains(system.GetMyContextFromRoot(context))
-            names = PID_GAINS if isinstance(system, DiscretePid) else PATH_GAINS
-            found |= {f"{system.get_name()}.{name}": float(getattr(gains, name)) for name in names}
-    return found
+    for system, names in _blocks_with_gains(assembly):
+        present = system.get_gains(system.GetMyContextFromRoot(context))
+        gains |= {f"{system.get_name()}.{name}": float(getattr(present, name)) for name in names}
+    return gains
 
 
-def _set(system: Any, context: Context, gain: str, value: float) -> None:
+def _blocks_with_gains(assembly: Assembly) -> list[tuple[Any, tuple[str, ...]]]:
+    """Return the blocks whose gains can be set, each with their names."""
+    names = {DiscretePid: PID_GAINS, PathTracker: PATH_GAINS}
+    return [
+        (system, gains)
+        for system in assembly.diagram.GetSystems()
+        for kind, gains in names.items()
+        if isinstance(system, kind)
+    ]
+
+
+def _set_gain(system: Any, gain: str, context: Context, value: float) -> None:
     own = system.GetMyMutableContextFromRoot(context)
-    system.set_gains(own, replace_gain(system.get_gains(own), gain, value))
-
-
-def replace_gain(gains: Any, gain: str, value: float) -> Any:
-    """The same gains but for one."""
-    return replace(gains, **{gain: value})
-
-
-def _own_diagram(spec: TuningSpec, name: str) -> DiagramSpec:
-    """A user's diagram: beside the study, a path, or a name."""
-    beside = Path(spec.folder or ".") / name
-    if not beside.is_file():
-        beside = find("diagrams", name, where=where(spec, "loop", "diagram"))
-    return load_diagram(str(beside))
-
-
-def _path_loop(spec: TuningSpec) -> DiagramLoop:  # noqa: ARG001
-    return DiagramLoop(
-        diagram="",
-        reference=0.0,
-        output="ego.lateral_error",
-        effort="ego.steering_setpoint",
-        knobs=["ego.driver.convergence_time", "ego.driver.damping"],
-    )
-
-
-def _path_diagram(spec: TuningSpec) -> dict[str, Any]:
-    world = "test_track" if spec.world == "empty" else spec.world
-    starts = load_world(world, where=where(spec, "world")).starts
-    start = next(iter(starts.values()))
-    aside = 0.5 if spec.test.step is None else spec.test.step
-    place = {"x": start.x - aside * math.sin(start.yaw), "y": start.y + aside * math.cos(start.yaw), "yaw": start.yaw}
-    return {
-        "name": spec.name,
-        "world": world,
-        "vehicles": {"ego": {"model": str(spec.vehicle), "start": place, "speed": spec.test.speed or 5.0}},
-        "control": {"ego": {"kind": "path_tracking", "speed": spec.test.speed or 5.0}},
-        "plant": {"contact": "point", **spec.plant.model_dump(exclude_unset=True)},
-        "duration": spec.test.duration,
-        "seed": spec.seed,
-    }
+    system.set_gains(own, replace(system.get_gains(own), **{gain: value}))
 
 
 class SignalBench:
-    """A loop of a diagram; built once.
+    """Test bench of a loop of signals; built once.
 
     Args:
         spec: the loop.
@@ -196,22 +242,16 @@ class SignalBench:
         self.spec = spec
         self.assembly = assemble(make_spec(spec.diagram))
         self.simulation = Simulation(self.assembly)
-        self._turns = knobs_of(self.assembly)
+        self._setters = find_setters(self.assembly)
 
     def run(
-        self,
-        gains: Mapping[str, float],
-        conditions: Conditions = NOMINAL,
-        *,
-        course: Mapping[str, Any] | None = None,
-        margins: dict[str, float] | None = None,
+        self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, margins: Mapping[str, float]
     ) -> Evaluation:
-        """One trial; mass and friction act, delay, grade and noise do not.
+        """Run the diagram with gains; of the conditions, mass and friction have an effect.
 
         Raises:
-            ConfigError: a gain is not known.
+            ConfigError: unknown gain.
         """
-        course = dict(self.spec.course) | dict(course or {})
         values = dict(gains)
         if conditions.mass != 1.0:
             values[f"{self.spec.vehicle}.mass_scale"] = conditions.mass
@@ -220,27 +260,26 @@ class SignalBench:
 
         def change(context: Context) -> None:
             for name, value in values.items():
-                if name not in self._turns:
-                    raise ConfigError(f"no knob '{name}'; {did_you_mean(name, self._turns)}")
-                self._turns[name](context, float(value))
+                if name not in self._setters:
+                    raise ConfigError(f"no knob '{name}'; {did_you_mean(name, self._setters)}")
+                self._setters[name](context, float(value))
 
         try:
-            run = self.simulation.run(duration=course["duration"], change=change)
+            run = self.simulation.run(duration=self.spec.course.duration, change=change)
         except RunError as error:
             if not is_divergence(str(error)):
                 raise
             return Evaluation("unstable", reason=str(error).splitlines()[0])
         if str(run.summary["stop_reason"]).startswith("diverged"):
             return Evaluation("unstable", reason=str(run.summary["stop_reason"]))
-        signals, (reference, output, effort) = run.signals, self.spec.options["signals"]
+        signals, reference = run.signals, self.spec.reference
         t = signals.index.to_numpy(dtype=float)
-        wanted = signals[reference].to_numpy() if isinstance(reference, str) else np.full(len(t), float(reference))
         return judge(
             t,
-            wanted,
-            signals[output].to_numpy(dtype=float),
-            signals[effort].to_numpy(dtype=float),
-            course=course,
+            signals[reference].to_numpy() if isinstance(reference, str) else np.full(len(t), float(reference)),
+            signals[self.spec.output].to_numpy(dtype=float),
+            signals[self.spec.effort].to_numpy(dtype=float),
+            course=self.spec.course,
             noise=conditions.noise,
             margins=margins,
         )

@@ -1,0 +1,333 @@
+"""Texts of a tuning result: names and units of figures, sentences for criteria, rejections, designs and experiments."""
+
+import math
+from collections.abc import Mapping
+
+from mirdrake.report.words import format_quantity, format_time, title_case
+from mirdrake.tuning.acceptance import Criterion, StepEffect
+from mirdrake.tuning.designs import DESIGN_RULES
+from mirdrake.tuning.identify import Experiment
+from mirdrake.tuning.result import CandidateResult, TuningResult
+from mirdrake.tuning.scenarios import describe
+from mirdrake.tuning.spec import AT_LEAST
+from mirdrake.tuning.trials import Rejection
+
+FIGURES: dict[str, tuple[str, str]] = {
+    "iae": ("IAE", "{ys}"),
+    "itae": ("ITAE", "{yss}"),
+    "ise": ("ISE", "({y})² s"),
+    "overshoot_percent": ("Overshoot", "%"),
+    "rise_time": ("Rise time", "s"),
+    "settling_time": ("Settling time", "s"),
+    "steady_error": ("Steady error", "{y}"),
+    "peak_effort": ("Peak effort", "{u}"),
+    "rms_effort": ("RMS effort", "{u}"),
+    "total_variation": ("Total variation", "{u}"),
+    "saturation_time": ("Saturation", "s"),
+    "rms_jerk": ("RMS jerk", "{y_ss}"),
+    "peak_jerk": ("Peak jerk", "{y_ss}"),
+    "ms": ("Ms", ""),
+    "mt": ("Mt", ""),
+    "gain_margin": ("Gain margin", "×"),
+    "phase_margin_deg": ("Phase margin", "°"),
+    "delay_margin_s": ("Delay margin", "s"),
+    "disk_margin": ("Disk margin", ""),
+}
+"""Label and unit of each figure; y and u are the units of output and effort."""
+
+UNLIMITED = {"gain_margin", "delay_margin_s", "phase_margin_deg"}
+"""Margins that a loop may not have: nothing makes it unstable."""
+
+KINDS = {
+    "baseline": "baseline",
+    "rule": "rule",
+    "shaped": "loop shaping",
+    "searched": "search",
+    "scheduled": "schedule",
+}
+"""Kinds of candidates."""
+
+EXPERIMENTS = {
+    "step_test": "step test",
+    "relay": "relay feedback",
+    "frequency_response": "frequency response",
+    "wheels_apart": "frequency response of the wheels against each other",
+    "vehicle_data": "data of the vehicle",
+}
+MODELS = {
+    "first_order": "first order with delay",
+    "integrator": "integrator with delay",
+    "inertia": "inertia with damping, stiffness and delay",
+    "ultimate_point": "ultimate point",
+}
+
+
+class Texts:
+    """Texts of one result.
+
+    Attributes:
+        y: unit of the output.
+        u: unit of the effort.
+        by_name: candidates by name.
+        baseline: candidate to compare with.
+        best: best candidate; None if none meets the constraints.
+        best_rule: best rule; None without one.
+        winner: the best candidate, or the nearest one to the constraints.
+    """
+
+    def __init__(self, result: TuningResult) -> None:
+        self.result = result
+        self.y, self.u = result.loop.output_unit or "1", result.loop.effort_unit or "1"
+        self.by_name = {candidate.name: candidate for candidate in result.candidates}
+        self.baseline = self.by_name.get(result.baseline)
+        self.best = self.by_name.get(result.best or "")
+        self.best_rule = self.by_name.get(result.best_rule or "")
+        self.winner = self.best or self._nearest()
+
+    def _nearest(self) -> CandidateResult | None:
+        """Return the candidate to show if none meets the constraints: the last of the Monte Carlo, or the cheapest."""
+        known = {self.result.baseline, self.result.best_rule}
+        tested = self.result.robustness.candidates if self.result.robustness else {}
+        checked = [self.by_name[name] for name in tested if name in self.by_name and name not in known]
+        if checked:
+            return checked[-1]
+        stable = [
+            (candidate.cost, candidate)
+            for candidate in self.result.candidates
+            if candidate.name not in known and candidate.cost is not None and candidate.kind != "baseline"
+        ]
+        return min(stable, key=lambda pair: pair[0])[1] if stable else None
+
+    # --- figures ---
+
+    def figure(self, name: str) -> tuple[str, str]:
+        """Return label and unit of a figure."""
+        label, unit = FIGURES.get(name, (title_case(name), ""))
+        per_second = self.y.removesuffix("/s") if self.y.endswith("/s") else ""
+        integrals = (per_second, f"{per_second} s") if per_second else (f"{self.y} s", f"{self.y} s²")
+        second = f"{per_second}/s³" if per_second else f"{self.y}/s²"
+        return label, unit.format(y=self.y, u=self.u, ys=integrals[0], yss=integrals[1], y_ss=second)
+
+    def value(self, name: str, value: float | None) -> str:
+        """Return a figure with its unit; "none" for a margin that a loop does not have."""
+        if value is not None and math.isinf(value) and name in UNLIMITED:
+            return "none"
+        return "–" if value is None or not math.isfinite(value) else format_quantity(value, self.figure(name)[1])
+
+    def weights(self) -> str:
+        """Return the cost and the constraints."""
+        cost = " + ".join(
+            f"{'' if weight == 1 else f'{weight:g} × '}{self.figure(name)[0]}"
+            for name, weight in self.result.cost.items()
+        )
+        bounds = [
+            f"{self.figure(name)[0]} {'≥' if name in AT_LEAST else '≤'} {self.value(name, limit)}"
+            for name, limit in self.result.constraints.items()
+        ]
+        return f"Cost: {cost or 'not given'}." + (f" Constraints: {', '.join(bounds)}." if bounds else "")
+
+    # --- verdict ---
+
+    def headline(self) -> str:
+        """Return the verdict in one sentence."""
+        best, baseline = self.best, self.baseline
+        if best is None:
+            nearest = f"; {self.winner.name} is the nearest" if self.winner else ""
+            return f"no candidate meets the constraints{nearest}"
+        met = [criterion.met for criterion in self.result.acceptance]
+        verdict = f"{sum(met)} of {len(met)} criteria are met" if met else "the study has no criteria"
+        if met and all(met):
+            verdict = "all criteria are met"
+        name = next(iter(self.result.cost), "iae")
+        label, after = self.figure(name)[0], best.figures.get(name)
+        if baseline is not None and baseline.status != "ok":
+            return f"{verdict}; the baseline is {baseline.status}, the best has {label} {self.value(name, after)}"
+        before = baseline.figures.get(name) if baseline is not None else None
+        if before and after is not None and baseline is not best:
+            change = 100.0 * (after / before - 1.0)
+            return f"{verdict}; {abs(change):.0f} % {'less' if change < 0.0 else 'more'} {label} than the baseline"
+        return verdict
+
+    def tiles(self) -> list[tuple[str, str, str]]:
+        """Return label, value and note of the main figures."""
+        winner = self.winner
+        if winner is None:
+            return []
+        tiles = [
+            (name, format_quantity(value), self.result.loop.gains[name].unit if name in self.result.loop.gains else "")
+            for name, value in winner.gains.items()
+            if value
+        ][:4]
+        others = [("baseline", self.baseline), ("best rule", self.best_rule)]
+        for name in ("iae", "overshoot_percent", "settling_time", "ms", "phase_margin_deg", "delay_margin_s"):
+            if name in winner.figures:
+                notes = [
+                    f"{role} {self.value(name, other.figures[name])}"
+                    for role, other in others
+                    if other is not None and name in other.figures and (role == "baseline" or other is not winner)
+                ]
+                tiles.append((self.figure(name)[0], self.value(name, winner.figures[name]), ", ".join(notes)))
+        robustness = self.result.robustness
+        if robustness is not None and winner.name in robustness.candidates:
+            rate = robustness.candidates[winner.name].failures
+            note = f"95 % interval {100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
+            tiles.append(("Failed runs", f"{rate.failures} of {robustness.runs}", note))
+        return tiles[: len(tiles) // 4 * 4 or len(tiles)]
+
+    def notices(self) -> list[str]:
+        """Return what a reader has to know before the figures."""
+        result, notices = self.result, []
+        if result.loop.model is None and not result.experiments:
+            notices.append("This loop is known by its signals only: it has no model, no rules and no margins.")
+        if result.omitted:
+            omitted = "; ".join(f"{design.name} ({design.reason})" for design in result.omitted)
+            notices.append(f"Designs without a solution: {omitted}.")
+        notices += self._cheaper_rejected()
+        if result.step_effect is not None and result.step_effect.is_significant:
+            notices.append(f"{self._step_effect(result.step_effect)}.")
+        if result.repeated_for is not None:
+            effect = self._step_effect(result.repeated_for)
+            notices.append(f"The study was repeated with a shorter step of the plant. {effect}.")
+        if result.schedule is not None and result.schedule.failed_speed is not None:
+            notices.append(
+                f"No schedule: at {result.schedule.failed_speed:g} m/s no gains meet the constraints in all scenarios."
+            )
+        if self.baseline is not None and self.baseline.status != "ok":
+            reason = self.baseline.reason or "no reason given"
+            notices.append(f"The baseline '{self.baseline.name}' is {self.baseline.status}: {reason}.")
+        if self.best is not None and self.best.kind == "baseline":
+            notices.append("No candidate is better than the baseline.")
+        return notices + robustness_notes(result, self.winner.name if self.winner else "")
+
+    def _cheaper_rejected(self) -> list[str]:
+        """Return a sentence per feasible candidate that costs less than the best and is not robust."""
+        limit = self.winner.cost if self.winner is not None else None
+        return [
+            f"{candidate.name} costs {candidate.cost:.4g}, but was rejected: {self.rejections(candidate.rejections)}."
+            for candidate in self.result.candidates
+            if candidate.feasible and candidate.cost is not None and limit is not None and candidate.cost < limit
+            and candidate.rejections
+        ]  # fmt: skip
+
+    def _step_effect(self, effect: StepEffect) -> str:
+        steps = f"{1e3 * effect.finer_step:g} ms instead of {1e3 * effect.step:g} ms"
+        if effect.status != "ok":
+            return f"At a plant step of {steps} the best gains are {effect.status}: {effect.reason}"
+        parts = [
+            f"{self.figure(name)[0]} {self.value(name, effect.finer[name])} instead of "
+            f"{self.value(name, effect.usual.get(name))}"
+            for name in ("iae", "overshoot_percent")
+        ]
+        return f"At a plant step of {steps}: {', '.join(parts)}"
+
+    # --- single entries ---
+
+    def rejections(self, rejections: tuple[Rejection, ...]) -> str:
+        """Return the reasons of a rejection; runs of the Monte Carlo are summarised, with the first of them."""
+        runs = [rejection for rejection in rejections if rejection.check == "monte_carlo"]
+        texts = [self._rejection(rejection) for rejection in rejections if rejection.check != "monte_carlo"]
+        if runs:
+            total = self.result.robustness.runs if self.result.robustness else len(runs)
+            texts.append(
+                f"not stable in {len(runs)} of {total} runs of the Monte Carlo, first in run {runs[0].run} "
+                f"({describe(runs[0].conditions) if runs[0].conditions else 'nominal'}): {runs[0].reason}"
+            )
+        return "; ".join(texts)
+
+    def _rejection(self, rejection: Rejection) -> str:
+        match rejection.check:
+            case "constraint":
+                sign = "below" if rejection.figure in AT_LEAST else "above"
+                value, limit = (_exact(number) for number in (rejection.value, rejection.limit))
+                return f"{self.figure(rejection.figure)[0]} {value} is {sign} the limit {limit}"
+            case "finer_step":
+                return f"not stable at a finer step of the plant: {rejection.reason}"
+            case "scenario":
+                conditions = describe(rejection.conditions) if rejection.conditions else "nominal"
+                return f"not stable with {conditions}: {rejection.reason}"
+            case _:
+                return rejection.reason
+
+    def how(self, candidate: CandidateResult) -> str:
+        """Return how a candidate was made."""
+        published = self.result.spec.get("baseline") == "published"
+        match candidate.kind:
+            case "baseline" if published and self.result.loop.present:
+                return "present gains of the diagram"
+            case "baseline" if published:
+                return "100, 0.01 and 10 on every joint, the untuned gains of the papers' vehicles"
+            case "baseline":
+                return "gains given by the study"
+            case "searched":
+                search = self.result.spec.get("search")
+                method = search.get("method", "search") if isinstance(search, Mapping) else "search"
+                return f"{method} on the reduced model, refined on the plant"
+        rule = DESIGN_RULES.get(candidate.rule)
+        return rule.description.format(parameter=candidate.parameter or 0.0) if rule else ""
+
+    def experiment(self, experiment: Experiment) -> tuple[str, str, str, str]:
+        """Return name, model, parameters and fit of an experiment."""
+        parameters = "; ".join(
+            f"{title_case(name).lower()} {format_quantity(parameter.value, self.unit(parameter.unit))}"
+            for name, parameter in experiment.parameters.items()
+        )
+        notes = [f"fit {experiment.fit_percent:.1f} %"] if experiment.fit_percent is not None else []
+        notes += ["with the derivative part of the loop, which a relay needs"] if experiment.derivative_on else []
+        notes += ["the pedal controller cancels mass, resistance and pedal maps"] * (experiment.name == "vehicle_data")
+        notes += [experiment.error] if experiment.error else []
+        return EXPERIMENTS[experiment.name], MODELS[experiment.model], parameters, "; ".join(notes)
+
+    def unit(self, unit: str) -> str:
+        """Return a unit of a general loop as one of this loop."""
+        general = {
+            "y/u": f"{self.y} per {self.u}",
+            "u/y": f"{self.u} per {self.y}",
+            "y/(u s)": f"{self.y} per {self.u} and s",
+        }
+        return "" if unit == "1" else general.get(unit, unit)
+
+    def facts(self) -> list[str]:
+        """Return seed, digest, duration and versions."""
+        result = self.result
+        versions = ", ".join(f"{name} {number}" for name, number in result.versions.items())
+        facts = [f"seed {result.seed}", f"SHA-256 of the study {result.spec_sha256[:16]}"]
+        facts += [f"duration {format_time(result.wall_s)}"] if result.wall_s is not None else []
+        return [*facts, versions] if versions else facts
+
+
+def criterion_text(criterion: Criterion, result: TuningResult) -> str:
+    """Return what a criterion requires."""
+    robust = " and is robust" if result.robustness is not None or result.step_effect is not None else ""
+    baseline = next((candidate for candidate in result.candidates if candidate.name == result.baseline), None)
+    unstable = ", which is unstable" if baseline is not None and baseline.status != "ok" else ""
+    texts = {
+        "iae_ratio": f"IAE relative to the baseline{unstable}",
+        "constraint": FIGURES.get(criterion.figure, (criterion.figure, ""))[0],
+        "monte_carlo": "Monte Carlo runs that are not stable",
+        "finer_step": "not stable at a finer step of the plant",
+        "cheaper_than_rule": f"cost below that of the best rule that meets the constraints{robust}, {criterion.rule}",
+        "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
+        "feasible_unlike_rules": "meets the constraints, as no rule does",
+        "schedule": "speeds at and between which the schedule breaks a constraint",
+    }
+    return texts[criterion.name]
+
+
+def robustness_notes(result: TuningResult, name: str) -> list[str]:
+    """Return a note on failed runs of a candidate in the Monte Carlo; none without failures."""
+    robustness = result.robustness
+    if robustness is None or name not in robustness.candidates:
+        return []
+    failures = robustness.candidates[name].failures.failures
+    return [f"'{name}' failed in {failures} of {robustness.runs} runs of the Monte Carlo."] if failures else []
+
+
+def unmet_notes(result: TuningResult) -> list[str]:
+    """Return a note with the criteria that are not met; none if all are met."""
+    unmet = [criterion_text(criterion, result) for criterion in result.acceptance if not criterion.met]
+    return [f"criteria that are not met: {'; '.join(unmet)}"] if unmet else []
+
+
+def _exact(value: float | None) -> str:
+    """Return a number with enough digits to tell it from its limit."""
+    return "undefined" if value is None else f"{value:.6g}"

@@ -1,0 +1,49 @@
+"""Interface of a kind of loop, and of the test bench that it builds."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Protocol
+
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
+from mirdrake.tuning.search_range import Range
+from mirdrake.tuning.spec import TuningSpec
+
+
+class Bench(Protocol):
+    """A built loop on which gains are tested."""
+
+    spec: LoopSpec
+
+    def run(
+        self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, margins: Mapping[str, float]
+    ) -> Evaluation:
+        """Run the test manoeuvre with gains; `margins` are added to the figures."""
+        ...
+
+
+class LoopKind(ABC):
+    """A kind of loop. A new one is a class in a file of its own and a line in the registry.
+
+    Attributes:
+        name: value of ``loop:`` in a tuning file, and of :attr:`LoopSpec.kind`.
+        selectable: whether a tuning file can name it.
+        identifiable: whether experiments give a model; without one, gains are searched on the plant only.
+        in_control_yaml: whether the gains are entries of control.yaml.
+        uses_traction: whether the test asks the driven tyres for longitudinal force.
+        ranges: of gains that no rule gives a value for.
+    """
+
+    name: ClassVar[str]
+    selectable: ClassVar[bool] = True
+    identifiable: ClassVar[bool] = True
+    in_control_yaml: ClassVar[bool] = True
+    uses_traction: ClassVar[bool] = False
+    ranges: ClassVar[Mapping[str, Range]] = {}
+
+    @abstractmethod
+    def make_spec(self, study: TuningSpec, *, noise: bool | None = None, speed: float | None = None) -> LoopSpec:
+        """Return the loop of a study as plain data; see :func:`mirdrake.tuning.loops.registry.make_loop_spec`."""
+
+    @abstractmethod
+    def make_bench(self, spec: LoopSpec) -> Bench:
+        """Build the test bench of a loop."""

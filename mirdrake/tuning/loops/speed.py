@@ -1,0 +1,321 @@
+"""Loops of speed: that of the driven wheels and that of the car, by wheel torque or by pedals."""
+
+import math
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from pydrake.multibody.tree import JointActuator
+from pydrake.systems.framework import Context
+
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.core.yaml_io import where
+from mirdrake.runs.telemetry import vehicle_states
+from mirdrake.tuning.frequency_response import measure_frequency_response
+from mirdrake.tuning.identify import (
+    Identification,
+    failed_relay,
+    fit_response,
+    measure_step,
+    relay_experiment,
+    simple_experiment,
+    step_fit,
+)
+from mirdrake.tuning.loops.base import Course, LoopModel, LoopSpec
+from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
+from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
+from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
+from mirdrake.tuning.relay import RelayResult, run_relay_test
+from mirdrake.tuning.spec import TuningSpec
+from mirdrake.tuning.step_test import fit_first_order, fit_integrator
+from mirdrake.vehicles import WHEELS, Vehicle
+from mirdrake.worlds import World
+
+SLOPE = 0.6
+"""Default slope of the set-point of the speed [m/s²]: feasible for one driven axle at a friction of 0.3, 5° uphill."""
+
+BANDWIDTH = 1.0
+"""Bandwidth of the speed loop that is closed during the experiments [rad/s]."""
+
+SLOWEST = 100.0
+"""Time constant over delay above which a first-order model counts as an integrator: the experiment is too short."""
+
+
+class WheelSpeedLoop(VehicleLoop):
+    """Speed of the driven wheels, by the torque of their joints.
+
+    In a car the outer loop of the speed is switched off (its gains are zero); its set-point passes through.
+    """
+
+    name: ClassVar[str] = "wheel_speed"
+    uses_traction: ClassVar[bool] = True
+    reference: ClassVar[str] = "wheel_speed_setpoint"
+    output: ClassVar[str] = "driven wheels"
+    output_unit: ClassVar[str] = "rad/s"
+
+    def of_vehicle(
+        self, study: TuningSpec, vehicle: Vehicle, world: World, *, noise: bool | None, speed: float | None
+    ) -> LoopSpec:
+        """See :meth:`VehicleLoop.of_vehicle`."""
+        if vehicle.control.wheel_speed.uses_pedals:
+            raise ConfigError(
+                f"{where(study, 'loop')}: {vehicle.name} is driven by pedals and has no wheel-speed loop; "
+                "write loop: speed"
+            )
+        return super().of_vehicle(study, vehicle, world, noise=noise, speed=speed)
+
+    def settings(self, filter_time: float) -> dict[str, float | str]:
+        """See :meth:`VehicleLoop.settings`."""
+        return super().settings(filter_time) | {"speed.kp": 0.0, "speed.ki": 0.0}
+
+    def limits(self, study: TuningSpec) -> dict[str, dict[str, object]]:
+        """Return the limits of the slope of the speed's set-point."""
+        slope = SLOPE if study.test.slope is None else study.test.slope
+        return {"speed": {"max_acceleration": slope, "max_deceleration": slope}}
+
+    def default_step_and_load(self, vehicle: Vehicle, scale: float) -> tuple[float, float]:
+        """Return a step of 2 m/s, or less for a small car, and the load of a grade of about 2.5 %."""
+        driven = len(vehicle.spec.driven_wheels())
+        return round(2.0 * scale, 2), -0.05 * vehicle.spec.powertrain.max_torque / driven
+
+    def actuators(self, bench: PlantBench) -> tuple[JointActuator, ...]:
+        """Return the actuators of the driven wheels."""
+        return tuple(bench.part.wheel_actuators[wheel] for wheel in bench.driven)
+
+    def effort_limit(self, bench: PlantBench, actuator_limit: float) -> float:
+        """Return the limit of the actuators, or of the powertrain if that is smaller."""
+        return min(actuator_limit, bench.part.vehicle.spec.powertrain.max_torque / len(bench.driven))
+
+    def noisy_states(self, bench: PlantBench) -> list[int]:
+        """Return the speeds of the driven wheels."""
+        first = bench.plant.num_positions()
+        return [first + int(bench.part.wheels[wheel].velocity_start()) for wheel in bench.driven]
+
+    def output_from(self, bench: PlantBench, state: Floats) -> Floats:
+        """Return the mean speed of the driven wheels."""
+        return np.asarray(np.mean([state[row] for row in self.noisy_states(bench)], axis=0))
+
+    def reference_from(self, bench: PlantBench, status: Floats) -> Floats:
+        """Return the set-point of the speed as a wheel speed."""
+        return np.asarray(status[0] / bench.radius)
+
+    def initial_output(self, bench: PlantBench) -> float:
+        """Return the wheel speed of the car before the step."""
+        return bench.spec.course.speed / bench.radius
+
+    def command_after_step(self, bench: PlantBench) -> tuple[float, float]:
+        """Return the speed after a step of the wheel speed."""
+        return bench.spec.course.speed + bench.spec.course.step * bench.radius, 0.0
+
+    def model(self, bench: PlantBench, plant: TransferFunction, drag: float) -> LoopModel:
+        """Return the model of the loop around an identified plant from wheel torque to wheel speed."""
+        mass, speed = self._mass(bench), bench.part.vehicle.control.speed
+        limit = bench.limits.maximum
+        return LoopModel(
+            {"main": plant},
+            scale=self._scale(bench),
+            start=bench.spec.course.speed * (1.0 / bench.radius),
+            rise=speed.max_acceleration * (1.0 / bench.radius),
+            fall=speed.max_deceleration * (1.0 / bench.radius),
+            feedforward=mass * bench.radius / len(bench.driven) * bench.radius,
+            weight=mass * GRAVITY * bench.radius / len(bench.driven),
+            drag=drag,
+            limit=limit if math.isfinite(limit) else None,
+        )
+
+    def _scale(self, bench: PlantBench) -> float:  # noqa: ARG002
+        """Return wheel speed per output."""
+        return 1.0
+
+    def _inertia(self, bench: PlantBench) -> float:
+        """Return the torque of a driven wheel per acceleration of the wheels [kg m²]."""
+        return self._mass(bench) * bench.radius / len(bench.driven) * bench.radius
+
+    def _mass(self, bench: PlantBench) -> float:
+        return float(bench.plant.CalcTotalMass(bench.plant.CreateDefaultContext(), [bench.part.instance]))
+
+    def identify(self, bench: PlantBench) -> Identification:
+        """Identify the car from wheel torque to wheel speed, while it drives straight.
+
+        In the frequency response the loop is closed by a bandwidth of 1 rad/s, from the mass.
+        """
+        spec, period, scale = bench.spec, bench.period, self._scale(bench)
+        inertia = self._inertia(bench)
+        hold = {"kp": BANDWIDTH * inertia, "ki": 0.0, "kd": 0.0}
+        limit = bench.limits.maximum
+
+        # Torque that holds the speed against the resistances.
+        rest = BenchProcess(bench, hold)
+        for _ in range(round(8.0 / period)):
+            rest(0.0)
+        drag, steady = bench.control_value(rest.context), rest.measurement * scale
+
+        # Step of the torque.
+        record = measure_step(bench, 0.1 * limit, duration=6.0, control=drag, scale=scale)
+        step: FirstOrder | Integrator
+        try:
+            step = fit_first_order(record)
+        except RunError:
+            step = fit_integrator(record)
+        experiments = [simple_experiment("step_test", step, fit_percent=step_fit(record, step))]
+
+        # Relay around the torque that holds the speed.
+        relay: RelayResult | None = None
+        process = BenchProcess(bench)
+        try:
+            relay = run_relay_test(
+                lambda control: process(control) * scale,
+                period=period,
+                amplitude=0.2 * limit,
+                reference=process.measurement * scale,
+                measurement=process.measurement * scale,
+                control=drag,
+                duration=15.0,
+                tolerance=0.1,
+            )
+            experiments.append(relay_experiment(relay))
+        except MirdrakeError as error:
+            experiments.append(failed_relay(error))
+
+        # Frequency response in closed loop.
+        loop = BenchLoop(bench, hold, rest=(drag, steady / scale))
+
+        def excite(excitation: float) -> tuple[float, float]:
+            control, measurement = loop.step(excitation)
+            return control, measurement * scale
+
+        top = min(0.4 * math.pi / period, 4.0 / (spec.delay + period))
+        response = measure_frequency_response(
+            excite, period=period, frequencies=np.geomspace(0.5, top, 14), amplitude=0.1 * limit, cycles=2, settle=1
+        )
+        main, fit = fit_response(response, (2.0 / inertia, 2.0, spec.delay + period), order=1)
+        first = FirstOrder(main.numerator[0] / main.denominator[1], 1.0 / main.denominator[1], main.delay)
+        experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
+        slow = first.time_constant > SLOWEST * max(first.delay, 1e-3)
+        return Identification(
+            replace(spec, model=self.model(bench, main, drag)),
+            tuple(experiments),
+            first=Integrator(first.gain / first.time_constant, first.delay) if slow else first,
+            relay=relay,
+            frequency=response,
+        )
+
+
+class SpeedLoop(WheelSpeedLoop):
+    """Speed of the car, by the torque of the wheel joints; of a car with pedals, by the pedals."""
+
+    name: ClassVar[str] = "speed"
+    reference: ClassVar[str] = "speed_setpoint"
+    output: ClassVar[str] = "vx"
+    output_unit: ClassVar[str] = "m/s"
+
+    def of_vehicle(
+        self, study: TuningSpec, vehicle: Vehicle, world: World, *, noise: bool | None, speed: float | None
+    ) -> LoopSpec:
+        """See :meth:`VehicleLoop.of_vehicle`."""
+        if vehicle.control.wheel_speed.uses_pedals and self.selectable:
+            return PedalSpeedLoop().of_vehicle(study, vehicle, world, noise=noise, speed=speed)
+        return VehicleLoop.of_vehicle(self, study, vehicle, world, noise=noise, speed=speed)
+
+    def output_from(self, bench: PlantBench, state: Floats) -> Floats:
+        """Return the longitudinal velocity of the car."""
+        base, first = bench.part.base, bench.plant.num_positions()
+        pose = state[base.floating_positions_start() :][:7]
+        twist = state[first + base.floating_velocities_start_in_v() :][:6]
+        return np.asarray(vehicle_states(pose, twist)[6])
+
+    def reference_from(self, bench: PlantBench, status: Floats) -> Floats:  # noqa: ARG002
+        """Return the set-point of the speed."""
+        return np.asarray(status[0])
+
+    def other_signals(self, bench: PlantBench, state: Floats, output: Floats) -> dict[str, Floats]:
+        """Return the slip speed of each driven wheel: a car whose wheels spin to and fro has a smooth speed."""
+        return {
+            f"the slip of the {WHEELS[wheel].replace('_', ' ')} wheel": np.array(
+                bench.radius * state[row] - output, dtype=float
+            )
+            for wheel, row in zip(bench.driven, WheelSpeedLoop.noisy_states(self, bench), strict=True)
+        }
+
+    def initial_output(self, bench: PlantBench) -> float:
+        """Return the speed before the step."""
+        return bench.spec.course.speed
+
+    def command_after_step(self, bench: PlantBench) -> tuple[float, float]:
+        """Return the speed after the step."""
+        return bench.spec.course.speed + bench.spec.course.step, 0.0
+
+    def model(self, bench: PlantBench, plant: TransferFunction, drag: float) -> LoopModel:
+        """Return the model of the loop; its output is the speed of the car, its measurement that of the wheels."""
+        speed = bench.part.vehicle.control.speed
+        return replace(
+            super().model(bench, plant, drag),
+            start=bench.spec.course.speed,
+            rise=speed.max_acceleration,
+            fall=speed.max_deceleration,
+            feedforward=self._mass(bench) * bench.radius / len(bench.driven),
+        )
+
+    def _scale(self, bench: PlantBench) -> float:
+        return 1.0 / bench.radius
+
+
+class PedalSpeedLoop(SpeedLoop):
+    """Speed of a car by its pedals."""
+
+    name: ClassVar[str] = "speed_by_pedals"
+    selectable: ClassVar[bool] = False
+    effort: ClassVar[str] = "pedals"
+    effort_unit: ClassVar[str] = "1"
+    delayed_ports: ClassVar[tuple[str, str]] = ("pedals", "pedals_reference")
+
+    def gain_units(self, vehicle: Vehicle) -> dict[str, str]:
+        """Return the gains of the vehicle's pedal controller."""
+        return vehicle.control.wheel_speed.gains
+
+    def settings(self, filter_time: float) -> dict[str, float | str]:  # noqa: ARG002
+        """Return nothing: the pedal controller has no other kind."""
+        return {}
+
+    def channels(self, vehicle: Vehicle) -> int:  # noqa: ARG002
+        """Return the number of pedal signals."""
+        return 3
+
+    def course(self, study: TuningSpec, vehicle: Vehicle, speed: float | None) -> Course:
+        """Return the test manoeuvre of a speed loop, without the load."""
+        return replace(super().course(study, vehicle, speed), load=0.0)
+
+    def effort_limit(self, bench: PlantBench, actuator_limit: float) -> float:  # noqa: ARG002
+        """Return 1, a pedal to the floor."""
+        return 1.0
+
+    def noisy_states(self, bench: PlantBench) -> list[int]:
+        """Return the longitudinal velocity of the car."""
+        return [bench.plant.num_positions() + int(bench.part.base.floating_velocities_start_in_v()) + 3]
+
+    def effort_from(self, bench: PlantBench, context: Context) -> Floats:
+        """Return throttle minus brake."""
+        pedals = bench.assembly.taps["delay.y"].sink.FindLog(context).data()
+        return np.array(pedals[0] - pedals[1], dtype=float)
+
+    def identify(self, bench: PlantBench) -> Identification:
+        """Return the model that follows from the data of the vehicle.
+
+        The pedal controller converts an acceleration to pedals by the powertrain's own maps, so that an integrator
+        behind lag and delay of the actuators is left.
+        """
+        spec, speed = bench.spec, bench.part.vehicle.control.speed
+        throttle = bench.part.vehicle.spec.actuators.throttle
+        delay = spec.delay + throttle.delay + bench.period
+        main = TransferFunction((1.0,), (max(throttle.time_constant, 1e-3), 1.0, 0.0), delay)
+        first = Integrator(1.0, delay + throttle.time_constant)
+        model = LoopModel(
+            {"main": main},
+            start=spec.course.speed,
+            rise=speed.max_acceleration,
+            fall=speed.max_deceleration,
+            feedforward=1.0,
+            weight=GRAVITY,
+        )
+        return Identification(replace(spec, model=model), (simple_experiment("vehicle_data", first),), first=first)

@@ -1,0 +1,161 @@
+"""Steering loop: the angle of the steered wheels, by the torque of their joints."""
+
+import math
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from pydrake.multibody.tree import JointActuator
+
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.tuning.frequency_response import measure_frequency_response
+from mirdrake.tuning.identify import (
+    Identification,
+    failed_relay,
+    fit_inertial_step,
+    fit_response,
+    inertial_experiment,
+    measure_step,
+    relay_experiment,
+)
+from mirdrake.tuning.loops.base import NOMINAL, LoopModel
+from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
+from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
+from mirdrake.tuning.models import Floats, Integrator
+from mirdrake.tuning.relay import RelayResult, run_relay_test
+from mirdrake.tuning.rules import simc, simc_double_integrator
+from mirdrake.tuning.spec import TuningSpec
+from mirdrake.vehicles import Vehicle
+
+
+class SteeringLoop(VehicleLoop):
+    """Angle of the steered wheels, by the torque of their joints.
+
+    Wheels that oscillate against each other have no steering angle on average, so their difference is watched as well,
+    and identified.
+    """
+
+    name: ClassVar[str] = "steering"
+    section: ClassVar[str] = "steering"
+    reference: ClassVar[str] = "steering_setpoint"
+    output: ClassVar[str] = "steering_angle"
+    output_unit: ClassVar[str] = "rad"
+    initial_speed: ClassVar[float] = 3.0
+
+    def steps_per_period(self, study: TuningSpec, rate: float) -> int:  # noqa: ARG002
+        """Return two: steered joints are light and stiff."""
+        return 2
+
+    def default_step_and_load(self, vehicle: Vehicle, scale: float) -> tuple[float, float]:  # noqa: ARG002
+        """See :meth:`VehicleLoop.default_step_and_load`."""
+        return min(0.1, 0.5 * vehicle.geometry.steering_limit), 0.0
+
+    def actuators(self, bench: PlantBench) -> tuple[JointActuator, ...]:
+        """Return the actuators of the steering joints."""
+        return bench.part.steering_actuators
+
+    def noisy_states(self, bench: PlantBench) -> list[int]:
+        """Return the angles of the steering joints."""
+        return [int(joint.position_start()) for joint in bench.part.steering]
+
+    def output_from(self, bench: PlantBench, state: Floats) -> Floats:
+        """Return the steering angle of the single-track model."""
+        from mirdrake.manoeuvres.record import bicycle_angles  # workers that tune speeds need not import manoeuvres
+
+        left, right = (state[joint.position_start()] for joint in bench.part.steering)
+        return np.asarray(bicycle_angles(left, right))
+
+    def reference_from(self, bench: PlantBench, status: Floats) -> Floats:  # noqa: ARG002
+        """Return the set-point of the steering angle."""
+        return np.asarray(status[1])
+
+    def other_signals(self, bench: PlantBench, state: Floats, output: Floats) -> dict[str, Floats]:  # noqa: ARG002
+        """Return the difference of the two angles."""
+        left, right = (state[joint.position_start()] for joint in bench.part.steering)
+        return {"the difference of the steered wheels": np.array(left - right, dtype=float)}
+
+    def initial_output(self, bench: PlantBench) -> float:  # noqa: ARG002
+        """Return 0."""
+        return 0.0
+
+    def command_after_step(self, bench: PlantBench) -> tuple[float, float]:
+        """Return the initial speed and the step."""
+        return bench.spec.course.speed, bench.spec.course.step
+
+    def identify(self, bench: PlantBench) -> Identification:
+        """Identify the joints, both wheels together and against each other.
+
+        The loop is closed by SIMC from inertia and damping of a joint. A motor behind a gear damps its joint, so that a
+        torque gives a speed and not an acceleration: if that lag is shorter than the delay, rules use an integrator,
+        otherwise a double integrator.
+        """
+        spec, period = bench.spec, bench.period
+        plant, joint = bench.plant, bench.part.steering[0]
+        context = bench.context(dict.fromkeys(spec.gains, 0.0), NOMINAL)
+        matrix = plant.CalcMassMatrix(plant.GetMyContextFromRoot(context))
+        index = int(joint.velocity_start())
+        inertia, damping = float(matrix[index, index]), float(joint.default_damping())
+
+        # Gains that hold the joint during the experiments, and a first guess of its model.
+        delay = spec.delay + 1.5 * period
+        if damping * delay > inertia:
+            hold = simc(Integrator(1.0 / damping, delay + 0.5 * inertia / damping))
+            gains, start = {"kp": hold.kp, "ki": 0.0, "kd": 0.0}, (1.0 / inertia, damping / inertia, 1.0, delay)
+        else:
+            hold = simc_double_integrator(1.0 / inertia, delay)
+            gains, start = {"kp": hold.kp - hold.ki * delay, "ki": 0.0, "kd": hold.kd}, (1.0 / inertia, 0.5, 1.0, delay)
+        size = 0.5 * hold.kp * spec.course.step
+
+        # Step of the torque of both joints.
+        record = measure_step(bench, size, duration=1.0)
+        step, fit = fit_inertial_step(record, start)
+        experiments = [inertial_experiment("step_test", step, fit)]
+
+        relay: RelayResult | None = None
+        process = BenchProcess(bench, {**gains, "kp": 0.0})
+        try:
+            relay = run_relay_test(
+                process, period=period, amplitude=size, reference=0.0, duration=15.0, tolerance=0.1, refine=False
+            )
+            experiments.append(replace(relay_experiment(relay), derivative_on=bool(gains["kd"])))
+        except MirdrakeError as error:
+            experiments.append(failed_relay(error))
+
+        # The road couples the wheels differently if they turn together or against each other: two models.
+        wanted = np.geomspace(1.0, min(0.3 * np.pi / period, 3.0 / delay), 12)
+        responses, plants = [], []
+        for apart in (False, True):
+            response = measure_frequency_response(
+                BenchLoop(bench, gains, apart=apart).step,
+                period=period,
+                frequencies=wanted,
+                amplitude=size,
+                cycles=3,
+                settle=1,
+            )
+            fitted, fit = fit_response(response, start, order=2)
+            responses.append(response)
+            plants.append(fitted)
+            experiments.append(inertial_experiment("wheels_apart" if apart else "frequency_response", fitted, fit))
+        main, opposed = plants
+        limit = bench.limits.maximum
+        model = LoopModel(
+            {"main": main, "apart": opposed},
+            rise=bench.part.vehicle.geometry.steering_rate,
+            fall=bench.part.vehicle.geometry.steering_rate,
+            limit=limit if math.isfinite(limit) else None,
+            mass_acts=False,
+        )
+        identified = replace(spec, model=model)
+
+        # Rules take the faster and later of both.
+        gain, rate, delay = (
+            max(main.numerator[0], opposed.numerator[0]),
+            min(main.denominator[1], opposed.denominator[1]),
+            max(main.delay, opposed.delay),
+        )
+        found = Identification(identified, tuple(experiments), relay=relay, frequency=responses[0])
+        if rate * delay > 1.0:
+            speed = max(plant.numerator[0] / plant.denominator[1] for plant in plants)
+            return replace(found, first=Integrator(speed, delay + 0.5 / rate), lag=1.0 / rate)
+        return replace(found, inertial=(gain, delay))

@@ -1,0 +1,69 @@
+"""Tables of a tuning result: responses, trials, open loops, and the Monte Carlo with its use of grip."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from mirdrake.tuning.grip import axles_of, grip_use
+from mirdrake.tuning.loops.base import Conditions, Fidelity, LoopSpec
+from mirdrake.tuning.loops.evaluate import plant_bench
+from mirdrake.tuning.loops.reduced import critical_plant, model_of, pid_of
+from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.margins import loop_response
+from mirdrake.tuning.spec import AT_LEAST, MARGINS
+from mirdrake.tuning.stages import Candidate
+from mirdrake.tuning.trials import Trials
+
+
+def responses_table(tried: Sequence[Candidate]) -> pd.DataFrame:
+    """Return the responses of all candidates: candidate, t, reference, output, effort."""
+    parts = [one.response.assign(candidate=one.name) for one in tried if one.response is not None]
+    columns = ["candidate", "t", "reference", "output", "effort"]
+    return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
+
+
+def trials_table(
+    coarse: Trials, fine: Sequence[Trials], *, limits: Mapping[str, float], coarse_on: Fidelity = "reduced"
+) -> pd.DataFrame:
+    """Return the trials of the search and of the searches on the plant, numbered in sequence, with their fidelity.
+
+    Trials of the latter that break the limit of a margin were evaluated on the reduced model: see
+    :class:`mirdrake.tuning.loops.evaluate.LoopEvaluator`.
+    """
+    parts = [coarse.table.assign(fidelity=coarse_on)]
+    for trials in fine:
+        table = trials.table
+        broken = np.zeros(len(table), dtype=bool)
+        for name in MARGINS:
+            if name in limits and name in table:
+                value = table[name].to_numpy(dtype=float)
+                broken |= value < limits[name] if name in AT_LEAST else value > limits[name]
+        parts.append(table.assign(fidelity=np.where(broken, "reduced", "plant")))
+    table = pd.concat(parts, ignore_index=True)
+    table["number"] = range(len(table))
+    return table
+
+
+def frequency_table(loop: LoopSpec, chosen: Sequence[Candidate]) -> pd.DataFrame:
+    """Return the open loop of candidates over frequency, with the transfer function that gives the largest Ms."""
+    _, period = model_of(loop)
+    top = 0.99 * np.pi / period
+    omega = np.geomspace(top / 3e3, top, 300)
+    parts = []
+    for one in chosen:
+        plant = critical_plant(loop, one.design.gains)
+        value = loop_response(plant, pid_of(loop, one.design.gains), period=period)(omega)
+        parts.append(pd.DataFrame({"candidate": one.name, "omega": omega, "re": value.real, "im": value.imag}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def with_grip(table: pd.DataFrame, loop: LoopSpec, draws: Sequence[Conditions]) -> pd.DataFrame:
+    """Return the runs of the Monte Carlo with the grip that each requires over the available grip."""
+    if not LOOP_KINDS[loop.kind].uses_traction:
+        return table
+    axles = axles_of(plant_bench(loop))
+    use = [grip_use(axles, loop, draw) for draw in draws]
+    table = table.copy()
+    table.insert(list(table.columns).index("seed"), "grip_use", [use[run] for run in table["run"]])
+    return table
