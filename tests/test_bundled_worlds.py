@@ -77,7 +77,7 @@ def test_a_world_has_what_its_name_says(name: str) -> None:
 @pytest.mark.parametrize("name", COUNTS)
 def test_everything_finds_a_place_and_keeps_the_rules(name: str, seed: int) -> None:
     world = seeded(name, seed)
-    assert world.homeless == ()
+    assert world.unplaced_props == ()
     assert world.rules is not None
     assert world.rules.broken(world.props) == []
     assert too_close(world) == []
@@ -150,7 +150,7 @@ def test_a_group_file_holds_the_group_of_its_name(name: str) -> None:
 def test_a_group_needs_no_parameters_and_takes_others(name: str, given: dict[str, float | str]) -> None:
     world = make_world({"mirdrake": "world/1", "props": [{"group": name, "at": [5, -3], "yaw": 0.5, "with": given}]})
     assert len(world.props) > 5
-    assert world.homeless == ()
+    assert world.unplaced_props == ()
     assert too_close(world) == []
 
 

@@ -12,7 +12,7 @@ from scipy.special import fresnel
 
 from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
-from mirdrake.worlds.csv_lines import read_csv_track
+from mirdrake.worlds.csv_tracks import read_csv_track
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
 from tests.timing import reference_seconds
@@ -205,7 +205,7 @@ def test_a_circuit_of_4_km_with_widths_is_built_from_its_file_within_two_seconds
 
     def make() -> None:
         table = read_csv_track(file)
-        pieces, start = pieces_through(table.points, closed=table.closed_guess)
+        pieces, start = pieces_through(table.points, closed=table.looks_closed)
         bare = Track(pieces, start=start, closed=True)
         assert table.left is not None
         assert table.right is not None
@@ -291,7 +291,7 @@ SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
         (SQUARE, {"smooth": 5.0}, "smooth 5 m is too much for points within 7.07 m; make it less than a tenth"),
     ],
 )
-def test_points_without_a_curve_are_refused_in_one_line(points: list[object], options: dict[str, float], says: str):
+def test_points_without_a_curve_are_rejected_in_one_line(points: list[object], options: dict[str, float], says: str):
     with pytest.raises(WorldError) as caught:
         pieces_through(points, closed=True, **options)  # type: ignore[arg-type]
     assert says in str(caught.value)
@@ -340,7 +340,7 @@ def test_files_of_many_kinds_are_read(tmp_path: Path, text: str):
     assert table.points == pytest.approx(np.array(ROWS)[:, :2])
     assert table.right == pytest.approx(np.array(ROWS)[:, 2])
     assert table.left == pytest.approx(np.array(ROWS)[:, 3])
-    assert not table.closed_guess
+    assert not table.looks_closed
 
 
 def test_columns_are_chosen_by_name_or_number_and_scaled(tmp_path: Path):
@@ -371,7 +371,7 @@ def test_a_repeated_last_point_says_that_the_track_is_closed(tmp_path: Path):
         table = read_csv_track(write(tmp_path, text))
         assert table.left is not None
         assert len(table.left) == len(table.points)
-        return len(table.points), table.closed_guess
+        return len(table.points), table.looks_closed
 
     assert read(41) == (40, True)
     assert read(40) == (40, True)
@@ -384,25 +384,25 @@ HEAD = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
 @pytest.mark.parametrize(
     ("text", "options", "says"),
     [
-        ("", {}, "track.csv: no line of numbers; give x, y and the widths of a point per line"),
-        (HEAD, {}, "no line of numbers"),
+        ("", {}, "track.csv: is empty; a header and rows of numbers are expected"),
+        (HEAD, {}, "is empty"),
         (HEAD + "0,0,1,1\n1,0,1,1\n2,0,1,1\n", {}, "track.csv: 3 points; a track needs at least 4, one per line"),
         (
             HEAD + "0,0,1,1\n1,0,nan,1\n",
             {},
-            "track.csv:3: right 'nan' is no finite number; correct it or delete the line",
+            "track.csv:3: right is not a finite number; correct it or delete the line",
         ),
-        (HEAD + "0,0,1,1\n1,inf,1,1\n", {}, "track.csv:3: y 'inf' is no finite number"),
-        (HEAD + "0,0,1,1\n1,two,1,1\n", {}, "track.csv:3: y 'two' is no finite number"),
-        (HEAD + "0,0,1,1\n1,,1,1\n", {}, "track.csv:3: y '' is no finite number"),
-        (HEAD + "0,0,1,1\n1,0,1\n", {}, "track.csv:3: 3 values, but line 2 has 4; give every point all its columns"),
-        (HEAD + "0,0,1,1\n1,0,1,0\n", {}, "track.csv:3: left is 0 m; widths are counted from the centre line to both"),
+        (HEAD + "0,0,1,1\n1,inf,1,1\n", {}, "track.csv:3: y 'inf' is not a finite number"),
+        (HEAD + "0,0,1,1\n1,two,1,1\n", {}, "track.csv:3: y 'two' is not a finite number"),
+        (HEAD + "0,0,1,1\n1,,1,1\n", {}, "track.csv:3: y is not a finite number"),
+        (HEAD + "0,0,1,1\n1,0,1\n", {}, "track.csv:3: left is not a finite number"),
+        (HEAD + "0,0,1,1\n1,0,1,0\n", {}, "track.csv:3: left is 0 m; widths are distances from the centre line to the"),
         (HEAD + rows(), {"x": "x_n"}, "track.csv:2: no column 'x_n'; did you mean 'x_m'? (allowed: w_tr_left_m, w_tr_"),
-        (HEAD + rows(), {"left": "wide"}, "say which is left, or set left: null if there is none"),
+        (HEAD + rows(), {"left": "wide"}, "give the column of left, or set left: null if there is none"),
         (HEAD + rows(), {"x": 5}, "track.csv:2: x is column 5 of 4; columns are counted from 1"),
         (HEAD + rows(), {"x": 0}, "x is column 0 of 4; columns are counted from 1"),
-        (rows(), {"x": "px"}, "track.csv:1: no column 'px', for the columns have no names; give x a number from 1"),
-        ("0,0,1\n1,0,1\n", {}, "track.csv:1: 3 columns without names; x, y, right and left are expected, or set left"),
+        (rows(), {"x": "px"}, "track.csv:1: no column 'px', because there is no header; give x a number from 1"),
+        ("0,0,1\n1,0,1\n", {}, "track.csv:1: 3 columns without header; x, y, right and left are expected, or set left"),
         (
             HEAD + rows() + "40,6,1,1\n50,9,1,1\n",
             {},
@@ -411,23 +411,23 @@ HEAD = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
         (
             HEAD + rows() + "50,90,1,1\n50,99,1,1\n50,250,1,1\n",
             {},
-            "track.csv:9: jumps 151 m from the point before; usu",
+            "track.csv:9: jumps 151 m from the point before; the",
         ),
         (
             "".join(f"4,{y},1,1\n" for y in (*range(9), 33)),
             {},
-            "track.csv:10: jumps 25 m from the point before; usual here are 1 m;",
+            "track.csv:10: jumps 25 m from the point before; the median here is 1 m;",
         ),
         (
             HEAD + rows(),
             {"scale": 20.0},
-            "track.csv:3: jumps 200 m from the point before; usual here are 202 m; sort the",
+            "track.csv:3: jumps 200 m from the point before; the median here is 202 m; sort",
         ),
         (HEAD + "0,0,1,1\n1,1e300,1,1\n", {}, "track.csv:3: y is 1e+300 m; correct it, or set scale"),
-        (HEAD + rows(), {"scale": 0.0}, "track.csv: scale 0 makes no sense; give the metres per unit of the file"),
+        (HEAD + rows(), {"scale": 0.0}, "track.csv: scale 0 is not allowed; give the metres per unit of the file"),
     ],
 )
-def test_faults_of_a_file_are_told_in_one_line(
+def test_faults_of_a_file_are_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, options: dict[str, object], says: str
 ):
     monkeypatch.chdir(tmp_path)
@@ -439,22 +439,22 @@ def test_faults_of_a_file_are_told_in_one_line(
     assert "\n" not in message
 
 
-def test_files_that_cannot_be_read_are_told_in_one_line(tmp_path: Path):
-    with pytest.raises(ConfigError, match=r"none\.csv: No such file or directory$"):
+def test_files_that_cannot_be_read_are_reported_in_one_line(tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"none\.csv: no such file$"):
         read_csv_track(tmp_path / "none.csv")
     with pytest.raises(ConfigError, match="Is a directory"):
         read_csv_track(tmp_path)
     (tmp_path / "track.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
-    with pytest.raises(ConfigError, match=r"track\.csv: no text in UTF-8; save it as a CSV file"):
+    with pytest.raises(ConfigError, match=r"track\.csv: is not text; CSV is expected"):
         read_csv_track(tmp_path / "track.csv")
     (tmp_path / "track.csv").write_bytes(b"1,2,3,4\n" * 2_600_000)
-    with pytest.raises(ConfigError, match="more than 20 MB; no track needs that; thin it out"):
+    with pytest.raises(ConfigError, match="more than 20 MB; reduce the number of points"):
         read_csv_track(tmp_path / "track.csv")
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.text(alphabet='0123456789.,;- #xy_m\n\tenaif"', max_size=200))
-def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory: pytest.TempPathFactory, text: str):
+def test_any_text_is_read_or_rejected_in_one_line(tmp_path_factory: pytest.TempPathFactory, text: str):
     file = write(tmp_path_factory.getbasetemp(), text)
     try:
         table = read_csv_track(file)

@@ -15,7 +15,7 @@ from mirdrake.runs.logs import load_run
 from mirdrake.runs.simulation import simulate
 from mirdrake.schemas import check_file
 from mirdrake.worlds import load_world
-from mirdrake.worlds.csv_lines import read_csv_track
+from mirdrake.worlds.csv_tracks import read_csv_track
 
 FILES = ("spec.yaml", "summary.json", "signals.parquet", "events.jsonl")
 

@@ -38,7 +38,7 @@ def test_a_world_in_the_documentation_is_sound(tmp_path, page, number, text):
     path = tmp_path / f"{page}{number}.yaml"
     path.write_text(text, encoding="utf-8")
     world = load_world(str(path))
-    assert not world.homeless
+    assert not world.unplaced_props
     assert world.rules is not None
     assert not world.rules.broken(world.props)
     assert len(collect_cases([path])) >= len(world.spec.tests)

@@ -65,7 +65,7 @@ ground: {surface: grass}
 tracks:
   main:
     csv: track.csv
-    edges: gravel
+    verge: gravel
     markings: [{line: left}, {line: right}, {line: center, kind: dashed}, {line: start, width: 0.4}]
 start: {line: {on_track: {track: main, s: 0}}}"""
 
@@ -259,7 +259,7 @@ def test_a_start_must_be_on_the_road_as_wide_as_it_is_there(tmp_path: Path, monk
     assert load_world(str(write(tmp_path, text(80, 3.9)))).starts["a"].y == 3.9
     assert message(tmp_path, monkeypatch, text(20, 2.1)) == (
         "w.yaml:3: start.a.on_track.offset: start outside the world: 2.1 m beside the centre line; the edge of the "
-        "road is 2 m away there; make it at most that"
+        "road is 2 m away there; make the offset at most that"
     )
 
 
@@ -312,7 +312,7 @@ ground:
     - {name: hidden, surface: gravel, rect: {center: [70, 0], size: [2, 2]}}
     - {name: roof, surface: concrete, rect: {center: [70, 0], size: [4, 4]}}
 tracks:
-  main: {segments: [{line: 80}], width: [[0, 6], [80, 10]], thickness: 20 mm, edges: gravel,
+  main: {segments: [{line: 80}], width: [[0, 6], [80, 10]], thickness: 20 mm, verge: gravel,
          markings: [{line: left}]}"""
 
 
@@ -473,7 +473,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     ),
     (
         "csv: track.csv",
-        "w.yaml:4: tracks.main.csv: track.csv:6: jumps 140 m from the point before; usual here are 10 m;",
+        "w.yaml:4: tracks.main.csv: track.csv:6: jumps 140 m from the point before; the median here is 10 m;",
         {"csv": csv(ROWS[:4] + [f"{10 * i + 130},0,2,2" for i in range(4, 9)])},
     ),
     (
@@ -484,7 +484,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     # numbers and columns
     (
         "csv: track.csv",
-        "w.yaml:4: tracks.main.csv: track.csv:4: y 'nan' is no finite number; correct it or delete the line",
+        "w.yaml:4: tracks.main.csv: track.csv:4: y is not a finite number; correct it or delete the line",
         {"csv": csv([*ROWS[:2], "20,nan,2,2", *ROWS[3:]])},
     ),
     (
@@ -502,14 +502,14 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
         "w.yaml:4: tracks.main.csv: right and left belong together; name both columns, or set both null",
         {"csv": csv(ROWS)},
     ),
-    ("csv: {file: track.csv, x: true}", "w.yaml:4: tracks.main.csv.x: the name of a column, or its number", {}),
+    ("csv: {file: track.csv, x: true}", "w.yaml:4: tracks.main.csv.x: give the name of a column, or its number", {}),
     (
         "csv: trak.csv",
         "w.yaml:4: tracks.main.csv.file: no such file: 'trak.csv'; did you mean 'track.csv'? (allowed: track.csv)",
         {"csv": csv(ROWS)},
     ),
     ("csv: {file: a.csv, scal: 2}", "w.yaml:4: tracks.main.csv.scal: unknown field; did you mean 'scale'?", {}),
-    ("xodr: {file: none.xodr}", "w.yaml:4: tracks.main.xodr.file: no such file: 'none.xodr'; give its place", {}),
+    ("xodr: {file: none.xodr}", "w.yaml:4: tracks.main.xodr.file: no such file: 'none.xodr'; give its path", {}),
     (
         "xodr: {file: track.xodr, road: 8}",
         "w.yaml:4: tracks.main.xodr: track.xodr: no road '8'; (allowed: 7)",
@@ -524,7 +524,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     ),
     (
         "points: [[0, 0], [1, 0], [1e6, 0], [0, 1]]",
-        "w.yaml:4: tracks.main.points: 2e+06 m from the first point to the last; a track may have from 0.1 m to 100 km",
+        "w.yaml:4: tracks.main.points: 2e+06 m from the first point to the last; allowed are 0.1 m to 100 km",
         {},
     ),
     ("points: []", "w.yaml:4: tracks.main.points: has 0 items; at least 1", {}),
@@ -537,7 +537,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     ),
     (
         "csv: {file: track.csv, left: null, right: null}",
-        "correct it, or set crossing: true if it shall, as a figure of eight",
+        "correct it, or set crossing: true for a figure of eight",
         {"csv": csv([f"{x},{y},2,2" for x, y in EIGHT])},
     ),
     (
@@ -584,7 +584,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     ("points: [[0, 0], [1, 0], [2, 0], [3, 0]]\n    length: 9", "length belongs to segments; set csv.scale, or", {}),
     (
         "csv: track.csv",
-        "w.yaml:3: tracks.main: begins at (5e+06, 0) m, too far from the origin; set start to move it",
+        "w.yaml:3: tracks.main: starts at (5e+06, 0) m, too far from the origin; set start to move it",
         {"csv": csv([f"{5_000_000 + 10 * i},0,2,2" for i in range(8)])},
     ),
 ]

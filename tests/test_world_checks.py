@@ -97,7 +97,7 @@ def test_what_finds_no_place_is_told() -> None:
           - {box: [2, 2, 1], scatter: {region: {rect: {size: [5, 5]}}, count: 20}}
         """
     )
-    assert (fault.kind, fault.text.split(": ")[0]) == ("homeless", "w.yaml:3")
+    assert (fault.kind, fault.text.split(": ")[0]) == ("unplaced", "w.yaml:3")
 
 
 def test_broken_rules_are_told_each_with_its_prop() -> None:
@@ -296,15 +296,15 @@ def test_the_total_number_of_draws_of_a_world_is_limited(monkeypatch: pytest.Mon
     entry = "  - {prop: barrel, name: NAME, scatter: {region: {rect: {size: [0.8, 0.8]}}, count: 1}}\n"
     world = write("props:\n" + "".join(entry.replace("NAME", f"b{i}") for i in range(40)))
     tries = itertools.count()
-    true = arrange._Crowd.has_room
+    true = arrange._PlacedProps.has_room
 
     def has_room(self: Any, props: Any) -> bool:
         next(tries)
-        return true(self, props)
+        return bool(true(self, props))
 
-    monkeypatch.setattr(arrange._Crowd, "has_room", has_room)
+    monkeypatch.setattr(arrange._PlacedProps, "has_room", has_room)
     monkeypatch.setattr(arrange, "MOST_DRAWS", 1000)
-    assert len(load_world(world).homeless) > 35
+    assert len(load_world(world).unplaced_props) > 35
     assert next(tries) < 1000 + 400 + 40
 
 

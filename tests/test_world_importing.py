@@ -208,7 +208,7 @@ def test_populations(tmp_path):
     result, world = imported(traps.crowds(tmp_path), tmp_path / "worlds")
     count = Counter(prop.name.partition("[")[0] for prop in world.props)
     assert count == {"cans": 12, "row": 5, "loose": 6, "round": 4}
-    assert not world.homeless
+    assert not world.unplaced_props
     places = {name: np.array([p.X_WP.translation()[:2] for p in world.props if p.name.startswith(f"{name}[")])
               for name in count}  # fmt: skip
     # Four columns 2 m and three rows 3 m apart about (10, 20) m; five along y from -5 m in steps of 2 m.

@@ -83,22 +83,22 @@ def test_a_repeated_draw_has_a_stream_of_its_own():
     [
         ("", "m", "something is missing"),
         ("1 |", "m", "a choice is empty"),
-        ("5 .. 1", "m", "the range goes down, from 5 to 1; exchange them"),
-        ("0 +- -1", "", "a standard deviation of -1 makes no sense"),
+        ("5 .. 1", "m", "the range from 5 to 1 is reversed; swap its limits"),
+        ("0 +- -1", "", "the standard deviation -1 is negative"),
         ("3 furlong", "m", "unit 'furlong' does not fit; allowed: m, mm, cm, km, in, ft"),
-        ("3 deg", "", "a number without unit is expected, not 'deg'"),
+        ("3 deg", "", "the unit 'deg' is not allowed here; give a number without unit"),
         ("1 / 0", "", "division by zero"),
         ("(1 + 2", "", "a bracket is not closed"),
-        ("1 2", "", "'2' is one too many"),
+        ("1 2", "", "'2' is not expected here"),
         ("1 +", "", "a number is missing at the end"),
         ("$pich", "", "unknown parameter $pich; did you mean 'pitch'? (allowed: pitch)"),
-        ("uniform(0, 1)", "", "'uniform' stands where a number is expected"),
+        ("uniform(0, 1)", "", "'uniform' is not a number"),
         ("sedan", "m", "'sedan' is not a number in m"),
         ("1e400", "", "is not finite"),
-        ("-" * 80 + "1", "", "too many brackets or signs"),
+        ("-" * 80 + "1", "", "more than 50 nested brackets or signs"),
     ],
 )
-def test_what_is_no_value_is_told_with_its_place(text, unit, words):
+def test_an_invalid_expression_is_rejected_with_its_position(text, unit, words):
     with pytest.raises(ConfigError) as caught:
         number(text, unit, pitch=60)
     assert str(caught.value).startswith("w.yaml:3: props[0].x: ")

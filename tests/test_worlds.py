@@ -115,9 +115,9 @@ tracks:
     thickness: 10 mm
     surface: concrete
     mu: 0.8
-    edges: grass
+    verge: grass
     markings: [{line: center, kind: dashed, width: 0.2, dash: [2, 4]}]
-    check_length: 233.4 +- 20
+    expected_length: 233.4 +- 20
   lane:
     segments:
       - {clothoid: {from_radius: straight, to_radius: -30, length: 20}}
@@ -183,8 +183,8 @@ def test_a_clothoid_given_by_its_angle_has_twice_that_angle_over_the_sum_of_its_
 def test_an_unclosed_track_says_by_how_much():
     square = "[{line: 20}, {arc: {radius: 5, angle: 90 deg}}]"
     assert message(track(square, closed="true")) == (
-        "w.yaml:3: tracks.main: does not close: gap 25.5 m, 90 deg; allowed are 1 mm and 0.01 deg; make the turns add "
-        "up to 360 deg and two lines that are not parallel auto, or set closed: false"
+        "w.yaml:3: tracks.main: does not close: gap 25.5 m, 90 deg; allowed are 1 mm and 0.01 deg; make the angles add "
+        "up to 360 deg and set two lines that are not parallel to auto, or set closed: false"
     )
 
 
@@ -203,8 +203,8 @@ FAULTS = [
     ("ground: {mu: -1}", "2: ground.mu: "),
     ("ground: {size: [0, 1]}", "2: ground.size: both sides must be above 0 m and at most 100 km"),
     (track("[]"), "4: tracks.main.segments: "),
-    (track("[{line: -3}]"), "4: tracks.main.segments.0.line: -3 is not a length of at least 1 mm, nor 'auto'"),
-    (track("[{line: automatic}]"), "4: tracks.main.segments.0.line: 'automatic' is not a length"),
+    (track("[{line: -3}]"), "4: tracks.main.segments.0.line: -3 is neither a length of at least 1 mm nor 'auto'"),
+    (track("[{line: automatic}]"), "4: tracks.main.segments.0.line: 'automatic' is neither a length"),
     (track("[{line: 3, arc: {radius: 3, angle: 1}}]"), "4: tracks.main.segments.0: give exactly one of line, arc and"),
     (
         track("[{arc: {radius: 3, angle: 90}}]"),
@@ -224,21 +224,21 @@ FAULTS = [
     ),
     (
         track("[{clothoid: {to_radius: nan, length: 20}}]"),
-        "4: tracks.main.segments.0.clothoid.to_radius: 'nan' is not a signed radius",
+        "4: tracks.main.segments.0.clothoid.to_radius: 'nan' is neither a signed radius",
     ),
     (
-        track(CIRCLE, check_length="965"),
-        "4: tracks.main.check_length: 965 is not a length with its tolerance; write for",
+        track(CIRCLE, expected_length="965"),
+        "4: tracks.main.expected_length: 965 is not a length with its tolerance; write for",
     ),
     (
-        track(CIRCLE, check_length="965 +- 1"),
-        "4: tracks.main.check_length: the track is 62.831853 m long; 965 +- 1 m was asked",
+        track(CIRCLE, expected_length="965 +- 1"),
+        "4: tracks.main.expected_length: the track is 62.831853 m long; expected are 965 +- 1 m",
     ),
     (track(CIRCLE, width=20), "3: tracks.main: the inner edge folds: smallest radius 10 m, width 20 m"),
-    (track("[{line: auto}]"), "4: tracks.main.segments: 1 auto lines; a closed track takes two"),
+    (track("[{line: auto}]"), "4: tracks.main.segments: 1 auto lines; a closed track needs two"),
     (
         track(f"[{{line: auto}}, {HALF}, {{line: auto}}, {HALF}]", closed="true"),
-        "5: tracks.main.segments: the auto lines cannot close the track, for they are parallel",
+        "5: tracks.main.segments: the auto lines cannot close the track because they are parallel",
     ),
     (
         track(
@@ -249,7 +249,7 @@ FAULTS = [
     ),
     (
         "start: {a: {at: [1000, 0]}}",
-        "2: start.a.at: start outside the world: (1000, 0) m; the ground reaches from (-200, -200) to (200, 200) m",
+        "2: start.a.at: start outside the world: (1000, 0) m; the ground extends from (-200, -200) to (200, 200) m",
     ),
     (
         LOOP + "\nstart: {a: {on_track: {track: mian}}}",
@@ -264,7 +264,7 @@ FAULTS = [
         "5: start.a.on_track.offset: start outside the world: 1.6 m beside the centre line",
     ),
     ("start: {a: {at: [0, 0], on_track: {track: main}}}", "2: start.a: give either at and yaw, or on_track"),
-    ("goals: {a: {gate: {track: main}}}", "2: goals.a.gate.track: unknown track 'main'; the world has none"),
+    ("goals: {a: {gate: {track: main}}}", "2: goals.a.gate.track: unknown track 'main'; the world has no tracks"),
     ("goals: {a: {}}", "2: goals.a: give exactly one of at, gate and laps"),
 ]
 
@@ -312,7 +312,7 @@ KEYS = [
 ]
 KEYS += ["start", "at", "yaw", "on_track", "track", "s", "offset", "ground", "size", "mu", "surface", "width", "goals"]
 TEXTS = ["auto", "inf", "straight", "true", "asphalt", "1", "-3", "0", "1e300", "1e-9", "90 deg", "5 +- 1", "null", "~"]
-words = st.sampled_from([*KEYS, "closed", "check_length", *TEXTS, ".", ".nan", "{}", "[]"])
+words = st.sampled_from([*KEYS, "closed", "expected_length", *TEXTS, ".", ".nan", "{}", "[]"])
 values = st.recursive(
     words, lambda inner: st.lists(inner, max_size=3).map(lambda v: "[" + ", ".join(v) + "]")
     | st.dictionaries(words, inner, max_size=3).map(lambda d: "{" + ", ".join(f"{k}: {v}" for k, v in d.items()) + "}"),
@@ -371,7 +371,7 @@ def test_friction_is_that_of_the_road_on_it_and_of_the_grass_beside_it():
 
 
 def test_a_verge_of_2_m_lies_between_road_and_ground():
-    loaded = world("ground: {surface: concrete}\n" + track("[{line: 100}]", edges="ice"))
+    loaded = world("ground: {surface: concrete}\n" + track("[{line: 100}]", verge="ice"))
     assert loaded.mu([50.0] * 4, [0.0, 2.0, -3.4, 3.6]).tolist() == [0.85, 0.1, 0.1, 0.85]
 
 
@@ -509,7 +509,7 @@ def test_the_drawing_of_a_world_has_each_thing_once_in_the_order_in_which_it_is_
             "mirdrake": "world/1",
             "tracks": {
                 "main": {
-                    "segments": [{"line": 40}], "edges": "grass",
+                    "segments": [{"line": 40}], "verge": "grass",
                     "markings": [{"line": "left"}, {"line": "start", "kind": "dashed"}],
                 }
             },

@@ -45,9 +45,9 @@ def run(options: argparse.Namespace) -> int:
     print(f"  {build.plan.name:{width}}  plan from above")
     _print_some("left out of the SDF world: ", build.left_out)
     _print_some("overlap: ", [f"{a} and {b}, {area.area:.2g} m²" for a, b, area in build.overlaps])
-    for line in world.homeless:
+    for line in world.unplaced_props:
         print(f"error: {line}", file=sys.stderr)
-    return 1 if world.homeless else 0
+    return 1 if world.unplaced_props else 0
 
 
 def _parameter_overrides(name: str, texts: Sequence[str]) -> list[str]:

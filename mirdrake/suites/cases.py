@@ -18,7 +18,7 @@ from mirdrake.requirements import Requirement, parse_requirement
 from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
-from mirdrake.worlds.props_spec import CaseSpec, SearchSpec
+from mirdrake.worlds.case_spec import CaseSpec, SearchSpec
 
 Verdict = Literal["pass", "fail", "error", "invalid"]
 Values = Mapping[str, Any]
@@ -239,7 +239,7 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
 def _content(world: World, test: CaseSpec, path: Path) -> str:
     """Changes when a file does that the test is made of."""
     behaviour = test.behaviour if isinstance(test.behaviour, str) else str(test.behaviour.get("kind", ""))
-    beside = [*world.spec.use, *([f"{behaviour.split(':')[0].replace('.', '/')}.py"] if ":" in behaviour else [])]
+    beside = [*world.spec.include, *([f"{behaviour.split(':')[0].replace('.', '/')}.py"] if ":" in behaviour else [])]
     files = [path, *(path.parent / name for name in beside)]
     return digest(b"\0".join(file.read_bytes() for file in files if file.is_file()))
 

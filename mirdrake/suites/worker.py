@@ -174,7 +174,7 @@ def _lost_command(run: Run) -> str:
 
 def _broken(world: World) -> list[str]:
     """Why a world is invalid: what found no place in it, and rules that it breaks."""
-    return [*world.homeless, *(world.rules.broken(world.props) if world.rules is not None else ())]
+    return [*world.unplaced_props, *(world.rules.broken(world.props) if world.rules is not None else ())]
 
 
 def _told(finding: Finding) -> str:

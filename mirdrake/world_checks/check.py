@@ -86,7 +86,7 @@ def examine(
             world = load_world(name_or_world, overrides=overrides)
         except MirdrakeError as error:
             return Examination(None, _lines("file", error))
-    faults = [Fault("homeless", line) for line in world.homeless]
+    faults = [Fault("unplaced", line) for line in world.unplaced_props]
     if world.rules is not None:
         faults += [Fault("rule", line) for line in world.rules.broken(world.props)]
     near = Neighbours(world.props)

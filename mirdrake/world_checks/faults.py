@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "file", "homeless", "rule", "overlap", "unchecked", "gap", "buried", "floating", "start", "goal", "way", "test",
+    "file", "unplaced", "rule", "overlap", "unchecked", "gap", "buried", "floating", "start", "goal", "way", "test",
     "steps",
 ]  # fmt: skip
 """Kinds of faults:

@@ -12,8 +12,8 @@ from mirdrake.world_checks.faults import Fault, amount
 from mirdrake.world_checks.overlaps import LEAST_DEPTH, MOST_OVERLAPS, Neighbours, place_of
 from mirdrake.worlds import PlacedProp
 from mirdrake.worlds.outlines import Outline, gap_between
-from mirdrake.worlds.props_spec import OnGroundSpec
 from mirdrake.worlds.rules import Rules
+from mirdrake.worlds.rules_spec import OnGroundSpec
 
 TOLERANCE = float(OnGroundSpec.model_fields["tolerance"].default)
 """Gap or depth from which a prop does not stand on the ground [m], unless a rule says otherwise."""
@@ -106,7 +106,7 @@ def _bottom(near: Neighbours, index: int, tolerance: float) -> float:
 
 
 def _tolerance(prop: PlacedProp, rules: Rules | None) -> float:
-    named = [tolerance for pattern, tolerance, _ in (rules.on_ground if rules else ()) if prop.is_called(pattern)]
+    named = [rule.tolerance for rule in (rules.on_ground if rules else ()) if prop.is_called(rule.props)]
     return named[-1] if named else TOLERANCE
 
 

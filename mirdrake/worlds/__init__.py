@@ -6,7 +6,7 @@
     parameters, chance ──► values                      values.py, draw.py
     tracks: ── make_track ──► Track                    track_layout.py
         Piece ──► Curve ──► Track                      pieces.py, curve.py, tracks.py
-        points ──► pieces                              csv_lines.py, centre_lines.py, clothoids.py
+        points ──► pieces                              csv_tracks.py, centre_lines.py, clothoids.py
         .xodr ──► pieces, edges                        opendrive.py, opendrive_lanes.py, opendrive_parts.py
     patches: ──► Patch                                 regions.py
     props: ──► Prop, PlacedProp                        props.py, arrange.py, layouts.py

@@ -1,65 +1,73 @@
-"""Props into their places: entries, groups and layouts written out, random ones drawn until they touch nothing.
+"""Placement of props: entries, groups and layouts become props; random ones are drawn until they touch nothing.
 
-All that is fixed is placed first; then what is random is drawn in the order of the file, each thing again and again
-until it keeps its distance from everything that stands already. This is sequential local re-drawing: quick, but not the
-distribution that drawing whole worlds until one fits would give.
+Fixed props are placed first. Then each random prop is drawn, in the order of the file, again and again until it keeps
+its distance from all props that are placed already. This is sequential and quick, but not the distribution that drawing
+whole worlds until one is valid would give.
 
-Every thing has random streams of its own, by its name and what its entry says, so that a new entry leaves the others
+Each prop has its own random streams, which depend on its name and its entry, so that a new entry leaves the other props
 where they were, unless it takes their place.
 """
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.core.paths import resolved
 from mirdrake.core.yaml_io import where
 from mirdrake.worlds.draw import Draw
-from mirdrake.worlds.layouts import Slot, draw_in, make_slots
-from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop, make_mesh_prop, make_primitive
-from mirdrake.worlds.props_spec import LARGEST_COUNT, GroupSpec, PropEntry
-from mirdrake.worlds.regions import Places
-from mirdrake.worlds.values import is_random
+from mirdrake.worlds.layouts import Slot, draw_in
+from mirdrake.worlds.props import Color, PlacedProp, Prop
+from mirdrake.worlds.props_spec import GroupSpec, PropEntry
+from mirdrake.worlds.regions import NamedAreas
+from mirdrake.worlds.schema_types import LARGEST_COUNT
+from mirdrake.worlds.solids import Size
 
 TRIES = 400
-"""Draws of a random thing before there is said to be no place for it."""
+"""Draws of a random prop before it remains unplaced."""
 
 MOST_DRAWS = 20_000
-"""Draws of all random things of a world that found no free place, before each of the others is drawn only once.
+"""Draws of all random props of a world that found no free position, before each other prop is drawn only once.
 
-A number, not a time: the same world file gives the same world on every computer.
+This is a number and not a time, so that a world file gives the same world on every computer.
 """
 
-_DEEPEST = 6  # groups in groups
+_DEEPEST = 6  # groups inside groups
 _Order = tuple[int, ...]
+_MayOverlap = Callable[[PlacedProp, PlacedProp], bool]
 
 
 @dataclass(frozen=True)
-class Frame:
-    """Where a group lies in the world."""
+class GroupPose:
+    """Pose of a group in the world."""
 
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
     yaw: float = 0.0
 
-    def place(self, x: float, y: float) -> tuple[float, float]:
-        """A point of this frame in W [m]."""
+    def point(self, x: float, y: float) -> tuple[float, float]:
+        """Return a point of the group's frame in W [m]."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return self.x + c * x - s * y, self.y + s * x + c * y
 
 
 @dataclass(frozen=True)
 class _Draft:
-    """A thing that is still to be placed: one prop, or one group that is placed as a whole."""
+    """A prop, or a group that is placed as a whole, before it is placed.
+
+    Attributes:
+        make: returns its props for a number of earlier attempts.
+        random: whether it is drawn until it touches nothing.
+        name: its name.
+        where: ``file:line: path`` of its entry.
+    """
 
     make: Callable[[int], list[PlacedProp]]
     random: bool
@@ -67,165 +75,186 @@ class _Draft:
     where: str
 
 
+@dataclass(frozen=True)
+class _Item:
+    """One position of an entry.
+
+    Attributes:
+        entry: the entry.
+        label: name of the prop or group.
+        draw: evaluates its values.
+        slot: its position in the layout.
+        frame: frame of the layout.
+        order: its position in the file.
+        depth: number of groups around it.
+    """
+
+    entry: PropEntry
+    label: str
+    draw: Draw
+    slot: Slot
+    frame: GroupPose
+    order: _Order
+    depth: int
+
+    def again(self, attempt: int) -> "_Item":
+        """Return the item for a repeated draw."""
+        return replace(self, draw=self.draw.again(attempt))
+
+    def pose(self) -> tuple[float, float, float, float]:
+        """Return x, y, z [m] and yaw [rad] in W, with jitter."""
+        entry, slot, draw = self.entry, self.slot, self.draw
+        x, y = (slot.x, slot.y) if slot.area is None else draw_in(slot.area, draw, place=where(entry, "scatter"))
+        if slot.area is None and entry.at is not None and draw.attempt:
+            x, y = entry.at.position(entry, draw)
+        heading = slot.heading
+        if entry.jitter is not None:
+            dx, dy = (draw.number(getattr(entry.jitter, key), "m", key, entry.jitter) for key in ("x", "y"))
+            c, s = math.cos(heading), math.sin(heading)
+            x, y = x + c * dx - s * dy, y + s * dx + c * dy
+            heading += draw.number(entry.jitter.yaw, "rad", "yaw", entry.jitter)
+        yaw = entry.yaw[slot.row % len(entry.yaw)] if isinstance(entry.yaw, list) else entry.yaw
+        heading += draw.number(yaw, "rad", "yaw", entry)
+        x, y = self.frame.point(x, y)
+        return x, y, self.frame.z + self._height(), self.frame.yaw + heading
+
+    def _height(self) -> float:
+        """Return its height above the frame [m]."""
+        entry = self.entry
+        if entry.at is not None and entry.at.z is not None:
+            return self.draw.number(entry.at.z, "m", "at[2]", entry)
+        return self.draw.number(entry.z, "m", "z", entry) if entry.z is not None else 0.0
+
+
 class Arranger:
     """Places props.
 
     Args:
-        places: tracks and patches.
-        groups: a function name -> group, or None.
-        folder: of the world file, for `file`.
-        min_gap: smallest distance between random props and anything else [m].
-        allowed: whether a prop may stand where it does, as far as rules say.
+        areas: tracks and patches.
+        groups: returns the group of a name, or None.
+        group_names: returns the names of all groups.
+        folder: folder of the world file, for `file`.
+        min_gap: smallest distance between random props and all others [m].
+        allowed: whether the rules allow a prop in its place.
         may_overlap: whether two props may touch each other.
     """
 
     def __init__(
         self,
-        places: Places,
+        areas: NamedAreas,
         *,
         groups: Callable[[str], GroupSpec | None],
         group_names: Callable[[], list[str]],
         folder: Path,
         min_gap: float = 0.0,
         allowed: Callable[[PlacedProp], bool] = lambda _: True,
-        may_overlap: Callable[[PlacedProp, PlacedProp], bool] = lambda _a, _b: False,
+        may_overlap: _MayOverlap = lambda _a, _b: False,
     ) -> None:
-        self._places, self._groups, self._group_names, self._folder = places, groups, group_names, folder
+        self._areas, self._groups, self._group_names, self._folder = areas, groups, group_names, folder
         self._gap, self._allowed, self._may_overlap = min_gap, allowed, may_overlap
         self._draws_left = MOST_DRAWS
 
     def arrange(self, entries: Sequence[PropEntry], draw: Draw) -> tuple[list[PlacedProp], list[str]]:
-        """All props of a world, in the order of the file, and what found no place.
+        """Return all props of a world in the order of the file, and one line for each entry with unplaced props.
 
         Raises:
-            ConfigError: an entry is wrong; all faults, one per line.
+            ConfigError: an entry is invalid; all faults, one per line.
         """
         faults: list[str] = []
         drafts: list[_Draft] = []
         for index, (name, key, entry) in enumerate(_named(entries)):
             try:
-                drafts += self._drafts(entry, name, draw.below(key), Frame(), (index,), depth=0)
+                drafts += self._drafts(entry, name, draw.below(key), GroupPose(), (index,), depth=0)
             except (ConfigError, WorldError) as error:
                 faults.append(str(error))
             if len(drafts) > LARGEST_COUNT:
-                raise ConfigError(f"{where(entry)}: more than {LARGEST_COUNT} props")
-        crowd = _Crowd(self._gap, self._may_overlap)
-        placed: list[PlacedProp] = []
-        homeless: dict[str, list[str]] = {}
+                raise ConfigError(f"{where(entry)}: more than {LARGEST_COUNT} props; reduce a count")
+        placed_props = _PlacedProps(self._gap, self._may_overlap)
+        unplaced: dict[str, list[str]] = {}
         for draft in sorted(drafts, key=lambda draft: draft.random):  # stable: fixed ones first
-            if draft.where in homeless:  # where one found no place, its like will not
-                homeless[draft.where].append(draft.name)
+            if draft.where in unplaced:  # other props of the same entry will not find a position either
+                unplaced[draft.where].append(draft.name)
                 continue
             try:
-                props = self._find_place(draft, crowd) if draft.random else draft.make(0)
+                props = self._find_position(draft, placed_props) if draft.random else draft.make(0)
             except (ConfigError, WorldError) as error:
                 faults.append(str(error))
                 continue
             if props is None:
-                homeless[draft.where] = [draft.name]
+                unplaced[draft.where] = [draft.name]
                 continue
-            crowd.add(props)
-            placed += props
+            placed_props.add(props)
         if faults:
             raise ConfigError("\n".join(dict.fromkeys(faults)))
-        placed.sort(key=lambda prop: prop.order)
-        return placed, [
-            f"{place}: no free place for '{names[0]}'{f' and {len(names) - 1} more' if names[1:] else ''} in {TRIES} "
-            "tries; make the region larger, or the count or the gaps smaller"
-            for place, names in homeless.items()
+        tries = f"in {TRIES} tries" if self._draws_left > 0 else f"within {MOST_DRAWS} tries for the whole world"
+        return sorted(placed_props.props, key=lambda prop: prop.order), [
+            f"{place}: no free position for '{names[0]}'{f' and {len(names) - 1} more' if names[1:] else ''} {tries}; "
+            "enlarge the region, or reduce the count or the gaps"
+            for place, names in unplaced.items()
         ]
 
-    def _find_place(self, draft: _Draft, crowd: "_Crowd") -> list[PlacedProp] | None:
-        """A random thing where it keeps to the rules and its distance, or None."""
+    def _find_position(self, draft: _Draft, placed_props: "_PlacedProps") -> list[PlacedProp] | None:
+        """Return a random prop or group where it obeys the rules and keeps its distance, or None."""
         for attempt in range(min(TRIES, max(1, self._draws_left))):
             props = draft.make(attempt)
-            if all(map(self._allowed, props)) and crowd.has_room(props):
+            if all(map(self._allowed, props)) and placed_props.has_room(props):
                 return props
             self._draws_left -= len(props)
         return None
 
     def _drafts(
-        self, entry: PropEntry, name: str, draw: Draw, frame: Frame, order: _Order, *, depth: int
+        self, entry: PropEntry, name: str, draw: Draw, frame: GroupPose, order: _Order, *, depth: int
     ) -> Iterator[_Draft]:
-        """The things of one entry in a frame."""
-        slots = make_slots(entry, self._places, draw)
-        single = entry.at is not None
+        """Yield the props and groups of one entry in a frame."""
+        slots = list(entry.layout.slots(entry, self._areas, draw))
+        if len(slots) > LARGEST_COUNT:
+            raise ConfigError(f"{where(entry)}: {len(slots)} props; at most {LARGEST_COUNT} are allowed")
         group = self._group(entry, depth)
-        random = entry.scatter is not None or _is_drawn(entry)
+        random = entry.is_random
         for index, slot in enumerate(slots):
-            own = draw.below(str(index))
-            label = name if single else f"{name}[{index}]"
-            here = (*order, index)
+            label = name if entry.at is not None else f"{name}[{index}]"
+            item = _Item(entry, label, draw.below(str(index)), slot, frame, (*order, index), depth)
             if group is None:
-                yield _Draft(self._prop_maker(entry, label, own, slot, frame, here), random, label, where(entry))
-                continue
-            if random:
-                yield _Draft(
-                    self._group_maker(entry, group, label, own, slot, frame, here, depth), True, label, where(entry)
-                )
+                yield _Draft(self._prop_maker(item), random, label, where(entry))
+            elif random:
+                yield _Draft(self._group_maker(item, group), True, label, where(entry))
             else:
-                yield from self._group_drafts(entry, group, label, own, slot, frame, here, depth)
+                yield from self._group_drafts(item, group)
 
-    def _prop_maker(
-        self, entry: PropEntry, label: str, draw: Draw, slot: Slot, frame: Frame, order: _Order
-    ) -> Callable[[int], list[PlacedProp]]:
+    def _prop_maker(self, item: _Item) -> Callable[[int], list[PlacedProp]]:
         def make(attempt: int) -> list[PlacedProp]:
-            once = draw.again(attempt)
-            prop = self._prop(entry, once)
-            x, y, yaw = _pose(entry, slot, once)
-            z = self._height(entry, once)
-            roll, pitch = (once.number(getattr(entry, key), "rad", key, entry) for key in ("roll", "pitch"))
-            x, y = frame.place(x, y)
-            X_WP = RigidTransform(RollPitchYaw(roll, pitch, frame.yaw + yaw), [x, y, frame.z + z])
-            color = _color(entry, once)
+            entry, draw = item.entry, item.draw.again(attempt)
+            prop = self._prop(entry, draw)
+            x, y, z, yaw = item.again(attempt).pose()
+            roll, pitch = (draw.number(getattr(entry, key), "rad", key, entry) for key in ("roll", "pitch"))
+            X_WP = RigidTransform(RollPitchYaw(roll, pitch, yaw), [x, y, z])
+            color = _color(entry, draw)
             if entry.mass is not None:
-                mass = once.number(entry.mass, "kg", "mass", entry)
+                mass = draw.number(entry.mass, "kg", "mass", entry)
                 if not mass > 0.0:
                     raise ConfigError(f"{where(entry, 'mass')}: {mass:g} kg; it must be above 0")
-                prop = Prop(**{**prop.__dict__, "mass": mass})
-            random = entry.scatter is not None or _is_drawn(entry)
-            return [PlacedProp(label, prop, X_WP, entry.static, color, where(entry), random, order)]
+                prop = replace(prop, mass=mass)
+            return [PlacedProp(item.label, prop, X_WP, entry.static, color, where(entry), entry.is_random, item.order)]
 
         return make
 
-    def _group_maker(
-        self,
-        entry: PropEntry,
-        group: GroupSpec,
-        label: str,
-        draw: Draw,
-        slot: Slot,
-        frame: Frame,
-        order: _Order,
-        depth: int,
-    ) -> Callable[[int], list[PlacedProp]]:
+    def _group_maker(self, item: _Item, group: GroupSpec) -> Callable[[int], list[PlacedProp]]:
         def make(attempt: int) -> list[PlacedProp]:
-            drafts = self._group_drafts(entry, group, label, draw.again(attempt), slot, frame, order, depth)
+            drafts = self._group_drafts(item.again(attempt), group)
             return [prop for draft in drafts for prop in draft.make(attempt)]
 
         return make
 
-    def _group_drafts(
-        self,
-        entry: PropEntry,
-        group: GroupSpec,
-        label: str,
-        draw: Draw,
-        slot: Slot,
-        frame: Frame,
-        order: _Order,
-        depth: int,
-    ) -> list[_Draft]:
-        """The things of a group in one place."""
+    def _group_drafts(self, item: _Item, group: GroupSpec) -> list[_Draft]:
+        """Return the props and groups of a group in one position."""
+        entry, draw = item.entry, item.draw
         for key in entry.with_:
             if key not in group.params:
-                hint = did_you_mean(key, group.params) if group.params else "it has none"
+                hint = did_you_mean(key, group.params) if group.params else "it has no parameters"
                 raise ConfigError(
                     f"{where(entry, 'with', key)}: group '{entry.group}' has no parameter '{key}'; {hint}"
                 )
-        x, y, yaw = _pose(entry, slot, draw)
-        x, y = frame.place(x, y)
-        inner = Frame(x, y, frame.z + self._height(entry, draw), frame.yaw + yaw)
+        inner = GroupPose(*item.pose())
         parameters = {
             key: draw.parameter(value, f"params.{key}", place=where(group, "params", key))
             for key, value in group.params.items()
@@ -239,7 +268,7 @@ class Arranger:
             draft
             for index, (name, key, part) in enumerate(_named(group.props))
             for draft in self._drafts(
-                part, f"{label}.{name}", below.below(key), inner, (*order, index), depth=depth + 1
+                part, f"{item.label}.{name}", below.below(key), inner, (*item.order, index), depth=item.depth + 1
             )
         ]
 
@@ -248,75 +277,60 @@ class Arranger:
             return None
         if depth >= _DEEPEST:
             raise ConfigError(
-                f"{where(entry, 'group')}: more than {_DEEPEST} groups in each other; does it hold itself?"
+                f"{where(entry, 'group')}: more than {_DEEPEST} nested groups; does the group contain itself?"
             )
         group = self._groups(entry.group)
         if group is None:
             names = self._group_names()
-            hint = did_you_mean(entry.group, names) if names else "there are none; add it under groups"
+            hint = did_you_mean(entry.group, names) if names else "there are no groups; add it under groups"
             raise ConfigError(f"{where(entry, 'group')}: unknown group '{entry.group}'; {hint}")
         return group
 
     def _prop(self, entry: PropEntry, draw: Draw) -> Prop:
-        """What is placed."""
+        """Return the prop of an entry."""
         scale = draw.number(entry.scale, "", "scale", entry)
         if not 1e-3 <= scale <= 1e3:
             raise ConfigError(f"{where(entry, 'scale')}: {scale:g}; allowed are 0.001 to 1000")
-        size = None
+        size: Size | None = None
         if entry.size is not None:
             length, width, height = draw.numbers(entry.size, "m", "size", entry)
             if not min(length, width, height) > 0.0:
                 raise ConfigError(f"{where(entry, 'size')}: all three must be above 0 m")
             size = (length, width, height)
-        if entry.prop is not None:
-            return load_prop(draw.word(entry.prop, "prop", entry), size=size, scale=scale, where=where(entry, "prop"))
-        if size is not None:
+        if size is not None and not entry.shape.resizable:
             raise ConfigError(
-                f"{where(entry, 'size')}: size belongs to a prop that is resizable; give the sides themselves"
+                f"{where(entry, 'size')}: size belongs to a prop that is resizable; change the sides instead"
             )
-        if entry.file is not None:
-            path = self._folder / entry.file
-            if (path / "prop.yaml").is_file():
-                return load_prop(f"{resolved(path)}/", scale=scale, where=where(entry, "file"))
-            if path.suffix.lower() not in {".gltf", ".glb", ".obj"} or not path.is_file():
-                raise ConfigError(
-                    f"{where(entry, 'file')}: no prop at '{entry.file}': a folder with a prop.yaml, or a .gltf or .obj "
-                    "file, beside the world file is expected"
-                )
-            return make_mesh_prop(resolved(path), scale=scale, where=where(entry, "file"))
-        for kind in ("box", "cylinder", "sphere"):
-            value = getattr(entry, kind)
-            if value is not None:
-                sides = draw.numbers(value if isinstance(value, list) else [value], "m", kind, entry)
-                return make_primitive(kind, tuple(sides), scale=scale, where=where(entry, kind))
-        raise AssertionError("an entry has a shape")
-
-    @staticmethod
-    def _height(entry: PropEntry, draw: Draw) -> float:
-        if entry.at is not None and len(entry.at) == 3:
-            return draw.number(entry.at[2], "m", "at[2]", entry)
-        return draw.number(entry.z, "m", "z", entry) if entry.z is not None else 0.0
+        return entry.shape.make(entry, draw, self._folder, size, scale)
 
 
-class _Crowd:
-    """Props that stand already, found quickly by their boxes seen from above."""
+class _PlacedProps:
+    """Props that are placed already, searched by their bounding boxes.
 
-    def __init__(self, gap: float, may_overlap: Callable[[PlacedProp, PlacedProp], bool]) -> None:
+    Args:
+        gap: smallest distance to new props [m].
+        may_overlap: whether two props may touch each other.
+
+    Attributes:
+        props: the props.
+    """
+
+    def __init__(self, gap: float, may_overlap: _MayOverlap) -> None:
         self._gap, self._may_overlap = gap, may_overlap
         self._boxes: NDArray[np.float64] = np.empty((256, 6))
-        self._props: list[PlacedProp] = []
+        self.props: list[PlacedProp] = []
 
     def add(self, props: Sequence[PlacedProp]) -> None:
-        """Take in props."""
+        """Add props."""
         for prop in props:
-            if len(self._props) == len(self._boxes):
+            if len(self.props) == len(self._boxes):
                 self._boxes = np.vstack((self._boxes, np.empty_like(self._boxes)))
-            self._boxes[len(self._props)] = (*prop.footprint.bounds, prop.bottom, prop.top)
-            self._props.append(prop)
+            self._boxes[len(self.props)] = (*prop.footprint.bounds, prop.bottom, prop.top)
+            self.props.append(prop)
 
     def has_room(self, props: Sequence[PlacedProp]) -> bool:
-        """Whether props keep their distance from all that stand, and do not touch each other's places."""
-        boxes, gap = self._boxes[: len(self._props)], self._gap
+        """Return whether new props keep their distance from all props that are placed."""
+        boxes, gap = self._boxes[: len(self.props)], self._gap
         for prop in props:
             xmin, ymin, xmax, ymax = prop.footprint.bounds
             near = (
@@ -325,7 +339,7 @@ class _Crowd:
                 & (boxes[:, 4] < prop.top + gap) & (boxes[:, 5] > prop.bottom - gap)
             )  # fmt: skip
             for index in np.nonzero(near)[0].tolist():
-                other = self._props[index]
+                other = self.props[index]
                 if self._may_overlap(prop, other):
                     continue
                 if gap == 0.0:
@@ -337,13 +351,13 @@ class _Crowd:
 
 
 def _color(entry: PropEntry, draw: Draw) -> Color | None:
-    """Red, green, blue, from numbers or from a name of CSS."""
+    """Return red, green, blue of numbers or of a CSS colour name."""
     if entry.color is None:
         return None
     if isinstance(entry.color, list):
         red, green, blue = (min(1.0, max(0.0, c)) for c in draw.numbers(entry.color, "", "color", entry))
         return red, green, blue
-    from matplotlib.colors import CSS4_COLORS, to_rgb  # takes a while, and most colours are numbers
+    from matplotlib.colors import CSS4_COLORS, to_rgb  # slow to import, and most colours are numbers
 
     name = draw.word(entry.color, "color", entry)
     if name not in CSS4_COLORS:
@@ -356,7 +370,7 @@ def _color(entry: PropEntry, draw: Draw) -> Color | None:
 
 
 def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]:
-    """Entries with unique names, and keys of their random streams that do not depend on other entries."""
+    """Yield entries with unique names, and keys of their random streams that do not depend on other entries."""
     names: dict[str, int] = {}
     keys: dict[str, int] = {}
     given = {entry.name for entry in entries if entry.name}
@@ -369,37 +383,12 @@ def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]
                 if name not in given:
                     break
             text = json.dumps(entry.model_dump(mode="json", exclude_unset=True), sort_keys=True)
-            key = f"{label}-{digest(text)[:12]}"
+            key = f"{label}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
             keys[key] = keys.get(key, 0) + 1
             key = key if keys[key] == 1 else f"{key}-{keys[key]}"
         else:
             name = key = entry.name
             names[name] = names.get(name, 0) + 1
             if names[name] > 1:
-                raise ConfigError(f"{where(entry, 'name')}: there is a '{name}' already; give each entry its own name")
+                raise ConfigError(f"{where(entry, 'name')}: '{name}' is used twice; give each entry its own name")
         yield name, key, entry
-
-
-def _pose(entry: PropEntry, slot: Slot, draw: Draw) -> tuple[float, float, float]:
-    """X [m], y [m] and heading [rad] of one place, with jitter, in the frame of the layout."""
-    x, y = (slot.x, slot.y) if slot.area is None else draw_in(slot.area, draw, place=where(entry, "scatter"))
-    if slot.area is None and entry.at is not None and draw.attempt:
-        x, y = draw.numbers(entry.at[:2], "m", "at", entry)
-    heading = slot.heading
-    if entry.jitter is not None:
-        dx, dy = (draw.number(getattr(entry.jitter, key), "m", key, entry.jitter) for key in ("x", "y"))
-        c, s = math.cos(heading), math.sin(heading)
-        x, y = x + c * dx - s * dy, y + s * dx + c * dy
-        heading += draw.number(entry.jitter.yaw, "rad", "yaw", entry.jitter)
-    yaw = entry.yaw[slot.row % len(entry.yaw)] if isinstance(entry.yaw, list) else entry.yaw
-    return x, y, heading + draw.number(yaw, "rad", "yaw", entry)
-
-
-def _is_drawn(entry: PropEntry) -> bool:
-    """Whether chance decides where an entry's things stand or how large they are."""
-    values: list[object] = [entry.prop, entry.yaw, entry.z, entry.scale, entry.sphere]
-    for part in (entry.at, entry.size, entry.box, entry.cylinder, entry.yaw):
-        values += part if isinstance(part, list) else []
-    if entry.jitter is not None:
-        values += [entry.jitter.x, entry.jitter.y, entry.jitter.yaw]
-    return any(map(is_random, values))

@@ -1,4 +1,4 @@
-"""Centre lines: exact curves of piecewise linear curvature, and the way back from points to them.
+"""Centre lines: exact curves of piecewise linear curvature, and the projection of points on them.
 
 ::
 
@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from typing import Any, overload
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # it imports its parts when they are first used
 from numpy.typing import ArrayLike, NDArray
 
 from mirdrake.worlds.pieces import NODES, WEIGHTS, Array, Piece, Placement, advance, cells_of, displace
 
-_FAR = 20.0  # [m] a hint that is worse than this is not used
+_FAR = 20.0  # [m] a hint that is farther off is not used
 
 
 class Curve:
@@ -30,7 +30,8 @@ class Curve:
         name: for messages.
 
     Attributes:
-        start: pose at s = 0, as it was given.
+        start: given pose at s = 0.
+        end: pose at the end, by the pieces.
         length: along the curve [m].
         knots: s [m] where pieces meet, from 0 to the length.
         min_radius: smallest radius [m]; infinite for a straight.
@@ -75,7 +76,7 @@ class Curve:
             zip(*(a.tolist() for a in (self._s, self._x, self._y, self._yaw, self._k, self._c)), strict=True)
         )
         self._starts = self._s.tolist()
-        self._end = pose
+        self.end = pose
         turn = pose[2] - start[2]
         self.gap = (math.hypot(pose[0] - start[0], pose[1] - start[1]), math.remainder(turn, 2.0 * math.pi))
         self._tree: Any = None
@@ -83,7 +84,7 @@ class Curve:
     # --- along the curve ------------------------------------------------------------------------------------------
 
     def wrap(self, s: float) -> float:
-        """Fold s [m] into [0, length) on a closed track; unchanged on an open one."""
+        """Return s [m] wrapped into [0, length) on a closed track; unchanged on an open one."""
         if not self.closed or 0.0 <= s < self.length:
             return s
         s = math.fmod(s, self.length)
@@ -92,14 +93,14 @@ class Curve:
         return s if s < self.length else 0.0
 
     def pose(self, s: ArrayLike) -> tuple[Array, Array, Array]:
-        """Poses on the centre line.
+        """Return poses on the centre line.
 
         Args:
-            s: along the centre line [m], any shape; periodic when closed, otherwise continued straight beyond the ends.
+            s: along the centre line [m], any shape; periodic when closed, otherwise extended straight beyond the ends.
 
         Returns:
             x [m], y [m] and yaw [rad] in the world frame, each of the shape of s. yaw is continuous along a lap from
-            the heading at s = 0; it is not folded into (-π, π].
+            the heading at s = 0; it is not wrapped into (-π, π].
         """
         s, shape = self._flat(s)
         i, u = self._locate(s)
@@ -107,7 +108,7 @@ class Curve:
         dx, dy = displace(self._yaw[i], k, c, u)
         x, y, yaw = self._x[i] + dx, self._y[i] + dy, self._yaw[i] + (k + c * u / 2.0) * u
         if not self.closed and (beyond := s > self.length).any():
-            x0, y0, yaw0 = self._end
+            x0, y0, yaw0 = self.end
             extra = s - self.length
             x = np.where(beyond, x0 + extra * math.cos(yaw0), x)
             y = np.where(beyond, y0 + extra * math.sin(yaw0), y)
@@ -115,11 +116,11 @@ class Curve:
         return x.reshape(shape), y.reshape(shape), yaw.reshape(shape)
 
     def pose_at(self, s: float) -> Placement:
-        """The pose (x [m], y [m], yaw [rad]) at one s [m]: :meth:`pose` for the control loop, without arrays."""
+        """Return the pose (x [m], y [m], yaw [rad]) at one s [m]: :meth:`pose` without arrays, for control loops."""
         return self._evaluate(s)[:3]
 
     def curvature(self, s: ArrayLike) -> Array:
-        """Curvature [1/m] of the centre line at s [m], + left, in the shape of s; 0 beyond the ends if open."""
+        """Return the curvature [1/m] of the centre line at s [m], any shape, + left; 0 beyond the ends if open."""
         s, shape = self._flat(s)
         i, u = self._locate(s)
         k, c = self._extended(i, u)
@@ -129,21 +130,21 @@ class Curve:
         return np.asarray(value.reshape(shape))
 
     def curvature_at(self, s: float) -> float:
-        """Curvature [1/m] at one s [m]: :meth:`curvature` for the control loop, without arrays."""
+        """Return the curvature [1/m] at one s [m]: :meth:`curvature` without arrays, for control loops."""
         return self._evaluate(s)[3]
 
     def point(self, s: ArrayLike, offset: ArrayLike = 0.0) -> tuple[Array, Array]:
-        """World x and y [m] of the track coordinates s [m] and offset e_y [m], broadcast against each other."""
+        """Return world x and y [m] of the track coordinates s [m] and e_y [m], which are broadcast."""
         x, y, yaw = self.pose(s)
         offset = np.asarray(offset, dtype=float)
         return x - offset * np.sin(yaw), y + offset * np.cos(yaw)
 
     def sharpest(self) -> float:
-        """Where the radius is smallest: s [m]."""
+        """Return s [m] where the radius is smallest."""
         ends = [max(abs(piece.start_curvature), abs(piece.end_curvature)) for piece in self.pieces]
-        at = int(np.argmax(ends))
-        piece = self.pieces[at]
-        return float(self.knots[at + (abs(piece.end_curvature) > abs(piece.start_curvature))])
+        i = int(np.argmax(ends))
+        piece = self.pieces[i]
+        return float(self.knots[i + (abs(piece.end_curvature) > abs(piece.start_curvature))])
 
     # --- from the plane to the curve ------------------------------------------------------------------------------
 
@@ -154,14 +155,14 @@ class Curve:
     def project(
         self, x: float | Array, y: float | Array, *, near: ArrayLike | None = None
     ) -> tuple[float, float] | tuple[Array, Array]:
-        """Track coordinates of points in the plane: the nearest point of the centre line.
+        """Return track coordinates of points in the plane, by the nearest point of the centre line.
 
         Args:
             x: world x [m], a float or an array.
             y: world y [m], like x.
-            near: s [m] close to the answer, for example the last one of a moving vehicle. The nearest point of that
-                stretch of road is then taken, even if another stretch passes closer. Without it, and when the point
-                turns out to be more than 20 m away, the whole track is searched.
+            near: s [m] close to the result, for example the last one of a moving vehicle. The nearest point of that
+                part of the road is then returned, even if another part is closer. Without it, or if the point is more
+                than 20 m away, the whole track is searched.
 
         Returns:
             s [m] within [0, length) (open: [0, length]) and e_y [m], + left of the centre line; floats for floats.
@@ -182,7 +183,7 @@ class Curve:
     # --- the inner parts ------------------------------------------------------------------------------------------
 
     def _flat(self, s: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-        """The values of s as a flat array, folded into one lap when closed, and their shape."""
+        """Return the values of s as a flat array, wrapped into one lap when closed, and their shape."""
         values = np.asarray(s, dtype=float)
         flat = values.ravel()
         if self.closed:
@@ -191,20 +192,20 @@ class Curve:
         return flat, values.shape
 
     def _locate(self, s: Array) -> tuple[NDArray[np.intp], Array]:
-        """Cell of each s, and the distance [m] from the cell's start; negative before the start of an open track."""
+        """Return the cell of each s and the distance [m] from its start, negative before an open track."""
         i = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 1)
         return i, np.minimum(s, self.length) - self._s[i]
 
     def _extended(self, i: NDArray[np.intp], u: Array) -> tuple[Array, Array]:
-        """Curvature and its rate for cells; zero where u is before the start of an open track."""
+        """Return curvature and its rate in cells; zero where u is before the start of an open track."""
         return np.where(u < 0.0, 0.0, self._k[i]), np.where(u < 0.0, 0.0, self._c[i])
 
     def _evaluate(self, s: float) -> tuple[float, float, float, float]:
-        """x, y, yaw and curvature at one s, in plain floats."""
+        """Return x, y, yaw and curvature at one s, as floats."""
         if self.closed:
             s = self.wrap(s)
         elif s > self.length:
-            x, y, yaw = self._end
+            x, y, yaw = self.end
             extra = s - self.length
             return x + extra * math.cos(yaw), y + extra * math.sin(yaw), yaw, 0.0
         elif s < 0.0:
@@ -220,10 +221,10 @@ class Curve:
         return x, y, yaw + (k + half * u) * u, k + c * u
 
     def _descend(self, x: float, y: float, near: float) -> tuple[float, float] | None:
-        """Newton's method from `near` to the nearest point; None when it wanders far off or does not settle.
+        """Find the nearest point by Newton's method from `near`; None if it moves too far or does not converge.
 
-        d(distance²/2)/ds = -f with f the component of the distance along the tangent, and df/ds = -(1 - k e_y). Keeping
-        that slope above 0.2 makes every step go downhill, also beyond the centre of curvature.
+        d(distance²/2)/ds = -f with f the component of the distance along the tangent, and df/ds = -(1 - k e_y). With
+        that slope limited to 0.2 or more, every step descends, also beyond the centre of curvature.
         """
         s, last = near, self.length
         for _ in range(40):
@@ -244,7 +245,7 @@ class Curve:
         return (self.wrap(s), lateral) if self.closed and abs(step) <= 2.0 * self.gap[0] else None
 
     def _project_many(self, x: Array, y: Array, near: ArrayLike | None) -> tuple[Array, Array]:
-        """Vectorised :meth:`project`: the same descent for all points at once, the unsettled ones again from afar."""
+        """Project arrays: the same descent for all points at once; those that do not converge start from their cell."""
         x, y = np.broadcast_arrays(x, y)
         shape = x.shape
         x, y = x.ravel(), y.ravel()
@@ -258,8 +259,8 @@ class Curve:
             s, lateral, _ = self._descend_many(x, y, self._nearest_cell(x, y))
         else:
             first = np.broadcast_to(np.asarray(near, dtype=float), shape).ravel()
-            s, lateral, settled = self._descend_many(x, y, first)
-            again = ~settled | (np.abs(s - first) > _FAR) | (np.abs(lateral) > _FAR)
+            s, lateral, converged = self._descend_many(x, y, first)
+            again = ~converged | (np.abs(s - first) > _FAR) | (np.abs(lateral) > _FAR)
             if again.any():
                 s[again], lateral[again], _ = self._descend_many(
                     x[again], y[again], self._nearest_cell(x[again], y[again])
@@ -270,13 +271,13 @@ class Curve:
         return s.reshape(shape), lateral.reshape(shape)
 
     def _nearest_cell(self, x: Array, y: Array) -> Array:
-        """Where [m] the cell nearest to each point starts."""
+        """Return s [m] at the start of the cell nearest to each point."""
         if self._tree is None:
             self._tree = scipy.spatial.cKDTree(np.column_stack((self._x, self._y)))
         return np.asarray(self._s[self._tree.query(np.column_stack((x, y)))[1]])
 
     def _descend_many(self, x: Array, y: Array, s: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Steps of :meth:`_descend` for arrays; also says which points settled."""
+        """Descend as :meth:`_descend` for arrays; return s, e_y and whether each point converged."""
         s, lateral = s.copy(), np.zeros_like(s)
         active = np.arange(len(s))
         for _ in range(40):
@@ -294,6 +295,6 @@ class Curve:
             active = active[~(np.abs(step) < 1e-9)]
             if not active.size:
                 break
-        settled = np.ones(len(s), dtype=bool)
-        settled[active] = False
-        return s, lateral, settled
+        converged = np.ones(len(s), dtype=bool)
+        converged[active] = False
+        return s, lateral, converged

@@ -96,9 +96,9 @@ def make_drawing(world: World) -> WorldDrawing:
     areas = [DrawnArea("ground", "", shapely.box(*ground.extent), ground.surface, ground.mu)]
     lines: list[DrawnLine] = []
     for name, track in world.roads().items():
-        edges = specs[name].edges
-        if edges is not None and edges != ground.surface:
-            areas.append(DrawnArea("verge", name, verge(track), edges))
+        surface = specs[name].verge
+        if surface is not None and surface != ground.surface:
+            areas.append(DrawnArea("verge", name, verge(track), surface))
     for name, track in world.roads().items():
         areas.append(DrawnArea("road", name, track.area, specs[name].surface, track_mu(specs[name])))
         for marking in specs[name].markings:

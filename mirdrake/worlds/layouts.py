@@ -1,25 +1,34 @@
-"""Where the props of one entry stand: grids, lines, along tracks, rings, or anywhere in an area."""
+"""Layouts: positions of the props of one entry.
+
+A new layout is a class derived from :class:`Layout` and a field of :class:`mirdrake.worlds.props_spec.PropEntry`.
+"""
+
+# ruff: noqa: ARG002  # all kinds share one signature
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import shapely
+from pydantic import Field, RootModel, model_validator
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import where
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Schema, where
 from mirdrake.worlds.draw import Draw
-from mirdrake.worlds.props_spec import LARGEST_COUNT, AlongSpec, PropEntry
-from mirdrake.worlds.regions import Places, make_region
+from mirdrake.worlds.regions import NamedAreas, RegionSpec, make_region
+from mirdrake.worlds.schema_types import LARGEST_COUNT, Pair, Value, exactly_one, origin
+from mirdrake.worlds.values import Number, is_random
 
 _TRIES = 10_000  # draws of a point in an area, before it is called too thin
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A place of a layout, in the frame of the world or the group."""
+    """A position of a layout, in the frame of the world or the group."""
 
     x: float
     """[m]"""
@@ -28,33 +37,183 @@ class Slot:
     heading: float
     """[rad]"""
     row: int
-    """of a grid, else its number in the layout"""
+    """row of a grid, else the number of the position in the layout"""
     area: BaseGeometry | None = None
-    """the place is drawn in it"""
+    """area in which the position is drawn at random"""
 
 
-def make_slots(entry: PropEntry, places: Places, draw: Draw) -> list[Slot]:
-    """The places of an entry, in order.
+class Layout:
+    """A kind of layout."""
 
-    Args:
-        entry: with one layout.
-        places: tracks and patches.
-        draw: finds the values of the layout.
+    @abstractmethod
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the positions in their order.
 
-    Raises:
-        ConfigError: a value is wrong, a track or region is unknown, or there are too many places.
-    """
-    slots = list(_slots(entry, places, draw))
-    if len(slots) > LARGEST_COUNT:
-        raise ConfigError(f"{where(entry)}: {len(slots)} props; allowed are {LARGEST_COUNT}")
-    return slots
+        Args:
+            entry: entry of the file, for messages.
+            areas: tracks and patches.
+            draw: evaluates values.
+
+        Raises:
+            ConfigError: a value is invalid, or a track or region is unknown.
+        """
+
+    @property
+    def random_values(self) -> list[Number | str]:
+        """Values that make the positions random if one of them is."""
+        return []
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the positions are drawn at random."""
+        return any(map(is_random, self.random_values))
+
+
+class AtLayout(RootModel[Annotated[list[Value], Field(min_length=2, max_length=3)]], Layout):
+    """One position: x, y and optionally z [m]."""
+
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the position."""
+        x, y = self.position(entry, draw)
+        yield Slot(x, y, 0.0, 0)
+
+    def position(self, entry: Schema, draw: Draw) -> tuple[float, float]:
+        """Return x and y [m]."""
+        x, y = draw.numbers(self.root[:2], "m", "at", entry)
+        return x, y
+
+    @property
+    def z(self) -> Number | str | None:
+        """Height, or None if it is not given."""
+        return self.root[2] if len(self.root) == 3 else None
+
+    @property
+    def random_values(self) -> list[Number | str]:
+        """Values that make the position random if one of them is."""
+        return self.root
+
+
+class GridLayout(Schema, Layout):
+    """Columns along x, rows along y."""
+
+    origin: Pair = Field(default_factory=origin, description="first position [m]")
+    step: Pair = Field(description="spacing along x and y [m]")
+    count: Pair = Field(description="number of columns and rows [-]")
+
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the positions, row by row."""
+        x, y = draw.numbers(self.origin, "m", "origin", self)
+        dx, dy = draw.numbers(self.step, "m", "step", self)
+        columns, rows = (
+            draw.count(value, f"count[{i}]", self, largest=LARGEST_COUNT) for i, value in enumerate(self.count)
+        )
+        if columns * rows > LARGEST_COUNT:
+            raise ConfigError(f"{where(self, 'count')}: {columns * rows} props; at most {LARGEST_COUNT} are allowed")
+        for row in range(rows):
+            for column in range(columns):
+                yield Slot(x + column * dx, y + row * dy, 0.0, row)
+
+
+class LineLayout(Schema, Layout):
+    """From one point to another, both included; x of the props points along the line."""
+
+    from_: Pair = Field(alias="from", description="first position [m]")
+    to: Pair = Field(description="last position [m]")
+    spacing: Value | None = Field(default=None, description="largest distance between neighbours [m]")
+    count: Value | None = Field(default=None, description="number of props [-]")
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        exactly_one(self, ("spacing", "count"))
+        return self
+
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the positions."""
+        x0, y0 = draw.numbers(self.from_, "m", "from_", self)
+        x1, y1 = draw.numbers(self.to, "m", "to", self)
+        heading = math.atan2(y1 - y0, x1 - x0)
+        shares = _shares(self, self.spacing, self.count, math.hypot(x1 - x0, y1 - y0), draw, is_open=True)
+        for index, share in enumerate(shares):
+            yield Slot(x0 + share * (x1 - x0), y0 + share * (y1 - y0), heading, index)
+
+
+class AlongLayout(Schema, Layout):
+    """Along a track; x of the props points along it."""
+
+    track: str = Field(description="name of the track [-]")
+    s: Pair | None = Field(default=None, description="from and to, along the centre line; default: all of it [m]")
+    spacing: Value | None = Field(default=None, description="largest distance between neighbours [m]")
+    count: Value | None = Field(default=None, description="number of props, on each side [-]")
+    side: Literal["left", "right", "both", "center"] = Field(default="center", description="of the road [-]")
+    distance: Value = Field(default=1.0, description="from the edge of the road, outwards [m]")
+    offset: Value = Field(default=0.0, description="to the left of the centre line, for side: center [m]")
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        exactly_one(self, ("spacing", "count"))
+        if self.side != "center" and "offset" in self.model_fields_set:
+            raise ValueError("offset belongs to side: center; give distance")
+        if self.side == "center" and "distance" in self.model_fields_set:
+            raise ValueError("distance belongs to side: left, right or both; give offset")
+        return self
+
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the positions, the left one of a pair first."""
+        track = areas.track(self.track, where(self, "track"))
+        begin, end = draw.numbers(self.s, "m", "s", self) if self.s is not None else (0.0, track.length)
+        whole = track.closed and end - begin >= track.length - 1e-9
+        shares = _shares(self, self.spacing, self.count, end - begin, draw, is_open=not whole)
+        distance = draw.number(self.distance, "m", "distance", self)
+        middle = draw.number(self.offset, "m", "offset", self)
+        for index, share in enumerate(shares):
+            s = begin + share * (end - begin)
+            x, y, yaw = track.pose_at(s)
+            left, right = float(track.left_width(s)) + distance, -float(track.right_width(s)) - distance
+            offsets = {"left": (left,), "right": (right,), "both": (left, right), "center": (middle,)}[self.side]
+            for offset in offsets:
+                yield Slot(x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw, index)
+
+
+class RingLayout(Schema, Layout):
+    """On a circle, the first one on its x axis; x of the props points along the tangent, counter-clockwise."""
+
+    center: Pair = Field(default_factory=origin, description="centre of the circle [m]")
+    radius: Value = Field(description="radius of the circle [m]")
+    count: Value = Field(description="number of props [-]")
+
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the positions."""
+        x, y = draw.numbers(self.center, "m", "center", self)
+        radius = draw.number(self.radius, "m", "radius", self)
+        count = draw.count(self.count, "count", self, largest=LARGEST_COUNT)
+        for index in range(count):
+            angle = 2.0 * math.pi * index / count
+            yield Slot(x + radius * math.cos(angle), y + radius * math.sin(angle), angle + math.pi / 2.0, index)
+
+
+class ScatterLayout(Schema, Layout):
+    """At random in a region, without touching anything."""
+
+    region: RegionSpec | str = Field(description="a region, or the name of a patch or a track [-]")
+    count: Value = Field(description="number of props [-]")
+
+    def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
+        """Yield the region once for each prop."""
+        area = make_region(self.region, areas, draw, place=where(self, "region"))
+        for index in range(draw.count(self.count, "count", self, largest=LARGEST_COUNT)):
+            yield Slot(0.0, 0.0, 0.0, index, area)
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the positions are drawn at random: always."""
+        return True
 
 
 def draw_in(area: BaseGeometry, draw: Draw, *, place: str) -> tuple[float, float]:
-    """A point [m] in an area, all equally likely.
+    """Return a point [m] of an area, all equally likely.
 
     Raises:
-        ConfigError: the area is too thin to be hit.
+        ConfigError: the area is too thin.
     """
     generator = draw.stream("place").generator
     xmin, ymin, xmax, ymax = area.bounds
@@ -65,81 +224,23 @@ def draw_in(area: BaseGeometry, draw: Draw, *, place: str) -> tuple[float, float
         if hits.size:
             x, y = points[hits[0]]
             return float(x), float(y)
-    raise ConfigError(f"{place}: the region is too thin to draw points in it")
+    raise ConfigError(f"{place}: the region is too thin to draw points in it; make it wider")
 
 
-# --- the inner parts ----------------------------------------------------------------------------------------------
-
-
-def _slots(entry: PropEntry, places: Places, draw: Draw) -> Iterator[Slot]:
-    if entry.at is not None:
-        x, y = draw.numbers(entry.at[:2], "m", "at", entry)
-        yield Slot(x, y, 0.0, 0)
-    elif entry.grid is not None:
-        x, y = draw.numbers(entry.grid.origin, "m", "origin", entry.grid)
-        dx, dy = draw.numbers(entry.grid.step, "m", "step", entry.grid)
-        columns, rows = (
-            draw.count(value, f"count[{i}]", entry.grid, largest=LARGEST_COUNT)
-            for i, value in enumerate(entry.grid.count)
-        )
-        if columns * rows > LARGEST_COUNT:
-            raise ConfigError(f"{where(entry.grid, 'count')}: {columns * rows} props; allowed are {LARGEST_COUNT}")
-        for row in range(rows):
-            for column in range(columns):
-                yield Slot(x + column * dx, y + row * dy, 0.0, row)
-    elif entry.line is not None:
-        (x0, y0), (x1, y1) = (draw.numbers(getattr(entry.line, key), "m", key, entry.line) for key in ("from_", "to"))
-        length = math.hypot(x1 - x0, y1 - y0)
-        heading = math.atan2(y1 - y0, x1 - x0)
-        for index, share in enumerate(_shares(entry.line, length, draw, open_ended=True)):
-            yield Slot(x0 + share * (x1 - x0), y0 + share * (y1 - y0), heading, index)
-    elif entry.along is not None:
-        yield from _along(entry.along, places, draw)
-    elif entry.ring is not None:
-        x, y = draw.numbers(entry.ring.center, "m", "center", entry.ring)
-        radius = draw.number(entry.ring.radius, "m", "radius", entry.ring)
-        count = draw.count(entry.ring.count, "count", entry.ring, largest=LARGEST_COUNT)
-        for index in range(count):
-            angle = 2.0 * math.pi * index / count
-            yield Slot(x + radius * math.cos(angle), y + radius * math.sin(angle), angle + math.pi / 2.0, index)
-    else:
-        assert entry.scatter is not None
-        scatter = entry.scatter
-        area = make_region(scatter.region, places, draw, place=where(scatter, "region"))
-        for index in range(draw.count(scatter.count, "count", scatter, largest=LARGEST_COUNT)):
-            yield Slot(0.0, 0.0, 0.0, index, area)
-
-
-def _shares(spec: "object", length: float, draw: Draw, *, open_ended: bool) -> list[float]:
-    """Parts of the way, 0 .. 1, of things at equal distances; both ends if open."""
-    spacing, count = spec.spacing, spec.count  # type: ignore[attr-defined]
+def _shares(
+    spec: Schema, spacing: Number | str | None, count: Number | str | None, length: float, draw: Draw, *, is_open: bool
+) -> list[float]:
+    """Return positions at equal distances as shares of a length [m], 0 .. 1; both ends if it is open."""
     if count is not None:
-        number = draw.count(count, "count", spec, largest=LARGEST_COUNT)  # type: ignore[arg-type]
+        number = draw.count(count, "count", spec, largest=LARGEST_COUNT)
     else:
-        gap = draw.number(spacing, "m", "spacing", spec)  # type: ignore[arg-type]
+        assert spacing is not None
+        gap = draw.number(spacing, "m", "spacing", spec)
         if not gap > 0.0 or length / gap > LARGEST_COUNT:
-            place = where(spec, "spacing")  # type: ignore[arg-type]
-            raise ConfigError(f"{place}: {gap:g} m; it must be above 0 and give at most {LARGEST_COUNT} props")
-        number = math.ceil(length / gap - 1e-9) + (1 if open_ended else 0)
+            raise ConfigError(
+                f"{where(spec, 'spacing')}: {gap:g} m; it must be above 0 and give at most {LARGEST_COUNT} props"
+            )
+        number = math.ceil(length / gap - 1e-9) + (1 if is_open else 0)
     if number <= 1:
         return [0.0] * number
-    return [index / (number - 1 if open_ended else number) for index in range(number)]
-
-
-def _along(spec: AlongSpec, places: Places, draw: Draw) -> Iterator[Slot]:
-    if spec.track not in places.tracks:
-        hint = did_you_mean(spec.track, places.tracks) if places.tracks else "the world has none"
-        raise ConfigError(f"{where(spec, 'track')}: unknown track '{spec.track}'; {hint}")
-    track = places.tracks[spec.track]
-    begin, end = draw.numbers(spec.s, "m", "s", spec) if spec.s is not None else (0.0, track.length)
-    whole = track.closed and end - begin >= track.length - 1e-9
-    shares = _shares(spec, end - begin, draw, open_ended=not whole)
-    distance = draw.number(spec.distance, "m", "distance", spec)
-    middle = draw.number(spec.offset, "m", "offset", spec)
-    for index, share in enumerate(shares):
-        s = begin + share * (end - begin)
-        x, y, yaw = track.pose_at(s)
-        left, right = float(track.left_width(s)) + distance, -float(track.right_width(s)) - distance
-        offsets = {"left": (left,), "right": (right,), "both": (left, right), "center": (middle,)}[spec.side]
-        for offset in offsets:
-            yield Slot(x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw, index)
+    return [index / (number - 1 if is_open else number) for index in range(number)]

@@ -1,10 +1,10 @@
-"""The lock of a world: all that chance, parameters and layouts have settled, as a YAML text with a hash.
+"""Lock file of a world: the result of random values, parameters and layouts, as YAML with a hash.
 
-The same file, seed and parameters give the same bytes, in every process, in every folder and with every Python. Numbers
-are rounded to 1e-9, areas start at their lowest corner, files are named relative to the world file or to models/, and
-every prop has a line of its own, so that a difference of two locks shows what has moved.
+The same file, seed and parameters give the same bytes, in every process, folder and version of Python. Numbers are
+rounded to 1e-9, areas start at their lowest corner, file names are relative to the world file or to models/, and every
+prop has its own line, so that a comparison of two lock files shows which props moved.
 
-Rules and tests are not in it: they do not change the world.
+Rules and tests are left out because they do not change the world.
 """
 
 import json
@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from pydrake.geometry import Box, Convex, Cylinder, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
@@ -26,11 +25,12 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
+from mirdrake.worlds.solids import kind_of
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World, track_mu
 
 LANGUAGE = "lock/1"
-"""Format of a lock."""
+"""Format of a lock file."""
 
 _DECIMALS = 9  # [m, rad]
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
@@ -43,7 +43,7 @@ Content = dict[str, Any]
 
 
 def lock_text(world: World) -> str:
-    """The lock file of a world.
+    """Return the lock file of a world.
 
     Raises:
         WorldError: a file of a prop cannot be read.
@@ -52,7 +52,7 @@ def lock_text(world: World) -> str:
 
 
 def lock_hash(world: World) -> str:
-    """SHA-256 of all that is settled in a world, 64 hexadecimal digits; equal worlds have equal hashes.
+    """Return the SHA-256 of the content of a world, 64 hexadecimal digits; equal worlds have equal hashes.
 
     Raises:
         WorldError: a file of a prop cannot be read.
@@ -61,7 +61,7 @@ def lock_hash(world: World) -> str:
 
 
 def content_text(content: Mapping[str, Any]) -> str:
-    """The lock file of a content, see :func:`lock_content`."""
+    """Return the lock file of a content, see :func:`lock_content`."""
     lines = [f"mirdrake: {LANGUAGE}", f"hash: {_flow(content_hash(content))}"]
     for key, value in content.items():
         if key in _LINES and value:
@@ -81,17 +81,16 @@ def content_text(content: Mapping[str, Any]) -> str:
 
 
 def content_hash(content: Mapping[str, Any]) -> str:
-    """SHA-256 of the content of a lock: everything in it but `mirdrake` and `hash`, as JSON with sorted keys.
+    """Return the SHA-256 of the content of a lock file without `mirdrake` and `hash`, as JSON with sorted keys.
 
-    Numbers are written without an exponent and without zeros at their end, so that what is read back from a lock file
-    has the hash that stands in it.
+    Numbers have no exponent and no trailing zeros, so that the content read from a lock file has the hash in it.
     """
     rest = {key: value for key, value in content.items() if key not in {"mirdrake", "hash"}}
     return digest(_canonical(rest))
 
 
 def lock_content(world: World) -> Content:
-    """All that is settled in a world, as plain data; lengths in m, angles in rad.
+    """Return the content of a world as plain data; lengths in m, angles in rad.
 
     Raises:
         WorldError: a file of a prop cannot be read.
@@ -134,7 +133,7 @@ def lock_content(world: World) -> Content:
 
 
 def mesh_files(path: Path) -> list[Path]:
-    """A mesh and the files that it names: buffers and pictures of a glTF, materials and pictures of an OBJ."""
+    """Return a mesh and the files that it names: buffers and pictures of a glTF, materials and pictures of an OBJ."""
     found, pictures = [path], []
     kind = path.suffix.lower()
     if kind == ".gltf":
@@ -151,7 +150,7 @@ def mesh_files(path: Path) -> list[Path]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """A file.
+    """Return the bytes of a file.
 
     Raises:
         WorldError: it cannot be read.
@@ -166,7 +165,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def _prop(placed: PlacedProp) -> Content:
-    """The line of one prop."""
+    """Return the entry of one prop."""
     prop = placed.prop
     entry: Content = {
         "name": placed.name, "kind": prop.name, "size": _rounded(prop.size), "solids": _solids_hash(prop),
@@ -179,25 +178,18 @@ def _prop(placed: PlacedProp) -> Content:
 
 @lru_cache(maxsize=4096)
 def _solids_hash(prop: Prop) -> str:
-    """First 16 digits of the SHA-256 of what a prop collides with."""
+    """Return the first 16 digits of the SHA-256 of the collision shapes of a prop."""
     parts: list[Content] = []
     for solid in prop.solids:
-        shape, sides = solid.shape, None
-        if isinstance(shape, Box):
-            sides = list(shape.size())
-        elif isinstance(shape, Cylinder):
-            sides = [shape.radius(), shape.length()]
-        elif isinstance(shape, Sphere):
-            sides = [shape.radius()]
-        else:
-            assert isinstance(shape, Convex)
-            sides = [digest(read_bytes(Path(shape.source().path()))), *shape.scale3()]
-        parts.append({"shape": type(shape).__name__, "sides": _rounded(sides), "pose": _pose(solid.X_PS)})
+        sides: list[float | str] = [*kind_of(solid.shape).sizes(solid.shape)]
+        if solid.mesh is not None:
+            sides.insert(0, digest(read_bytes(solid.mesh)))
+        parts.append({"shape": type(solid.shape).__name__, "sides": _rounded(sides), "pose": _pose(solid.X_PS)})
     return digest(_canonical(parts))[:16]
 
 
 def _pose(X: RigidTransform) -> list[float]:
-    """x, y, z [m], yaw, pitch, roll [rad]; a yaw or roll of -180 degrees is written as 180."""
+    """Return x, y, z [m], yaw, pitch, roll [rad]; a yaw or roll of -180 degrees is written as 180."""
     roll, pitch, yaw = RollPitchYaw(X.rotation()).vector()
     values: list[float] = _rounded([*X.translation(), yaw, pitch, roll])
     half_turn = round(float(np.pi), _DECIMALS)
@@ -209,7 +201,7 @@ def _track(world: World, name: str, track: Track) -> Content:
     entry: Content = {
         "start": _rounded(track.pose_at(0.0)), "length": _rounded(track.length), "width": _rounded(track.width),
         "closed": track.closed, "road": spec.road, "thickness": spec.thickness, "surface": spec.surface,
-        "mu": track_mu(spec), "edges": spec.edges,
+        "mu": track_mu(spec), "edges": spec.verge,
         "markings": [_rounded(marking.model_dump()) for marking in spec.markings],
     }  # fmt: skip
     if track.edges is not None:
@@ -219,7 +211,7 @@ def _track(world: World, name: str, track: Track) -> Content:
 
 
 def _rings(area: BaseGeometry) -> list[list[list[float]]]:
-    """The outlines of an area, holes after their outside, each from its lowest corner on [m]."""
+    """Return the rings of an area, holes after their exterior, each from its lowest corner on [m]."""
     rings = []
     for part in shapely.get_parts(shapely.normalize(area)):
         if part.geom_type == "Polygon":
@@ -231,7 +223,7 @@ def _rings(area: BaseGeometry) -> list[list[list[float]]]:
 
 
 def _files(world: World) -> dict[str, str]:
-    """SHA-256 of the files that a world uses, beside its own text and that of its groups."""
+    """Return the SHA-256 of the files that a world uses, without world files."""
     folder = world.path.parent if world.path is not None else Path.cwd()
     library = prop_names()
     found: dict[str, Path] = {}
@@ -242,7 +234,7 @@ def _files(world: World) -> dict[str, str]:
     for mesh in world.spec.scenery:
         found |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
     for prop in dict.fromkeys(placed.prop for placed in world.props):
-        meshes = [Path(s.shape.source().path()) for s in prop.solids if isinstance(s.shape, Convex)]
+        meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]
         meshes += [prop.visual] if prop.visual is not None else []
         home = library.get(prop.name)
         if home is not None and all(resolved(mesh).is_relative_to(resolved(home)) for mesh in meshes):
@@ -258,12 +250,12 @@ def _files(world: World) -> dict[str, str]:
 
 
 def _named(path: Path, folder: Path) -> str:
-    """A path relative to the folder of the world; never an absolute one."""
+    """Return a path relative to the folder of the world; never an absolute one."""
     return PurePosixPath(os.path.relpath(resolved(path), resolved(folder))).as_posix()
 
 
 def _rounded(value: Any) -> Any:
-    """Plain data with floats rounded."""
+    """Return plain data with rounded floats."""
     if isinstance(value, Mapping):
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, float | np.floating):
@@ -274,14 +266,14 @@ def _rounded(value: Any) -> Any:
 
 
 def _number(value: float) -> str:
-    """A number without exponent and without zeros at its end."""
+    """Return a number as text, without exponent and trailing zeros."""
     text = format(Decimal(repr(value)), "f")
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return "0" if text == "-0" else text
 
 
 def _canonical(value: Any) -> str:
-    """Plain data as JSON with sorted keys, numbers as in a lock."""
+    """Return plain data as JSON with sorted keys, numbers as in a lock file."""
     if isinstance(value, Mapping):
         return "{" + ",".join(f"{json.dumps(key)}:{_canonical(value[key])}" for key in sorted(value)) + "}"
     if isinstance(value, list | tuple):
@@ -292,7 +284,7 @@ def _canonical(value: Any) -> str:
 
 
 def _flow(value: Any) -> str:
-    """Plain data as YAML in one line."""
+    """Return plain data as YAML in one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_flow(key)}: {_flow(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -1,18 +1,26 @@
-"""Areas of a world: rectangles, discs, polygons and strips along tracks as shapely polygons in W [m]."""
+"""Regions of a world as shapely polygons in W [m].
+
+A new kind of region is a class derived from :class:`Region` and a field of :class:`RegionSpec`.
+"""
+
+# ruff: noqa: ARG002  # all kinds share one signature
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated, Self
 
 import numpy as np
 import shapely
+from pydantic import Field, RootModel, model_validator
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import where
+from mirdrake.core.yaml_io import Schema, where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.pieces import Array
-from mirdrake.worlds.props_spec import RegionSpec
+from mirdrake.worlds.schema_types import Label, Pair, SurfaceName, Value, exactly_one, given_one, kinds_of, origin
 from mirdrake.worlds.tracks import Offset, Track, offset_at
 
 _QUARTER = 16  # segments of a quarter of a disc
@@ -20,85 +28,174 @@ _QUARTER = 16  # segments of a quarter of a disc
 
 @dataclass(frozen=True)
 class Patch:
-    """A part of the ground with a friction of its own."""
+    """A part of the ground with its own friction."""
 
     name: str
     area: BaseGeometry
     """polygon in W [m]"""
     surface: str | None
-    """what it looks like; None: as it is there"""
+    """appearance; None: that of what is below"""
     mu: float
     """friction coefficient [-]"""
 
 
 @dataclass(frozen=True)
-class Places:
-    """What regions may refer to."""
+class NamedAreas:
+    """Tracks and patches to which regions and layouts may refer by name."""
 
     tracks: Mapping[str, Track]
     patches: Mapping[str, Patch]
 
+    def track(self, name: str, place: str) -> Track:
+        """Return the track of a name; `place` is ``file:line: path`` for messages.
 
-def make_region(spec: RegionSpec | str, places: Places, draw: Draw, *, place: str = "") -> BaseGeometry:
-    """A region as a polygon in W [m].
+        Raises:
+            ConfigError: there is no such track.
+        """
+        if name not in self.tracks:
+            hint = did_you_mean(name, self.tracks) if self.tracks else "the world has no tracks"
+            raise ConfigError(f"{place}: unknown track '{name}'; {hint}")
+        return self.tracks[name]
 
-    Args:
-        spec: the region, or the name of a patch or a track.
-        places: patches and tracks.
-        draw: finds the values.
-        place: ``file:line: path``, for a name.
 
-    Raises:
-        ConfigError: no such name, or an area of nothing.
-    """
-    if isinstance(spec, str):
-        if spec in places.patches:
-            return places.patches[spec].area
-        if spec in places.tracks:
-            return places.tracks[spec].area
-        known = [*places.patches, *places.tracks]
-        hint = did_you_mean(spec, known) if known else "there are none; give rect, disc, polygon or band"
-        raise ConfigError(f"{place}: unknown region '{spec}'; {hint}")
-    if spec.rect is not None:
-        x, y = draw.numbers(spec.rect.center, "m", "rect.center", spec)
-        length, width = draw.numbers(spec.rect.size, "m", "rect.size", spec)
-        yaw = draw.number(spec.rect.yaw, "rad", "rect.yaw", spec)
+# --- kinds of regions ---------------------------------------------------------------------------------------------
+
+
+class Region:
+    """A kind of region."""
+
+    @abstractmethod
+    def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
+        """Return the polygon in W [m], or None if a size is not above 0.
+
+        Args:
+            spec: entry of the file, for messages and random streams.
+            areas: tracks and patches.
+            draw: evaluates values.
+        """
+
+
+class RectSpec(Schema, Region):
+    """A rectangle."""
+
+    center: Pair = Field(default_factory=origin, description="its centre [m]")
+    size: Pair = Field(description="along its x and its y [m]")
+    yaw: Value = Field(default=0.0, description="heading of its x axis [rad]")
+
+    def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
+        """Return the polygon."""
+        x, y = draw.numbers(self.center, "m", "rect.center", spec)
+        length, width = draw.numbers(self.size, "m", "rect.size", spec)
+        yaw = draw.number(self.yaw, "rad", "rect.yaw", spec)
         half = np.array([length, width]) / 2.0
         corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        area: BaseGeometry = shapely.Polygon(corners @ turn.T + [x, y])
-        sizes = [length, width]
-    elif spec.disc is not None:
-        x, y = draw.numbers(spec.disc.center, "m", "disc.center", spec)
-        radius = draw.number(spec.disc.radius, "m", "disc.radius", spec)
-        area, sizes = shapely.Point(x, y).buffer(max(radius, 0.0), _QUARTER), [radius]
-    elif spec.polygon is not None:
-        points = [draw.numbers(point, "m", f"polygon[{i}]", spec) for i, point in enumerate(spec.polygon)]
-        area, sizes = shapely.make_valid(shapely.Polygon(points)), []
-    else:
-        assert spec.band is not None
-        band = spec.band
-        if band.track not in places.tracks:
-            hint = did_you_mean(band.track, places.tracks) if places.tracks else "the world has none"
-            raise ConfigError(f"{where(band, 'track')}: unknown track '{band.track}'; {hint}")
-        track = places.tracks[band.track]
+        return shapely.Polygon(corners @ turn.T + [x, y]) if min(length, width) > 0.0 else None
+
+
+class DiscSpec(Schema, Region):
+    """A disc."""
+
+    center: Pair = Field(default_factory=origin, description="its centre [m]")
+    radius: Value = Field(description="its radius [m]")
+
+    def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
+        """Return the polygon."""
+        x, y = draw.numbers(self.center, "m", "disc.center", spec)
+        radius = draw.number(self.radius, "m", "disc.radius", spec)
+        return shapely.Point(x, y).buffer(radius, _QUARTER) if radius > 0.0 else None
+
+
+class PolygonSpec(RootModel[Annotated[list[Pair], Field(min_length=3, max_length=1000)]], Region):
+    """A polygon by its corners."""
+
+    def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
+        """Return the polygon."""
+        points = [draw.numbers(point, "m", f"polygon[{i}]", spec) for i, point in enumerate(self.root)]
+        return shapely.make_valid(shapely.Polygon(points))
+
+
+class BandSpec(Schema, Region):
+    """A strip along a track."""
+
+    track: str = Field(description="name of the track [-]")
+    s: Pair | None = Field(default=None, description="from and to, along the centre line; default: all of it [m]")
+    right: Value | None = Field(default=None, description="offset of its right side, + left; default: road's edge [m]")
+    left: Value | None = Field(default=None, description="offset of its left side, + left; default: road's edge [m]")
+
+    def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
+        """Return the polygon."""
+        track = areas.track(self.track, where(self, "track"))
         left: Offset = track.left_width
         right: Offset = lambda s: -track.right_width(s)  # noqa: E731
-        if band.left is not None:
-            left = draw.number(band.left, "m", "band.left", spec)
-        if band.right is not None:
-            right = draw.number(band.right, "m", "band.right", spec)
-        begin, end = (0.0, track.length) if band.s is None else draw.numbers(band.s, "m", "band.s", spec)
-        area = track.band(right, left) if band.s is None else strip(track, begin, end, right, left)
+        if self.left is not None:
+            left = draw.number(self.left, "m", "band.left", spec)
+        if self.right is not None:
+            right = draw.number(self.right, "m", "band.right", spec)
+        begin, end = (0.0, track.length) if self.s is None else draw.numbers(self.s, "m", "band.s", spec)
         s = np.linspace(begin, end + track.length if track.closed and end < begin else end, 1000)
-        sizes = [float(np.min(offset_at(left, s) - offset_at(right, s)))]
-    if min(sizes, default=1.0) <= 0.0 or area.is_empty or area.area < 1e-9:
-        raise ConfigError(f"{where(spec)}: the region has no area")
-    return area
+        if np.min(offset_at(left, s) - offset_at(right, s)) <= 0.0:
+            return None
+        return track.band(right, left) if self.s is None else strip(track, begin, end, right, left)
+
+
+class RegionSpec(Schema):
+    """An area: exactly one of rect, disc, polygon and band."""
+
+    rect: RectSpec | None = Field(default=None, description="rectangle [-]")
+    disc: DiscSpec | None = Field(default=None, description="disc [-]")
+    polygon: PolygonSpec | None = Field(default=None, description="corners in their order [m]")
+    band: BandSpec | None = Field(default=None, description="strip along a track [-]")
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        exactly_one(self, kinds_of(RegionSpec, Region))
+        return self
+
+
+class PatchSpec(RegionSpec):
+    """A part of the ground with its own friction; it lies on ground, roads and earlier patches."""
+
+    name: Label | None = Field(default=None, description="its name, by which rules and regions refer to it [-]")
+    surface: SurfaceName | None = Field(default=None, description="appearance; default: that of what is below [-]")
+    mu: Value | None = Field(default=None, description="friction coefficient; default: that of the surface [-]")
+
+    @model_validator(mode="after")
+    def _has_an_effect(self) -> Self:
+        if self.surface is None and self.mu is None:
+            raise ValueError("give surface, mu or both")
+        return self
+
+
+def make_region(spec: RegionSpec | str, areas: NamedAreas, draw: Draw, *, place: str = "") -> BaseGeometry:
+    """Return a region as a polygon in W [m].
+
+    Args:
+        spec: the region, or the name of a patch or a track.
+        areas: patches and tracks.
+        draw: evaluates values.
+        place: ``file:line: path`` of a name.
+
+    Raises:
+        ConfigError: the name is unknown, or the region is empty.
+    """
+    if isinstance(spec, str):
+        if spec in areas.patches:
+            return areas.patches[spec].area
+        if spec in areas.tracks:
+            return areas.tracks[spec].area
+        known = [*areas.patches, *areas.tracks]
+        hint = did_you_mean(spec, known) if known else "the world has no patches or tracks; give rect, disc or polygon"
+        raise ConfigError(f"{place}: unknown region '{spec}'; {hint}")
+    kind: Region = given_one(spec, kinds_of(RegionSpec, Region))
+    polygon = kind.polygon(spec, areas, draw)
+    if polygon is None or polygon.is_empty or polygon.area < 1e-9:
+        raise ConfigError(f"{where(spec)}: the region is empty; make its sizes larger than 0")
+    return polygon
 
 
 def strip(track: Track, begin: float, end: float, right: Offset, left: Offset) -> BaseGeometry:
-    """The part of a track from one s [m] to another, between two offsets [m, + left]."""
+    """Return the part of a track from one s [m] to another, between two offsets [m, + left]."""
     if track.closed and end < begin:
         end += track.length
     stations = track.stations()
@@ -106,6 +203,4 @@ def strip(track: Track, begin: float, end: float, right: Offset, left: Offset) -
         stations = np.concatenate([stations + lap * track.length for lap in (-1, 0, 1)])
     between = stations[(stations > begin + 1e-6) & (stations < end - 1e-6)]
     s: Array = np.concatenate(([begin], between, [max(end, begin)]))
-    a, b = (np.column_stack(track.point(s, offset_at(side, s))) for side in (left, right))
-    parts = [shapely.Polygon(np.vstack((a[i : i + 21], b[i : i + 21][::-1]))) for i in range(0, len(s) - 1, 20)]
-    return shapely.union_all(shapely.make_valid(parts), grid_size=1e-6)
+    return track.quads(s, right, left)

@@ -1,4 +1,4 @@
-"""Rules of a world: what random props keep to, and what a finished world is checked for."""
+"""Rules of a world: constraints on random props, and conditions that a finished world must satisfy."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,25 +10,32 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.props import PlacedProp
-from mirdrake.worlds.props_spec import DrivableSpec, RuleSpec, WhereSpec
-from mirdrake.worlds.regions import Places, make_region
-from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.regions import NamedAreas, make_region
+from mirdrake.worlds.rules_spec import DrivableSpec, KeepClearSpec, PlacementRuleSpec, RuleSpec
 from mirdrake.worlds.world import Goal, Start
 
 _SLACK = 1e-9  # [m]
 
 
 @dataclass(frozen=True)
-class _Area:
-    """An area that props keep out of, or in."""
+class _AreaRule:
+    """An area in which props must be, or must not be.
+
+    Attributes:
+        area: polygon in W [m].
+        props: pattern of their names.
+        inside: whether they must be inside.
+        where: ``file:line: path`` of the rule.
+        fault: what is wrong with a prop that breaks it.
+        bumps: whether props that vehicles drive over count.
+    """
 
     area: BaseGeometry
     props: str
     inside: bool
     where: str
-    what: str
+    fault: str
     bumps: bool = True
-    """whether what is made to be driven over counts"""
 
     def holds(self, prop: PlacedProp) -> bool:
         if not prop.is_called(self.props) or (prop.prop.driven_over and not self.bumps):
@@ -38,29 +45,45 @@ class _Area:
         return not self.area.intersects(prop.footprint)
 
 
+@dataclass(frozen=True)
+class GroundTolerance:
+    """Largest gap or depth of props that must stand on the ground.
+
+    Attributes:
+        props: pattern of their names.
+        tolerance: [m].
+        where: ``file:line: path`` of the rule.
+    """
+
+    props: str
+    tolerance: float
+    where: str
+
+
 class Rules:
     """The rules of a world.
 
     Attributes:
         min_gap: smallest distance between any two props [m].
-        drivable: ways that a vehicle shall have.
-        on_ground: (names, tolerance [m], place) of props that stand on the ground.
+        gap_where: ``file:line: path`` of that rule.
+        drivable: paths that vehicles must have.
+        on_ground: tolerances of props that must stand on the ground.
 
     Args:
         specs: of the file.
-        places: tracks and patches.
+        areas: tracks and patches.
         starts: by name.
         goals: by name.
-        draw: finds the values.
+        draw: evaluates values.
 
     Raises:
-        ConfigError: a rule names something that does not exist.
+        ConfigError: a rule refers to a name that does not exist.
     """
 
     def __init__(
         self,
         specs: Sequence[RuleSpec],
-        places: Places,
+        areas: NamedAreas,
         starts: Mapping[str, Start],
         goals: Mapping[str, Goal],
         draw: Draw,
@@ -68,54 +91,52 @@ class Rules:
         self.min_gap = max((spec.min_gap for spec in specs if spec.min_gap is not None), default=0.0)
         self.gap_where = next((where(spec, "min_gap") for spec in specs if spec.min_gap == self.min_gap), "")
         self.drivable: list[DrivableSpec] = []
-        self.on_ground: list[tuple[str, float, str]] = []
-        self._areas: list[_Area] = []
+        self.on_ground: list[GroundTolerance] = []
+        self._areas: list[_AreaRule] = []
         self._pairs: list[tuple[str, str]] = []
         for index, spec in enumerate(specs):
             below = draw.below(f"rules.{index}")
             if spec.keep_clear is not None:
-                self._areas.append(_keep_clear(spec, places, starts, goals))
+                self._areas.append(_keep_clear(spec.keep_clear, areas, starts, goals))
             for part, inside in ((spec.inside, True), (spec.outside, False)):
                 if part is not None:
-                    self._areas.append(_where_area(part, places, below, inside=inside))
+                    self._areas.append(_placement_rule(part, areas, below, inside=inside))
             if spec.on_ground is not None:
-                self.on_ground.append((spec.on_ground.props, spec.on_ground.tolerance, where(spec.on_ground)))
+                ground = spec.on_ground
+                self.on_ground.append(GroundTolerance(ground.props, ground.tolerance, where(ground)))
             if spec.allow_overlap is not None:
                 self._pairs.append((spec.allow_overlap[0], spec.allow_overlap[1]))
             if spec.drivable is not None:
-                trip, both = spec.drivable, set(starts) & set(goals) & {spec.drivable.from_, spec.drivable.to}
-                for name in sorted(both):
-                    raise ConfigError(f"{where(trip)}: '{name}' is a start and a goal; give one of them another name")
-                _point(trip.from_, starts, goals, where(trip, "from"))
-                _point(trip.to, starts, goals, where(trip, "to"))
+                _check_drivable(spec.drivable, starts, goals)
                 self.drivable.append(spec.drivable)
         for area in self._areas:
             shapely.prepare(area.area)
 
     def allow(self, prop: PlacedProp) -> bool:
-        """Whether a prop may stand where it does."""
+        """Return whether a prop may stand where it does."""
         return all(area.holds(prop) for area in self._areas)
 
     def may_overlap(self, a: PlacedProp, b: PlacedProp) -> bool:
-        """Whether two props may touch each other."""
+        """Return whether two props may touch each other."""
         return any(
-            (a.is_called(one) and b.is_called(other)) or (a.is_called(other) and b.is_called(one))
-            for one, other in self._pairs
+            (a.is_called(first) and b.is_called(second)) or (a.is_called(second) and b.is_called(first))
+            for first, second in self._pairs
         )
 
     def broken(self, props: Sequence[PlacedProp]) -> list[str]:
-        """Props in areas where they must not be, and names that mean nothing; one line each."""
+        """Return one line for each prop that breaks a rule, and for each name that matches no prop."""
         faults = [
-            f"{prop.where}: '{prop.name}' {area.what} ({area.where.rpartition(': ')[0] or 'rules'})"
+            f"{prop.where}: '{prop.name}' {area.fault} ({area.where.rpartition(': ')[0] or 'rules'})"
             for area in self._areas
             for prop in props
             if not area.holds(prop)
         ]
-        named = [(area.props, area.where) for area in self._areas]
-        named += [(pattern, place) for pattern, _, place in self.on_ground]
+        patterns = [(area.props, area.where) for area in self._areas]
+        patterns += [(rule.props, rule.where) for rule in self.on_ground]
+        names = sorted({prop.name.partition("[")[0] for prop in props})
         faults += [
-            f"{place}: no prop is called '{pattern}'; {_known(pattern, props)}"
-            for pattern, place in named
+            f"{place}: no prop is called '{pattern}'; {did_you_mean(pattern, names)}"
+            for pattern, place in patterns
             if props and not any(prop.is_called(pattern) for prop in props)
         ]
         return faults
@@ -124,12 +145,15 @@ class Rules:
 # --- the inner parts ----------------------------------------------------------------------------------------------
 
 
-def _known(pattern: str, props: Sequence[PlacedProp]) -> str:
-    return did_you_mean(pattern, sorted({prop.name.partition("[")[0] for prop in props}))
+def _check_drivable(spec: DrivableSpec, starts: Mapping[str, Start], goals: Mapping[str, Goal]) -> None:
+    for name in sorted(set(starts) & set(goals) & {spec.from_, spec.to}):
+        raise ConfigError(f"{where(spec)}: '{name}' is a start and a goal; rename one of them")
+    _point(spec.from_, starts, goals, where(spec, "from"))
+    _point(spec.to, starts, goals, where(spec, "to"))
 
 
 def _point(name: str, starts: Mapping[str, Start], goals: Mapping[str, Goal], place: str) -> tuple[float, float]:
-    """The middle of a start or goal [m]."""
+    """Return the centre of a start or goal [m]."""
     if name in starts:
         return starts[name].x, starts[name].y
     goal = goals.get(name)
@@ -137,42 +161,34 @@ def _point(name: str, starts: Mapping[str, Start], goals: Mapping[str, Goal], pl
         centre = goal.area.centroid
         return centre.x, centre.y
     known = [*starts, *(name for name, goal in goals.items() if goal.area is not None)]
-    raise ConfigError(f"{place}: no start or goal with a place is called '{name}'; {did_you_mean(name, known)}")
+    raise ConfigError(f"{place}: no start or goal with an area is called '{name}'; {did_you_mean(name, known)}")
 
 
-def _keep_clear(spec: RuleSpec, places: Places, starts: Mapping[str, Start], goals: Mapping[str, Goal]) -> _Area:
-    clear = spec.keep_clear
-    assert clear is not None
+def _keep_clear(
+    spec: KeepClearSpec, areas: NamedAreas, starts: Mapping[str, Start], goals: Mapping[str, Goal]
+) -> _AreaRule:
     area: BaseGeometry
-    if clear.around is not None:
-        assert clear.radius is not None
-        area = shapely.Point(_point(clear.around, starts, goals, where(clear, "around"))).buffer(clear.radius)
-        what = f"stands within {clear.radius:g} m of '{clear.around}'"
-    elif clear.along is not None:
-        assert clear.width is not None
+    if spec.around is not None:
+        assert spec.radius is not None
+        area = shapely.Point(_point(spec.around, starts, goals, where(spec, "around"))).buffer(spec.radius)
+        fault = f"is within {spec.radius:g} m of '{spec.around}'"
+    elif spec.along is not None:
+        assert spec.width is not None
         ends = [
-            _point(getattr(clear.along, key), starts, goals, where(clear.along, key.strip("_")))
+            _point(getattr(spec.along, key), starts, goals, where(spec.along, key.strip("_")))
             for key in ("from_", "to")
         ]
-        area = shapely.LineString(ends).buffer(clear.width / 2.0, cap_style="flat")
-        what = f"stands between '{clear.along.from_}' and '{clear.along.to}'"
+        area = shapely.LineString(ends).buffer(spec.width / 2.0, cap_style="flat")
+        fault = f"is between '{spec.along.from_}' and '{spec.along.to}'"
     else:
-        track = _track(clear.track or "", places.tracks, where(clear, "track"))
-        margin = clear.margin or 0.0
+        track = areas.track(spec.track or "", where(spec, "track"))
+        margin = spec.margin or 0.0
         area = track.band(lambda s: -track.right_width(s) - margin, lambda s: track.left_width(s) + margin)
-        what = f"stands on track '{clear.track}'"
-    return _Area(area, "*", inside=False, where=where(clear), what=what, bumps=False)
+        fault = f"is on track '{spec.track}'"
+    return _AreaRule(area, "*", inside=False, where=where(spec), fault=fault, bumps=False)
 
 
-def _track(name: str, tracks: Mapping[str, Track], place: str) -> Track:
-    if name not in tracks:
-        raise ConfigError(
-            f"{place}: unknown track '{name}'; {did_you_mean(name, tracks) if tracks else 'there are none'}"
-        )
-    return tracks[name]
-
-
-def _where_area(spec: WhereSpec, places: Places, draw: Draw, *, inside: bool) -> _Area:
-    area = make_region(spec.region, places, draw, place=where(spec, "region"))
-    what = "is not inside its region" if inside else "is not outside its region"
-    return _Area(area, spec.props, inside=inside, where=where(spec), what=what)
+def _placement_rule(spec: PlacementRuleSpec, areas: NamedAreas, draw: Draw, *, inside: bool) -> _AreaRule:
+    area = make_region(spec.region, areas, draw, place=where(spec, "region"))
+    fault = "is not inside its region" if inside else "is not outside its region"
+    return _AreaRule(area, spec.props, inside=inside, where=where(spec), fault=fault)

@@ -110,7 +110,7 @@ def scenery(world: World) -> list[SceneryItem]:
     apron = shapely.difference(shapely.difference(wide, plane), covered)
     parts: list[Surface] = []
     for name, track in world.roads().items():
-        edges = world.spec.tracks[name].edges
+        edges = world.spec.tracks[name].verge
         if edges is not None and edges != world.ground.surface:
             beside = shapely.intersection(_simple(verge(track)), ground)
             ground = shapely.difference(ground, beside)

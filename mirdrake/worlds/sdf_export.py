@@ -1,7 +1,7 @@
-"""A world as an SDF file that Gazebo and Drake load.
+"""SDF export of worlds, for Gazebo and Drake.
 
-Meshes become OBJ files beside it, see :mod:`mirdrake.worlds.obj_files`. The ground is one large box: Drake's parser
-can crash on planes. Friction patches have no place in SDF.
+Meshes become OBJ files beside it, see :mod:`mirdrake.worlds.obj_files`. The ground is one large box, because
+Drake's parser can crash on planes. SDF cannot represent friction patches.
 
 SDF: http://sdformat.org/spec (1.7, which Gazebo classic 11 reads too); the tags of Drake: its page "Parsing Models for
 Multibody Simulation".
@@ -11,23 +11,24 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from pydrake.geometry import Box, Convex, Cylinder, Shape, Sphere
+from pydrake.geometry import Box, Convex, Shape
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.worlds.obj_files import ObjFiles, plain_color
 from mirdrake.worlds.props import DISSIPATION, STIFFNESS, PlacedProp, Prop
 from mirdrake.worlds.scenery import scenery, sky_colors, sun_light
+from mirdrake.worlds.solids import Size, kind_of
 from mirdrake.worlds.world import World, track_mu
 
 _GREY = (0.72, 0.71, 0.68)  # of a prop without mesh and colour
 _APRON = 1000.0  # [m] of ground beyond the world
-_DEPTH = 10.0  # [m] of the box that is the ground
-_HINT = 0.05  # [m] resolution of hydroelastic props
+_DEPTH = 10.0  # [m] of the ground box
+_HINT = 0.05  # [m] resolution hint of hydroelastic props
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class SdfExport:
     """The files of an SDF world.
 
     Attributes:
-        files: content by path relative to the folder of the SDF file; that one comes last.
+        files: content by path relative to the folder of the SDF file; the SDF file is the last.
         models: name of the model of each prop.
-        left_out: what the file cannot say, one line each.
+        left_out: what SDF cannot represent, one line each.
     """
 
     files: dict[str, bytes]
@@ -45,8 +46,16 @@ class SdfExport:
     left_out: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Geometry:
+    """A geometry element: its tag, and the texts of its children."""
+
+    tag: str
+    children: Mapping[str, str]
+
+
 def export_sdf(world: World, *, file: str = "world.sdf") -> SdfExport:
-    """A world as SDF with its meshes; nothing is written.
+    """Return a world as SDF with its meshes; nothing is written.
 
     Args:
         world: the world.
@@ -75,11 +84,11 @@ def export_sdf(world: World, *, file: str = "world.sdf") -> SdfExport:
 
 
 def model_names(names: Sequence[str], *, taken: Iterable[str] = ()) -> list[str]:
-    """Names as SDF, ROS and Gazebo's topics allow them: letters, digits and single underscores, all different.
+    """Return unique names that SDF, ROS and Gazebo's topics allow: letters, digits and single underscores.
 
     ``block[2].building[0]`` becomes ``block_2_building_0``.
     """
-    used, found = set(taken), []
+    used, result = set(taken), []
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "world"
         plain = plain if plain[0].isalpha() else f"m_{plain}"
@@ -88,15 +97,15 @@ def model_names(names: Sequence[str], *, taken: Iterable[str] = ()) -> list[str]
             number += 1
             unique = f"{plain}_no_{number}"
         used.add(unique)
-        found.append(unique)
-    return found
+        result.append(unique)
+    return result
 
 
 # --- tags -------------------------------------------------------------------------------------------------------
 
 
 def _ground_mu(world: World) -> tuple[float, list[str]]:
-    """The one friction coefficient of the ground [-], and what is lost by having one only."""
+    """Return the single friction coefficient of the ground [-], and the others, which are lost."""
     roads = {name: track_mu(world.spec.tracks[name]) for name in world.roads()}
     mu = max(roads.values(), default=world.ground.mu)
     lost = [
@@ -133,11 +142,11 @@ def _add_ground(tree: Element, world: World, mu: float, meshes: ObjFiles) -> Non
         name = model_names([item.name])[0]
         if item.shape.source().is_path():
             for part, (uri, own) in enumerate(meshes.add_mesh(name, item.shape.source().path(), None)):
-                _add_visual(link, f"scenery_{number}_{part}", ("mesh", uri, (1.0, 1.0, 1.0)), item.X_WG, own)
+                _add_visual(link, f"scenery_{number}_{part}", _mesh(uri), item.X_WG, own)
             continue
         data = json.loads(item.shape.source().in_memory().mesh_file.contents())
         for part, (uri, color) in enumerate(meshes.add_gltf(f"scenery/{name}", plain_color(data))):
-            _add_visual(link, f"scenery_{number}_{part}", ("mesh", uri, (1.0, 1.0, 1.0)), item.X_WG, color)
+            _add_visual(link, f"scenery_{number}_{part}", _mesh(uri), item.X_WG, color)
 
 
 def _add_prop(tree: Element, placed: PlacedProp, name: str, meshes: ObjFiles) -> None:
@@ -163,11 +172,11 @@ def _add_prop(tree: Element, placed: PlacedProp, name: str, meshes: ObjFiles) ->
         return
     for index, (uri, own) in enumerate(meshes.add_mesh(prop.name, prop.visual, prop.paint)):
         paint = own if own is None or placed.color is None else placed.color
-        _add_visual(link, f"visual_{index}", ("mesh", uri, prop.scale), RigidTransform(), paint)
+        _add_visual(link, f"visual_{index}", _mesh(uri, prop.scale), RigidTransform(), paint)
 
 
 def _add_inertial(link: Element, prop: Prop) -> None:
-    """Mass, centre and inertia about it."""
+    """Add mass, centre of mass and the inertia about it."""
     sum_P = prop.inertia
     centre = sum_P.get_com()
     moments = sum_P.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
@@ -194,7 +203,7 @@ def _add_collision(
     _text(collision, "pose", _pose(X))
     _add_geometry(collision, _shape(shape, meshes, label), convex=True)
     ode = SubElement(SubElement(SubElement(collision, "surface"), "friction"), "ode")
-    for key in ("mu", "mu2"):  # Drake reads them as the static and the dynamic one
+    for key in ("mu", "mu2"):  # static and dynamic friction in Drake
         _text(ode, key, _numbers([mu]))
     drake = SubElement(collision, "drake:proximity_properties")
     _text(drake, "drake:hunt_crossley_dissipation", _numbers([DISSIPATION]))
@@ -205,9 +214,7 @@ def _add_collision(
         _text(drake, "drake:mesh_resolution_hint", _numbers([_HINT]))
 
 
-def _add_visual(
-    link: Element, name: str, shape: tuple[object, ...], X: RigidTransform, color: Sequence[float] | None
-) -> None:
+def _add_visual(link: Element, name: str, shape: _Geometry, X: RigidTransform, color: Sequence[float] | None) -> None:
     visual = SubElement(link, "visual", {"name": name})
     _text(visual, "pose", _pose(X))
     _add_geometry(visual, shape)
@@ -217,26 +224,26 @@ def _add_visual(
             _text(material, key, _color(color))
 
 
-def _shape(shape: Shape, meshes: ObjFiles, label: str) -> tuple[object, ...]:
-    """A shape as the name of its tag, and what stands in it."""
-    if isinstance(shape, Box):
-        return "box", _numbers(shape.size())
-    if isinstance(shape, Cylinder):
-        return "cylinder", shape.radius(), shape.length()
-    if isinstance(shape, Sphere):
-        return "sphere", shape.radius()
-    assert isinstance(shape, Convex)
-    return "mesh", meshes.add_hull(label, shape), tuple(shape.scale3())
+def _shape(shape: Shape, meshes: ObjFiles, label: str) -> _Geometry:
+    """Return the geometry element of a shape."""
+    kind = kind_of(shape)
+    if isinstance(shape, Convex):
+        return _Geometry("mesh", {"uri": meshes.add_hull(label, shape), "scale": _numbers(kind.sizes(shape))})
+    values = (np.ravel(np.asarray(value, dtype=float)) for value in kind.sdf_values(shape))
+    return _Geometry(kind.key, dict(zip(kind.sdf_keys, map(_numbers, values), strict=True)))
 
 
-def _add_geometry(parent: Element, shape: tuple[object, ...], *, convex: bool = False) -> None:
-    tag, *values = shape
-    element = SubElement(SubElement(parent, "geometry"), str(tag))
-    keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("uri", "scale")}
-    if tag == "mesh" and convex:
+def _mesh(uri: str, scale: Size = (1.0, 1.0, 1.0)) -> _Geometry:
+    """Return the geometry element of a mesh file."""
+    return _Geometry("mesh", {"uri": uri, "scale": _numbers(scale)})
+
+
+def _add_geometry(parent: Element, shape: _Geometry, *, convex: bool = False) -> None:
+    element = SubElement(SubElement(parent, "geometry"), shape.tag)
+    if shape.tag == "mesh" and convex:
         SubElement(element, "drake:declare_convex")
-    for key, value in zip(keys[str(tag)], values, strict=True):
-        _text(element, key, value if isinstance(value, str) else _numbers(np.ravel(np.asarray(value, dtype=float))))
+    for key, value in shape.children.items():
+        _text(element, key, value)
 
 
 def _text(parent: Element, tag: str, text: str) -> None:
@@ -252,5 +259,5 @@ def _color(color: Iterable[float]) -> str:
 
 
 def _numbers(values: Iterable[float]) -> str:
-    """Numbers to twelve digits, parted by blanks; what is nearly nothing is 0."""
+    """Return numbers with twelve digits, separated by blanks; values below 1e-12 are 0."""
     return " ".join(f"{value:.12g}" if math.fabs(value) >= 1e-12 else "0" for value in map(float, values))

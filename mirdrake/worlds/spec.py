@@ -1,21 +1,21 @@
-"""The world language `world/1`: what a world file may hold.
+"""The world language `world/1`: format of a world file.
 
-Lengths in m and angles in rad once loaded; in the file they may carry a unit (``90 deg``). x forward, y left, z up;
+Lengths are in m and angles in rad once loaded; in the file they may have a unit (``90 deg``). x forward, y left, z up;
 a positive angle, curvature or signed radius turns left.
 
-A track is written in one of four ways. `segments` are laid end to end with a common tangent:
+A track is given in one of four ways. `segments` are laid end to end with a common tangent:
 
-* ``{line: 40}`` is a straight; ``{line: auto}`` lets the loader find the length. Two auto lines close a closed
-  track; a third one makes its `length` too.
-* ``{arc: {radius: 20, angle: 90 deg}}`` is a circular arc; the sign of the angle says where it turns (+ left).
-  ``transition: 20 deg`` puts a clothoid at both ends, each turning that much of the angle; curvature is then steady.
+* ``{line: 40}`` is a straight; the length of ``{line: auto}`` is computed. Two auto lines close a closed track; a third
+  one gives it the length `length`.
+* ``{arc: {radius: 20, angle: 90 deg}}`` is a circular arc; a positive angle turns left.
+  ``transition: 20 deg`` puts a clothoid at both ends, each turning that part of the angle, for continuous curvature.
 * ``{clothoid: {from_radius: straight, to_radius: -30, length: 25}}`` has a curvature that changes linearly. Its radii
-  are signed (+ left), `straight` (or `inf`) means no curvature. Instead of `length`, `angle` may be given: what it
-  turns, signed.
+  are signed (+ left); `straight` (or `inf`) means zero curvature. Instead of `length`, `angle` may be given: its signed
+  heading change.
 
 ``points: [[0, 0], [40, 5], ...]`` are joined by a smooth curve; ``csv: monza.csv`` or ``csv: {file: monza.csv, ...}``
-takes points, and widths if there are any, from a file; ``xodr: {file: town.xodr, road: 3}`` takes a road of an
-OpenDRIVE file. Files are looked for beside the world file.
+reads points and optionally widths from a file; ``xodr: {file: town.xodr, road: 3}`` reads a road of an OpenDRIVE file.
+Files are relative to the world file.
 """
 
 import math
@@ -25,54 +25,37 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
 from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
-from mirdrake.worlds.props_spec import CaseSpec, GroupSpec, Label, PatchSpec, PropEntry, RuleSpec, Value
+from mirdrake.worlds.case_spec import CaseSpec
+from mirdrake.worlds.props_spec import GroupSpec, PropEntry
+from mirdrake.worlds.regions import PatchSpec
+from mirdrake.worlds.rules_spec import RuleSpec
+from mirdrake.worlds.schema_types import Label, SurfaceName, Value, exactly_one
+from mirdrake.worlds.segments import SegmentSpec
 
-Surface = Literal["asphalt", "concrete", "grass", "gravel", "ice"]
 Coordinate = Annotated[Length, Field(ge=-1e6, le=1e6)]
-Point = tuple[Coordinate, Coordinate]
+Position = tuple[Coordinate, Coordinate]
 Heading = Annotated[Angle, Field(ge=-4.0 * math.pi, le=4.0 * math.pi)]
 
-
-def _length_or_auto(value: Any) -> float | Literal["auto"]:
-    if value == "auto":
-        return "auto"
-    number = to_si(value, "m")
-    if isinstance(number, bool) or not isinstance(number, int | float) or not 1e-3 <= number < math.inf:
-        raise ValueError(f"{value!r} is not a length of at least 1 mm, nor 'auto'")
-    return float(number)
-
-
-def _radius_or_straight(value: Any) -> float | Literal["straight"]:
-    if value in ("straight", "inf"):
-        return "straight"
-    number = to_si(value, "m")
-    if isinstance(number, bool) or not isinstance(number, int | float) or not 0.01 <= abs(number) < math.inf:
-        raise ValueError(f"{value!r} is not a signed radius of at least 0.01 m (+ turns left), nor 'straight'")
-    return float(number)
-
-
-_CHECK = re.compile(r"\s*(\S+(?: \w+)?)\s*\+-\s*(\S.*?)\s*$")
+_TOLERANCE = re.compile(r"\s*(\S+(?: \w+)?)\s*\+-\s*(\S.*?)\s*$")
+_WIDTHS = (0.01, 100.0)  # [m]
 
 
 def _length_with_tolerance(value: Any) -> tuple[float, float]:
-    match = _CHECK.match(value) if isinstance(value, str) else None
+    match = _TOLERANCE.match(value) if isinstance(value, str) else None
     parts = [to_si(text, "m") for text in match.groups()] if match else []
     if len(parts) != 2 or not all(isinstance(part, float) and 0.0 < part < math.inf for part in parts):
         raise ValueError(f"{value!r} is not a length with its tolerance; write for example '965 +- 1'")
     return parts[0], parts[1]
 
 
-_WIDTHS = (0.01, 100.0)  # [m]
-
-
 def _width(value: Any) -> float | list[tuple[float, float]]:
     if isinstance(value, list | tuple) and value:
         rows = [[to_si(part, "m") for part in row] if isinstance(row, list | tuple) else [] for row in value]
-        for at, row in enumerate(rows):
+        for index, row in enumerate(rows):
             if len(row) != 2 or any(isinstance(part, bool) or not isinstance(part, int | float) for part in row):
-                raise ValueError(f"entry {at + 1} is not [s, width], two numbers in m")
-            if not 0.0 <= row[0] <= 1e6 or (at and row[0] <= rows[at - 1][0]):
-                raise ValueError(f"entry {at + 1}: s = {row[0]:g} m; make s rise from 0 or more")
+                raise ValueError(f"entry {index + 1} is not [s, width], two numbers in m")
+            if not 0.0 <= row[0] <= 1e6 or (index and row[0] <= rows[index - 1][0]):
+                raise ValueError(f"entry {index + 1}: s = {row[0]:g} m; make s rise from 0 or more")
         widths = [float(width) for _, width in rows]
     else:
         number = to_si(value, "m")
@@ -86,7 +69,7 @@ def _width(value: Any) -> float | list[tuple[float, float]]:
 
 def _column(value: Any) -> int | str:
     if isinstance(value, bool) or not isinstance(value, int | str) or not str(value).strip():
-        raise ValueError("the name of a column, or its number counted from 1, is expected")
+        raise ValueError("give the name of a column, or its number counted from 1")
     return value
 
 
@@ -95,12 +78,11 @@ Width = Annotated[
     PlainValidator(_width, json_schema_input_type=float | str | list[tuple[float, float]]),
 ]
 Column = Annotated[int | str, PlainValidator(_column, json_schema_input_type=int | str)]
-LengthOrAuto = Annotated[float | Literal["auto"], PlainValidator(_length_or_auto, json_schema_input_type=float | str)]
-RadiusOrStraight = Annotated[
-    float | Literal["straight"], PlainValidator(_radius_or_straight, json_schema_input_type=float | str)
-]
-CheckedLength = Annotated[tuple[float, float], PlainValidator(_length_with_tolerance, json_schema_input_type=str)]
+ExpectedLength = Annotated[tuple[float, float], PlainValidator(_length_with_tolerance, json_schema_input_type=str)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0)]
+
+
+# --- ground -------------------------------------------------------------------------------------------------------
 
 
 class SlopeSpec(Schema):
@@ -113,14 +95,14 @@ class SlopeSpec(Schema):
 class GroundSpec(Schema):
     """The base plane z = 0."""
 
-    surface: Surface = Field(default="asphalt", description="what it looks like [-]")
+    surface: SurfaceName = Field(default="asphalt", description="its appearance [-]")
     mu: Friction | None = Field(default=None, description="friction coefficient; default: that of the surface [-]")
     size: tuple[Length, Length] | None = Field(
         default=None,
         description="extent in x and y about the middle of the tracks; default: 50 m beyond them, or 400 m [m]",
     )
     slope: SlopeSpec = Field(default_factory=SlopeSpec, description="uniform slope [-]")
-    patches: list[PatchSpec] = Field(default_factory=list, description="parts with a friction of their own [-]")
+    patches: list[PatchSpec] = Field(default_factory=list, description="parts with their own friction [-]")
 
     @field_validator("size")
     @classmethod
@@ -130,76 +112,13 @@ class GroundSpec(Schema):
         return size
 
 
-class ArcSpec(Schema):
-    """A circular arc, with clothoids at its ends if `transition` is given."""
-
-    radius: Annotated[Length, Field(ge=0.01, le=1e6)] = Field(description="radius of the centre line [m]")
-    angle: Angle = Field(description="heading change over the whole, + left [rad]")
-    transition: Annotated[Angle, Field(ge=0.0)] = Field(
-        default=0.0, description="part of `angle` that the clothoid at each end turns, unsigned [rad]"
-    )
-
-    @model_validator(mode="after")
-    def _turns(self) -> Self:
-        if not 1e-6 <= abs(self.angle) <= 4.0 * math.pi:
-            raise ValueError("angle must not be 0, nor above 720 deg; write the unit: 90 deg")
-        if 0.0 < self.transition < 1e-6:
-            raise ValueError("transition must be 0 or at least 1e-6 rad")
-        if 2.0 * self.transition > abs(self.angle) * (1.0 + 1e-12):
-            raise ValueError("the two transitions turn more than the angle; make transition at most half of it")
-        return self
-
-
-class ClothoidSpec(Schema):
-    """A curve whose curvature changes linearly with arc length; see the module's text for the signs."""
-
-    from_radius: RadiusOrStraight = Field(default="straight", description="signed radius at its start [m]")
-    to_radius: RadiusOrStraight = Field(default="straight", description="signed radius at its end [m]")
-    length: Annotated[Length, Field(ge=1e-3, le=1e6)] | None = Field(default=None, description="arc length [m]")
-    angle: Angle | None = Field(default=None, description="heading change, + left, instead of `length` [rad]")
-
-    @property
-    def curvatures(self) -> tuple[float, float]:
-        """Curvature at the start and at the end [1/m], + left."""
-        start, end = (0.0 if radius == "straight" else 1.0 / radius for radius in (self.from_radius, self.to_radius))
-        return start, end
-
-    @property
-    def arc_length(self) -> float:
-        """Length [m]; from `angle` it is 2 angle / (start curvature + end curvature)."""
-        return self.length if self.length is not None else 2.0 * (self.angle or 0.0) / sum(self.curvatures)
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if (self.length is None) == (self.angle is None):
-            raise ValueError("give exactly one of length and angle")
-        if self.length is None:
-            total = sum(self.curvatures)
-            if abs(total) < 1e-9 or (self.angle or 0.0) * total <= 0.0 or not 1e-3 <= self.arc_length <= 1e6:
-                raise ValueError("angle does not fit the radii; its sign must be theirs (+ left), or give length")
-        if not abs(self.arc_length * sum(self.curvatures) / 2.0) <= 4.0 * math.pi:
-            raise ValueError("it turns more than 720 deg")
-        return self
-
-
-class SegmentSpec(Schema):
-    """One piece of a centre line: exactly one of line, arc and clothoid."""
-
-    line: LengthOrAuto | None = Field(default=None, description="length of a straight, or auto [m]")
-    arc: ArcSpec | None = Field(default=None, description="circular arc [-]")
-    clothoid: ClothoidSpec | None = Field(default=None, description="linear change of curvature [-]")
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        if sum(part is not None for part in (self.line, self.arc, self.clothoid)) != 1:
-            raise ValueError("give exactly one of line, arc and clothoid")
-        return self
+# --- tracks -------------------------------------------------------------------------------------------------------
 
 
 class PoseSpec(Schema):
-    """A place and a heading in the plane."""
+    """A position and a heading in the plane."""
 
-    at: Point = Field(default=(0.0, 0.0), description="x and y [m]")
+    at: Position = Field(default=(0.0, 0.0), description="x and y [m]")
     yaw: Heading = Field(default=0.0, description="heading, from x towards y [rad]")
 
 
@@ -207,11 +126,11 @@ class MarkingSpec(Schema):
     """A painted line."""
 
     line: Literal["left", "right", "center", "start"] = Field(
-        description="which; start lies across the road at s = 0 [-]"
+        description="edge line, centre line, or start line across the road at s = 0 [-]"
     )
     kind: Literal["solid", "dashed"] = Field(default="solid", description="continuous or interrupted [-]")
     width: Annotated[Length, Field(ge=1e-3, le=2.0)] = Field(default=0.1, description="width of the paint [m]")
-    dash: tuple[Length, Length] = Field(default=(3.0, 3.0), description="painted and open length of a dashed line [m]")
+    dash: tuple[Length, Length] = Field(default=(3.0, 3.0), description="lengths of dashes and of gaps [m]")
 
     @field_validator("dash")
     @classmethod
@@ -222,7 +141,7 @@ class MarkingSpec(Schema):
 
 
 class _FileSpec(Schema):
-    file: Annotated[str, Field(min_length=1)] = Field(description="looked for beside the world file [-]")
+    file: Annotated[str, Field(min_length=1)] = Field(description="path relative to the world file [-]")
 
     @model_validator(mode="before")
     @classmethod
@@ -231,18 +150,18 @@ class _FileSpec(Schema):
 
 
 class CsvSpec(_FileSpec):
-    """Points of a centre line in a file, one per line; by default as the race lines of TUM have them."""
+    """Points of a centre line in a file, one per line; by default in the format of the TUM racetrack database."""
 
     x: Column = Field(default="x_m", description="column of x: its name, or its number from 1 [-]")
     y: Column = Field(default="y_m", description="column of y [-]")
     right: Column | None = Field(
-        default="w_tr_right_m", description="column of the distance of the right edge; null: none [-]"
+        default="w_tr_right_m", description="column of the distance to the right edge; null: none [-]"
     )
     left: Column | None = Field(
-        default="w_tr_left_m", description="column of the distance of the left edge; null: none [-]"
+        default="w_tr_left_m", description="column of the distance to the left edge; null: none [-]"
     )
     scale: Annotated[float, Field(gt=0.0, le=1e6)] = Field(
-        default=1.0, description="metres per unit of the file; also of the widths [-]"
+        default=1.0, description="metres per unit of the file, also of the widths [-]"
     )
     smooth: Annotated[Length, Field(ge=0.0, le=100.0)] = Field(
         default=0.0, description="root mean square by which noisy points may be moved [m]"
@@ -255,7 +174,7 @@ class XodrSpec(_FileSpec):
     road: Column | None = Field(
         default=None, description="its id, or several in driving order: '1, 7, 2'; default: the only one [-]"
     )
-    lane: Column = Field(default="driving", description="type of the lanes that are the road, or the id of one [-]")
+    lane: Column = Field(default="driving", description="type of the lanes that form the road, or a lane id [-]")
 
 
 class TrackSpec(Schema):
@@ -264,45 +183,49 @@ class TrackSpec(Schema):
     segments: Annotated[list[SegmentSpec], Field(min_length=1, max_length=2000)] | None = Field(
         default=None, description="in driving order [-]"
     )
-    points: Annotated[list[Point], Field(min_length=1, max_length=10_000)] | None = Field(
-        default=None, description="x and y in driving order, four or more; a smooth curve goes through them [m]"
+    points: Annotated[list[Position], Field(min_length=1, max_length=10_000)] | None = Field(
+        default=None, description="x and y in driving order, four or more, joined by a smooth curve [m]"
     )
     csv: CsvSpec | None = Field(default=None, description="file of points and widths [-]")
     xodr: XodrSpec | None = Field(default=None, description="road of an OpenDRIVE file [-]")
     start: PoseSpec | None = Field(
-        default=None, description="where s = 0 is; default: the origin, or where the points or the file have it [-]"
+        default=None, description="pose at s = 0; default: the origin, or that of the points or the file [-]"
     )
     closed: bool | None = Field(
-        default=None, description="the end meets the start; default: false, or as it is in the file [-]"
+        default=None, description="the end meets the start; default: false, or as in the file [-]"
     )
     crossing: bool = Field(default=False, description="it may cross itself, as a figure of eight does [-]")
     width: Width | None = Field(
         default=None,
-        description="of the road, or [[s, width], ...] with straight edges between; default: the file's, else 3 [m]",
+        description="of the road, or [[s, width], ...], interpolated linearly; default: the file's, else 3 [m]",
     )
     thickness: Annotated[Length, Field(ge=0.0, le=0.5)] = Field(
-        default=0.01, description="height of the road above the surface beside it; seen, not felt [m]"
+        default=0.01, description="height of the road above the surface beside it; visual only [m]"
     )
-    surface: Surface = Field(default="asphalt", description="what it looks like [-]")
+    surface: SurfaceName = Field(default="asphalt", description="its appearance [-]")
     mu: Friction | None = Field(default=None, description="friction coefficient; default: that of the surface [-]")
-    edges: Surface | None = Field(
+    verge: SurfaceName | None = Field(
         default=None, description="surface of a verge of 2 m on both sides; default: the ground's [-]"
     )
     markings: list[MarkingSpec] = Field(default_factory=list, description="painted lines [-]")
     road: bool = Field(default=True, description="false: only a line to follow, on roads of other tracks [-]")
     length: Annotated[Length, Field(gt=0.0, le=1e6)] | None = Field(
         default=None,
-        description="wanted length, of segments: met by a third auto line, otherwise by scaling the centre line [m]",
+        description="required length of segments: by a third auto line, otherwise by scaling the centre line [m]",
     )
-    check_length: CheckedLength | None = Field(default=None, description="'965 +- 1': the length must be that [m]")
+    expected_length: ExpectedLength | None = Field(
+        default=None, description="length with tolerance, '965 +- 1', that is checked [m]"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if sum(part is not None for part in (self.segments, self.points, self.csv, self.xodr)) != 1:
-            raise ValueError("give exactly one of segments, points, csv and xodr")
+        exactly_one(self, ("segments", "points", "csv", "xodr"))
         if self.length is not None and self.segments is None:
             raise ValueError("length belongs to segments; set csv.scale, or correct the points")
         return self
+
+
+# --- light --------------------------------------------------------------------------------------------------------
 
 
 class SunSpec(Schema):
@@ -316,16 +239,19 @@ class SunSpec(Schema):
 
 
 class LightsSpec(Schema):
-    """What lights the world."""
+    """Lights of the world."""
 
     sun: SunSpec = Field(default_factory=SunSpec, description="directional light [-]")
     ambient: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
-        default=0.35, description="light from everywhere; 1 is the sun's [-]"
+        default=0.35, description="light from all directions, as a share of the sun's [-]"
     )
 
 
+# --- starts, goals, scenery ---------------------------------------------------------------------------------------
+
+
 class OnTrackSpec(Schema):
-    """A place on a track, heading along it."""
+    """A pose on a track, heading along it."""
 
     track: str = Field(description="name of the track [-]")
     s: Coordinate = Field(default=0.0, description="along the centre line [m]")
@@ -333,11 +259,11 @@ class OnTrackSpec(Schema):
 
 
 class StartSpec(Schema):
-    """A place to start from: `at` and `yaw`, or `on_track`."""
+    """A start: `at` and `yaw`, or `on_track`."""
 
-    at: Point | None = Field(default=None, description="x and y of the vehicle's frame B, below the rear axle [m]")
+    at: Position | None = Field(default=None, description="x and y of the vehicle's frame B, below the rear axle [m]")
     yaw: Heading | None = Field(default=None, description="heading, from x towards y [rad]")
-    on_track: OnTrackSpec | None = Field(default=None, description="place on a track [-]")
+    on_track: OnTrackSpec | None = Field(default=None, description="pose on a track [-]")
     speed: Speed = Field(default=0.0, description="forward speed at the start [m/s]")
 
     @model_validator(mode="after")
@@ -348,9 +274,9 @@ class StartSpec(Schema):
 
 
 class ScenerySpec(Schema):
-    """A mesh that is only drawn: cameras and lidars see it, and nothing touches it."""
+    """A mesh without collision geometry; cameras and lidars see it."""
 
-    file: Annotated[str, Field(min_length=1)] = Field(description="glTF or OBJ, looked for beside the world file [-]")
+    file: Annotated[str, Field(min_length=1)] = Field(description="glTF or OBJ, relative to the world file [-]")
     at: tuple[Coordinate, Coordinate, Coordinate] = Field(default=(0.0, 0.0, 0.0), description="its origin [m]")
     yaw: Heading = Field(default=0.0, description="heading, from x towards y [rad]")
     pitch: Heading = Field(default=0.0, description="nose down [rad]")
@@ -365,9 +291,9 @@ class GateSpec(Schema):
 
 
 class GoalSpec(Schema):
-    """What to reach: a disc (`at`, `radius`), a `gate`, or a number of `laps`."""
+    """A goal: a disc (`at`, `radius`), a `gate`, or a number of `laps`."""
 
-    at: Point | None = Field(default=None, description="middle of the disc [m]")
+    at: Position | None = Field(default=None, description="centre of the disc [m]")
     radius: Annotated[Length, Field(gt=0.0)] | None = Field(
         default=None, description="radius of the disc, default 1 [m]"
     )
@@ -376,8 +302,7 @@ class GoalSpec(Schema):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if sum(part is not None for part in (self.at, self.gate, self.laps)) != 1:
-            raise ValueError("give exactly one of at, gate and laps")
+        exactly_one(self, ("at", "gate", "laps"))
         if self.radius is not None and self.at is None:
             raise ValueError("radius belongs to at")
         return self
@@ -386,24 +311,24 @@ class GoalSpec(Schema):
 class WorldSpec(Schema):
     """A world file."""
 
-    mirdrake: Literal["world/1"] = Field(description="the language and its version [-]")
+    mirdrake: Literal["world/1"] = Field(description="format and its version [-]")
     name: str = Field(default="", description="default: the file's name [-]")
-    seed: int = Field(default=0, description="seed of everything random in the world [-]")
+    seed: int = Field(default=0, description="seed of all random values [-]")
     params: dict[Label, Value] = Field(default_factory=dict, description="numbers and words for $name [-]")
-    use: list[str] = Field(default_factory=list, description="files whose groups may be used, beside this one [-]")
+    include: list[str] = Field(default_factory=list, description="files with groups, relative to this one [-]")
     ground: GroundSpec = Field(default_factory=GroundSpec, description="the base plane [-]")
     tracks: dict[str, TrackSpec] = Field(default_factory=dict, description="roads by name; later ones lie on top [-]")
     lights: LightsSpec = Field(default_factory=LightsSpec, description="sun and ambient light [-]")
-    sky: Literal["clear", "overcast"] = Field(default="clear", description="what the sky looks like [-]")
+    sky: Literal["clear", "overcast"] = Field(default="clear", description="appearance of the sky [-]")
     start: dict[str, StartSpec] = Field(
         default_factory=dict,
-        description="places to start from, by name; default: origin at [0, 0], or s = 0 of a track that is far off [-]",
+        description="starts by name; default: origin at [0, 0], or s = 0 of a track that is far from it [-]",
     )
-    goals: dict[str, GoalSpec] = Field(default_factory=dict, description="what to reach, by name [-]")
-    props: list[PropEntry] = Field(default_factory=list, max_length=5000, description="what stands in the world [-]")
+    goals: dict[str, GoalSpec] = Field(default_factory=dict, description="goals by name [-]")
+    props: list[PropEntry] = Field(default_factory=list, max_length=5000, description="props in the world [-]")
     scenery: list[ScenerySpec] = Field(
-        default_factory=list, max_length=5000, description="meshes that are only drawn, in the world's frame [-]"
+        default_factory=list, max_length=5000, description="visual meshes without collision, in frame W [-]"
     )
     groups: dict[Label, GroupSpec] = Field(default_factory=dict, description="props that belong together [-]")
-    rules: list[RuleSpec] = Field(default_factory=list, description="what must hold in the world [-]")
-    tests: list[CaseSpec] = Field(default_factory=list, description="what must hold for a vehicle in it [-]")
+    rules: list[RuleSpec] = Field(default_factory=list, description="conditions on the world [-]")
+    tests: list[CaseSpec] = Field(default_factory=list, description="requirements on a vehicle in the world [-]")

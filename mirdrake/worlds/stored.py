@@ -1,8 +1,7 @@
-"""A world that is laid out as plain data, and back: what a run folder keeps of the world it was driven in.
+"""Worlds as plain data and back, for run folders.
 
-Nothing is rounded and nothing is drawn by chance again: the world that is read is the one that was written, to the last
-bit. Meshes stay where they are and are referred to by their files. Rules, tests and what was left unplaced are not
-kept: they are of use only while a world is made.
+Nothing is rounded or drawn again: the world that is read equals the one that was written to the last bit. Meshes are
+referred to by their files. Rules, tests and unplaced props are left out: they are needed only while a world is made.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from pydrake.geometry import Box, Convex, Cylinder, Shape, Sphere
+from pydrake.geometry import Box, Convex, Shape
 from pydrake.math import RigidTransform
 
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
+from mirdrake.worlds.solids import SOLID_KINDS, kind_of, mesh_of
 from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Ground, Start, World
@@ -26,17 +26,17 @@ from mirdrake.worlds.world import Goal, Ground, Start, World
 Data = dict[str, Any]
 
 FindFile = Callable[[str], Path | None]
-"""Gives the file of a reference, or None if there is no such file any more."""
+"""Returns the file of a reference, or None if it no longer exists."""
 
-_LEFT_OUT: Any = {"use": True, "props": True, "groups": True, "rules": True, "tests": True, "ground": {"patches"}}
+_LEFT_OUT: Any = {"include": True, "props": True, "groups": True, "rules": True, "tests": True, "ground": {"patches"}}
 
 
 def world_data(world: World, refer: Callable[[Path], str]) -> Data:
-    """Return a world as data that JSON can hold.
+    """Return a world as data for JSON.
 
     Args:
-        world: laid out.
-        refer: gives the reference to a mesh file, a text.
+        world: the world.
+        refer: returns the reference to a mesh file, a text.
     """
     kinds = {kind: index for index, kind in enumerate(dict.fromkeys(placed.prop for placed in world.props))}
     return {
@@ -57,16 +57,16 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Data:
 
 
 def read_world(data: Mapping[str, Any], find: FindFile, *, place: str = "world") -> World:
-    """Return the world that :func:`world_data` was given.
+    """Return the world of the data of :func:`world_data`.
 
     Args:
         data: of the world.
-        find: of a reference to a mesh file. A prop whose mesh is missing is drawn as its solids; a solid whose mesh is
-            missing becomes the box around the prop.
-        place: the file it was read from, for errors.
+        find: returns the file of a reference. A prop whose mesh is missing is rendered by its solids; solids whose
+            meshes are missing are left out, or replaced by the bounding box of the prop if none is left.
+        place: file of the data, for messages.
 
     Raises:
-        ConfigError: its spec has faults.
+        ConfigError: the specification has faults.
         KeyError, TypeError, ValueError: the data are not those of a world.
     """
     kinds = [_read_prop(kind, find) for kind in data["kinds"]]
@@ -129,25 +129,16 @@ def _read_pose(rows: Any) -> RigidTransform:
 
 
 def _shape_data(shape: Shape, refer: Callable[[Path], str]) -> Data:
-    if isinstance(shape, Box):
-        return {"box": shape.size().tolist()}
-    if isinstance(shape, Cylinder):
-        return {"cylinder": [shape.radius(), shape.length()]}
-    if isinstance(shape, Sphere):
-        return {"sphere": shape.radius()}
-    assert isinstance(shape, Convex)
-    return {"convex": refer(Path(shape.source().path())), "scale": shape.scale3().tolist()}
+    kind, mesh = kind_of(shape), mesh_of(shape)
+    return {kind.key: kind.sizes(shape)} if mesh is None else {"mesh": refer(mesh), "scale": kind.sizes(shape)}
 
 
 def _read_shape(data: Mapping[str, Any], find: FindFile) -> Shape | None:
-    if "box" in data:
-        return Box(*data["box"])
-    if "cylinder" in data:
-        return Cylinder(*data["cylinder"])
-    if "sphere" in data:
-        return Sphere(data["sphere"])
-    path = find(data["convex"])
-    return None if path is None else Convex(str(path), np.array(data["scale"]))
+    if "mesh" in data:
+        path = find(data["mesh"])
+        return None if path is None else Convex(str(path), np.array(data["scale"]))
+    kind = next(kind for kind in SOLID_KINDS if kind.key in data)
+    return kind.make(data[kind.key])
 
 
 def _prop_data(prop: Prop, refer: Callable[[Path], str]) -> Data:

@@ -1,4 +1,4 @@
-"""Tracks from their description: pieces from segments, points or files, widths, and the checks."""
+"""Tracks from their specifications: pieces from segments, points or files, widths, and checks."""
 
 import math
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import shapely
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
-from mirdrake.worlds.csv_lines import read_csv_track
+from mirdrake.worlds.csv_tracks import read_csv_track
 from mirdrake.worlds.opendrive import read_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement
 from mirdrake.worlds.spec import CsvSpec, TrackSpec, XodrSpec
@@ -21,37 +21,37 @@ _GAP_LENGTH, _GAP_ANGLE = 1e-3, math.radians(0.01)
 _LONGEST = 1e5  # [m] longest track
 _FARTHEST = 1e6  # [m] from the origin
 _USUAL_WIDTH = 3.0  # [m]
-_MOST_POINTS = 4_000  # that a centre line is smoothed at
+_MOST_POINTS = 4_000  # of a centre line that is smoothed
 
 
 @dataclass(frozen=True)
-class _Line:
-    """A centre line with what its source says of it."""
+class _CentreLine:
+    """A centre line with the properties that its source states."""
 
     pieces: list[Piece]
     start: Placement
     closed: bool
     edges: Edges | None = None
-    """of a file with widths"""
+    """edges of a file with widths"""
     near: Callable[[float], str] = lambda _: ""
-    """names the entry of the source that is nearest to s [m], ' (...)'"""
+    """returns the entry of the source nearest to s [m], as ' (...)'"""
     notes: tuple[str, ...] = ()
-    smoothed: Callable[[float, float], "_Line"] | None = None
-    """the same line, smoothed by a root mean square [m] at a spacing of points [m]; None: it is stated exactly"""
+    smoothed: Callable[[float, float], "_CentreLine"] | None = None
+    """returns the line smoothed by a root mean square [m] at a spacing of points [m]; None: the line is exact"""
     points: Array = field(default_factory=lambda: np.empty((0, 2)))
-    """of the source [m]"""
+    """points of the source [m]"""
 
 
 def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = None) -> Track:
-    """A track from its description.
+    """Return the track of a specification.
 
     Args:
-        spec: the checked description.
+        spec: of the track.
         name: for messages.
-        folder: where its files are looked for; default: the working directory.
+        folder: folder of its files; default: the working directory.
 
     Raises:
-        ConfigError: a file is not there, or has faults.
+        ConfigError: a file is missing or has faults.
         WorldError: it does not close, it crosses itself, its inner edge folds, its length is wrong, or auto lines have
             no solution.
     """
@@ -66,10 +66,10 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
     start = line.start if spec.start is None else (*spec.start.at, spec.start.yaw)
     total = math.fsum(piece.length for piece in line.pieces)
     if not 0.1 <= total <= _LONGEST:
-        raise WorldError(f"{where(spec)}: {total:g} m long; a track may have from 0.1 m to 100 km")
+        raise WorldError(f"{where(spec)}: {total:g} m long; allowed are 0.1 m to 100 km")
     if max(abs(start[0]), abs(start[1])) > _FARTHEST:
         raise WorldError(
-            f"{where(spec)}: begins at ({start[0]:g}, {start[1]:g}) m, too far from the origin; set start to move it, "
+            f"{where(spec)}: starts at ({start[0]:g}, {start[1]:g}) m, too far from the origin; set start to move it, "
             "for example start: {at: [0, 0]}"
         )
     track = _lay(spec, line, total, name)
@@ -79,8 +79,8 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
     return track
 
 
-def _lay(spec: TrackSpec, line: _Line, given: float, name: str) -> Track:
-    """Return the road along a centre line; `given` is the length [m] that the stations of its widths refer to."""
+def _lay(spec: TrackSpec, line: _CentreLine, given: float, name: str) -> Track:
+    """Return the road along a centre line; the stations of its widths refer to the length `given` [m]."""
     start = line.start if spec.start is None else (*spec.start.at, spec.start.yaw)
     total = math.fsum(piece.length for piece in line.pieces)
     width, edges = _USUAL_WIDTH, line.edges
@@ -92,7 +92,7 @@ def _lay(spec: TrackSpec, line: _Line, given: float, name: str) -> Track:
     return Track(line.pieces, start=start, closed=line.closed, width=width, edges=edges, name=name, notes=line.notes)
 
 
-def _unfold(spec: TrackSpec, line: _Line, track: Track, fold: float) -> tuple[_Line, Track]:
+def _unfold(spec: TrackSpec, line: _CentreLine, track: Track, fold: float) -> tuple[_CentreLine, Track]:
     """Smooth a centre line through points by the smallest amount after which its inner edge does not fold.
 
     The points are smoothed at a spacing of an eighth of the width. Where a point would be more than half the width off
@@ -135,27 +135,27 @@ def _unfold(spec: TrackSpec, line: _Line, track: Track, fold: float) -> tuple[_L
     return smoothed, road
 
 
-# --- where the centre line comes from ----------------------------------------------------------------------------
+# --- sources of centre lines -------------------------------------------------------------------------------------
 
 
-def _from_segments(spec: TrackSpec) -> _Line:
-    pieces = _solve_auto_lines(spec, _pieces_of(spec))
+def _from_segments(spec: TrackSpec) -> _CentreLine:
+    pieces = _solve_auto_lines(spec, [piece for segment in spec.segments or () for piece in segment.pieces])
     total = math.fsum(piece.length for piece in pieces)
     if not 0.1 <= (spec.length or total) <= _LONGEST:
-        raise WorldError(f"{where(spec)}: {spec.length or total:g} m long; a track may have from 0.1 m to 100 km")
+        raise WorldError(f"{where(spec)}: {spec.length or total:g} m long; allowed are 0.1 m to 100 km")
     if spec.length is not None and abs(spec.length / total - 1.0) > 1e-12:
         scale = spec.length / total
         pieces = [Piece(p.length * scale, p.start_curvature / scale, p.end_curvature / scale) for p in pieces]
-    return _Line(pieces, (0.0, 0.0, 0.0), bool(spec.closed))
+    return _CentreLine(pieces, (0.0, 0.0, 0.0), bool(spec.closed))
 
 
-def _from_points(spec: TrackSpec) -> _Line:
+def _from_points(spec: TrackSpec) -> _CentreLine:
     points = np.array(spec.points, dtype=float)
 
-    def lay(smooth: float, spacing: float) -> _Line:
+    def lay(smooth: float, spacing: float) -> _CentreLine:
         pieces, start = pieces_through(points, closed=bool(spec.closed), smooth=smooth, spacing=spacing)
         near = _nearest(pieces, start, points, "point {}", range(1, 10_001))
-        return _Line(pieces, start, bool(spec.closed), near=near, points=points)
+        return _CentreLine(pieces, start, bool(spec.closed), near=near, points=points)
 
     try:
         _check_extent(points)
@@ -164,25 +164,25 @@ def _from_points(spec: TrackSpec) -> _Line:
         raise WorldError(f"{where(spec, 'points')}: {error}") from None
 
 
-def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
+def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
     path, place = _find_file(csv, folder, "csv"), where(spec, "csv")
     if (csv.right is None) != (csv.left is None):
         raise ConfigError(f"{place}: right and left belong together; name both columns, or set both null")
     columns = {"x": csv.x, "y": csv.y, "right": csv.right, "left": csv.left}
     try:
         table = read_csv_track(path, **columns, scale=csv.scale)  # type: ignore[arg-type]
-        closed = table.closed_guess if spec.closed is None else spec.closed
-        if closed and not table.closed_guess:
+        closed = table.looks_closed if spec.closed is None else spec.closed
+        if closed and not table.looks_closed:
             gap = math.dist(table.points[0], table.points[-1])
             ahead = [math.atan2(*(b - a)[::-1]) for a, b in (table.points[:2], table.points[-2:])]
             turn = abs(math.degrees(math.remainder(ahead[0] - ahead[1], 2.0 * math.pi)))
             raise ConfigError(
                 f"{shown(path)}:{table.lines[-1]}: does not close: gap {gap:.3g} m, {turn:.3g} deg from the last point "
-                "to the first; add the missing points, or leave out closed: true"
+                "to the first; add the missing points, or remove closed: true"
             )
         _check_extent(table.points)
 
-        def lay(smooth: float, spacing: float) -> _Line:
+        def lay(smooth: float, spacing: float) -> _CentreLine:
             smooth = math.hypot(csv.smooth, smooth)
             pieces, start = pieces_through(table.points, closed=closed, smooth=smooth, spacing=spacing)
             edges = None
@@ -190,7 +190,7 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
                 bare = Track(pieces, start=start, closed=closed)
                 edges = edges_from_widths(bare, table.points, table.left, table.right)
             near = _nearest(pieces, start, table.points, f"{shown(path)}:{{}}", table.lines)
-            return _Line(pieces, start, closed, edges, near, points=table.points)
+            return _CentreLine(pieces, start, closed, edges, near, points=table.points)
 
         return replace(lay(0.0, math.inf), smoothed=lay)
     except ConfigError as error:
@@ -199,67 +199,67 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _Line:
         raise WorldError(f"{place}: {shown(path)}: {error}") from None
 
 
-def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _Line:
+def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
     path = _find_file(xodr, folder, "xodr")
     try:
         road = read_opendrive(path, road=None if xodr.road is None else str(xodr.road), lane=str(xodr.lane))
     except ConfigError as error:
         raise ConfigError(f"{where(spec, 'xodr')}: {error}") from None
     closed = road.closed if spec.closed is None else spec.closed
-    edges = road.edges if not closed or road.closed else None  # a gap is told before widths are compared
-    return _Line(road.pieces, road.start, closed, edges, notes=tuple(road.left_out))
+    edges = road.edges if not closed or road.closed else None  # a gap is reported before widths are compared
+    return _CentreLine(road.pieces, road.start, closed, edges, notes=tuple(road.left_out))
 
 
 def _find_file(spec: CsvSpec | XodrSpec, folder: Path, suffix: str) -> Path:
-    """The file of a track.
+    """Return the file of a track.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no such file.
     """
     path = folder / spec.file
     try:
         if path.is_file():
             return path
         beside = [file.name for file in path.parent.glob(f"*.{suffix}")] if path.parent.is_dir() else []
-    except (OSError, ValueError):  # a name that is too long, or holds a zero byte
+    except (OSError, ValueError):  # a name that is too long, or contains a zero byte
         beside = []
-    hint = did_you_mean(Path(spec.file).name, beside) if beside else "give its place relative to the world file"
+    hint = did_you_mean(Path(spec.file).name, beside) if beside else "give its path relative to the world file"
     raise ConfigError(f"{where(spec, 'file')}: no such file: {spec.file[:200]!r}; {hint}")
 
 
 def _check_extent(points: Array) -> None:
-    """Refuse points before a curve is laid through them that is far too long."""
+    """Reject points that are far apart before a curve is fitted to them."""
     total = float(np.hypot(*np.diff(points, axis=0).T).sum())
     if total > _LONGEST:
-        raise WorldError(f"{total:.3g} m from the first point to the last; a track may have from 0.1 m to 100 km")
+        raise WorldError(f"{total:.3g} m from the first point to the last; allowed are 0.1 m to 100 km")
 
 
 def _nearest(
     pieces: list[Piece], start: Placement, points: Array, name: str, numbers: list[int] | range
 ) -> Callable[[float], str]:
-    """What tells the point nearest to a place of the centre line."""
+    """Return a function that names the point nearest to a station of the centre line."""
 
-    def tell(s: float) -> str:
+    def name_point(s: float) -> str:
         x, y, _ = Track(pieces, start=start).pose_at(s)
-        at = int(np.argmin(np.hypot(points[:, 0] - x, points[:, 1] - y)))
-        return f" ({name.format(numbers[at])})"
+        index = int(np.argmin(np.hypot(points[:, 0] - x, points[:, 1] - y)))
+        return f" ({name.format(numbers[index])})"
 
-    return tell
+    return name_point
 
 
 # --- widths and checks -------------------------------------------------------------------------------------------
 
 
 def _edges_of(spec: TrackSpec, widths: list[tuple[float, float]], length: float, closed: bool) -> Edges:
-    """Edges of a road whose width is given at some places.
+    """Return the edges of a road whose width is given at some stations.
 
     Raises:
-        WorldError: a place is beyond the end, or the width is not the same at both ends of a closed track.
+        WorldError: a station is beyond the end, or the widths at the ends of a closed track differ.
     """
     s, width = np.array(widths).T
     if s[-1] > length * (1.0 + 1e-9):
-        at = int(np.argmax(s > length))
-        raise WorldError(f"{where(spec, 'width', at)}: s = {s[at]:g} m; the track is {length:.6g} m long")
+        index = int(np.argmax(s > length))
+        raise WorldError(f"{where(spec, 'width', index)}: s = {s[index]:g} m; the track is {length:.6g} m long")
     s = np.minimum(s, length)
     if closed and s[0] == 0.0 and s[-1] >= length * (1.0 - 1e-9):
         if abs(width[0] - width[-1]) > 1e-6:
@@ -273,26 +273,28 @@ def _edges_of(spec: TrackSpec, widths: list[tuple[float, float]], length: float,
     return stations, half, half
 
 
-def _check(spec: TrackSpec, track: Track, line: _Line) -> None:
-    """What must hold for every track.
+def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
+    """Check that a track closes, that its inner edge does not fold, that it does not cross itself, and its length.
 
     Raises:
         WorldError: it does not.
     """
-    varying, (gap, angle) = track.edges is not None, track.gap
+    is_varying, (gap, angle) = track.edges is not None, track.gap
     if track.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):
-        advice = "make the turns add up to 360 deg and two lines that are not parallel auto, or set closed: false"
+        advice = (
+            "make the angles add up to 360 deg and set two lines that are not parallel to auto, or set closed: false"
+        )
         raise WorldError(
             f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
             f"0.01 deg; {advice if spec.segments is not None else 'leave out closed: true'}"
         )
-    if not varying and track.min_radius <= track.width / 2.0:
-        place = line.near(track.sharpest())
+    if not is_varying and track.min_radius <= track.width / 2.0:
+        nearest = line.near(track.sharpest())
         raise WorldError(
-            f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m{place}, width "
+            f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m{nearest}, width "
             f"{track.width:.3g} m; make the radius larger than half the width"
         )
-    if varying and (fold := track.folds()) is not None:
+    if is_varying and (fold := track.folds()) is not None:
         k = track.curvature_at(fold)
         side = float(track.left_width(fold) if k > 0.0 else track.right_width(fold))
         raise WorldError(
@@ -305,98 +307,76 @@ def _check(spec: TrackSpec, track: Track, line: _Line) -> None:
         x, y, _ = track.pose_at(first)
         raise WorldError(
             f"{where(spec)}: crosses itself at ({x:.4g}, {y:.4g}) m: s = {first:.4g} m{line.near(first)} and "
-            f"{second:.4g} m{line.near(second)}; correct it, or set crossing: true if it shall, as a figure of eight"
+            f"{second:.4g} m{line.near(second)}; correct it, or set crossing: true for a figure of eight"
         )
-    if spec.check_length is not None and abs(track.length - spec.check_length[0]) > spec.check_length[1]:
-        wanted, tolerance = spec.check_length
+    if spec.expected_length is not None and abs(track.length - spec.expected_length[0]) > spec.expected_length[1]:
+        expected, tolerance = spec.expected_length
         how = "change a segment, or let `length` scale it" if spec.segments is not None else "correct the points"
         raise WorldError(
-            f"{where(spec, 'check_length')}: the track is {track.length:.6f} m long; {wanted:g} +- {tolerance:g} m was "
-            f"asked; {how}"
+            f"{where(spec, 'expected_length')}: the track is {track.length:.6f} m long; expected are {expected:g} +- "
+            f"{tolerance:g} m; {how}"
         )
 
 
 def _first_crossing(track: Track) -> tuple[float, float] | None:
-    """Where [m], twice, the centre line meets itself; None if it does not. That its ends meet does not count."""
+    """Return the two stations [m] where the centre line crosses itself, or None; where its ends meet does not count."""
     s = track.stations(sagitta=1e-3)
     points = np.column_stack(track.point(np.append(s[:-1], 0.0) if track.closed else s))
     chords = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
-    one, other = shapely.STRtree(chords).query(chords, predicate="intersects")
-    apart = other - one
+    first, second = shapely.STRtree(chords).query(chords, predicate="intersects")
+    apart = second - first
     apart = np.minimum(apart, len(chords) - apart) if track.closed else apart
-    met = (other > one) & (apart > 1)
-    one, other = one[met], other[met]
-    places = shapely.get_coordinates(shapely.centroid(shapely.intersection(chords[one], chords[other])))
-    ends = [np.hypot(*(places - points[at]).T) < _GAP_LENGTH for at in (0, -1)]
-    touching = (one == 0) & (other == len(chords) - 1) & ends[0] & ends[1]
-    one, other, places = one[~touching], other[~touching], places[~touching]
-    if not one.size:
+    met = (second > first) & (apart > 1)
+    first, second = first[met], second[met]
+    crossings = shapely.get_coordinates(shapely.centroid(shapely.intersection(chords[first], chords[second])))
+    at_ends = [np.hypot(*(crossings - points[end]).T) < _GAP_LENGTH for end in (0, -1)]
+    is_seam = (first == 0) & (second == len(chords) - 1) & at_ends[0] & at_ends[1]
+    first, second, crossings = first[~is_seam], second[~is_seam], crossings[~is_seam]
+    if not first.size:
         return None
-    first = int(np.argmin(one))
-    found = [float(s[i[first]] + np.hypot(*(places[first] - points[i[first]]))) for i in (one, other)]
-    return found[0], found[1]
+    i = int(np.argmin(first))
+    stations = [float(s[chord[i]] + np.hypot(*(crossings[i] - points[chord[i]]))) for chord in (first, second)]
+    return stations[0], stations[1]
 
 
 # --- segments ----------------------------------------------------------------------------------------------------
 
 
-def _pieces_of(spec: TrackSpec) -> list[Piece]:
-    """Pieces of a centre line; auto lines have length 0."""
-    pieces: list[Piece] = []
-    for segment in spec.segments or ():
-        if segment.line is not None:
-            pieces.append(Piece(0.0 if segment.line == "auto" else segment.line, 0.0, 0.0))
-        elif segment.arc is not None:
-            arc = segment.arc
-            k = math.copysign(1.0 / arc.radius, arc.angle)
-            clothoid = 2.0 * arc.radius * arc.transition  # length over which 0 -> 1/R turns `transition`
-            rest = max(0.0, abs(arc.angle) - 2.0 * arc.transition)
-            if clothoid:
-                pieces.append(Piece(clothoid, 0.0, k))
-            if rest > 1e-12:
-                pieces.append(Piece(arc.radius * rest, k, k))
-            if clothoid:
-                pieces.append(Piece(clothoid, k, 0.0))
-        elif segment.clothoid is not None:
-            pieces.append(Piece(segment.clothoid.arc_length, *segment.clothoid.curvatures))
-    return pieces
-
-
 def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
-    """Lengths of the auto lines: position closure is linear in them, and so is the total length.
+    """Return the pieces with the lengths of the auto lines: closure and total length are linear in them.
 
     With unit vectors t_i of the auto lines and the gap g that the other pieces leave: sum of a_i t_i = -g, and with a
     third line sum of a_i = length - rest.
     """
-    unknown = [i for i, piece in enumerate(pieces) if piece.length == 0.0]
-    if not unknown:
+    auto_lines = [i for i, piece in enumerate(pieces) if piece.length == 0.0]
+    if not auto_lines:
         return pieces
     place = where(spec, "segments")
-    wanted = 2 if spec.length is None else 3
-    if not spec.closed or len(unknown) not in (2, wanted):
+    needed = 2 if spec.length is None else 3
+    if not spec.closed or len(auto_lines) not in (2, needed):
         raise WorldError(
-            f"{place}: {len(unknown)} auto lines; a closed track takes two, or three when `length` is given; "
-            "an open one none"
+            f"{place}: {len(auto_lines)} auto lines; a closed track needs two, or three if `length` is given; "
+            "an open one cannot have any"
         )
     rest = [piece for piece in pieces if piece.length > 0.0]
     if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
-        raise WorldError(f"{place}: besides the auto lines there must be bends, and at most 100 km")
+        raise WorldError(f"{place}: give other segments beside the auto lines, of 100 km at most")
     track = Track(rest)
-    yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[unknown]
-    gap_x, gap_y, _ = track._end
+    yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[auto_lines]
+    gap_x, gap_y, _ = track.end
     matrix, target = np.vstack((np.cos(yaws), np.sin(yaws))), np.array([-gap_x, -gap_y])
-    if len(unknown) == 3:
+    if len(auto_lines) == 3:
         assert spec.length is not None
         matrix, target = np.vstack((matrix, np.ones(3))), np.append(target, spec.length - track.length)
     if np.linalg.cond(matrix) > 1e6:
-        raise WorldError(f"{place}: the auto lines cannot close the track, for they are parallel; choose others")
+        raise WorldError(f"{place}: the auto lines cannot close the track because they are parallel; choose other ones")
     lengths = np.linalg.solve(matrix, target)
     if (lengths <= 0.0).any():
-        found = ", ".join(f"{length:.3f}" for length in lengths)
+        text = ", ".join(f"{length:.3f}" for length in lengths)
         raise WorldError(
-            f"{place}: auto lines would need lengths of {found} m; change the other segments so that all are positive"
+            f"{place}: auto lines would need lengths of {text} m; change the other segments so that all are positive"
         )
     result = list(pieces)
-    for index, length in zip(unknown, lengths.tolist(), strict=True):
+    for index, length in zip(auto_lines, lengths.tolist(), strict=True):
         result[index] = Piece(length, 0.0, 0.0)
     return result

@@ -1,4 +1,4 @@
-"""Roads: a centre line, how far the edges are from it, and the area between them."""
+"""Roads: a centre line, the distances of its edges, and the area between them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,22 +17,22 @@ Offset = float | Callable[[Array], Array]
 
 
 def offset_at(offset: Offset, s: Array) -> Array:
-    """An offset, a number or a function of s, at all of s [m]."""
+    """Return an offset, a number or a function of s, at all s [m]."""
     return np.broadcast_to(np.asarray(offset(s) if callable(offset) else offset, dtype=float), s.shape)
 
 
 class Track(Curve):
-    """A road: a centre line and its width to both sides.
+    """A road: a centre line and its widths on both sides.
 
     Args:
         pieces: the centre line, end to end with a common tangent.
         start: pose (x [m], y [m], yaw [rad]) at s = 0 in the world frame.
         closed: the end meets the start; s is then periodic.
         width: of the road [m], half of it to each side; not used when `edges` is given.
-        edges: for a road of varying width: s [m], rising from 0 to the length, and how far the left and the right edge
-            are from the centre line there [m], three arrays of N; straight between them, so the width is continuous.
+        edges: of a road of varying width: s [m], rising from 0 to the length, and the distances of the left and the
+            right edge from the centre line there [m], three arrays (N), interpolated linearly.
         name: for messages.
-        notes: what its source had and it has not, a line each.
+        notes: parts of its source that it does not represent, one line each.
 
     Raises:
         WorldError: `edges` do not fit the centre line.
@@ -43,7 +43,7 @@ class Track(Curve):
         min_radius: smallest radius of the centre line [m]; infinite for a straight.
         gap: distance [m] and heading difference [rad] from the end back to the start.
 
-    The constructor does not judge `gap`; :func:`mirdrake.worlds.make_world` does.
+    The constructor does not check `gap`; :func:`mirdrake.worlds.make_world` does.
     """
 
     def __init__(
@@ -69,26 +69,26 @@ class Track(Curve):
         return f"Track({self.name!r}, {shape}, {sizes})"
 
     def left_width(self, s: ArrayLike) -> Array:
-        """Distance [m] of the left edge from the centre line at s [m], in the shape of s; steady beyond the ends."""
+        """Return the distance [m] of the left edge from the centre line at s [m], any shape; constant beyond ends."""
         return self._side_width(s, 1)
 
     def right_width(self, s: ArrayLike) -> Array:
-        """Distance [m] of the right edge from the centre line at s [m], positive, in the shape of s."""
+        """Return the distance [m] of the right edge from the centre line at s [m], any shape, positive."""
         return self._side_width(s, 2)
 
     @property
     def edges(self) -> tuple[Array, Array, Array] | None:
-        """Of a road of varying width: s and how far the left and the right edge are there [m], N each; else None."""
+        """Stations s and distances of the left and right edges there [m] (N) of a road of varying width; else None."""
         return self._edges
 
     def folds(self) -> float | None:
-        """Where the inner edge of a bend folds back on itself: s [m] of the worst such place, None if there is none.
+        """Return s [m] where the inner edge of a bend folds back on itself most, None if it does not.
 
         An edge at the distance d inside a bend of curvature k advances by 1 - k d per metre of the centre line, so it
         folds where k d >= 1. Between joints and stations both are linear; the largest k d is found exactly.
         """
         s, end, k, k_end = self._intervals()
-        worst, place = -math.inf, 0.0
+        worst, worst_s = -math.inf, 0.0
         for side, sign in ((1, 1.0), (2, -1.0)):
             # k d = (k + p u)(d + q u), u from 0 to 1 over an interval, is largest at an end or at its vertex.
             d = sign * self._at_stations(s, side)
@@ -97,20 +97,20 @@ class Track(Curve):
             vertex = np.clip(np.divide(-(k * q + p * d), bend, out=np.zeros_like(bend), where=bend < 0.0), 0.0, 1.0)
             for u in (np.zeros_like(s), np.ones_like(s), vertex):
                 product = (k + p * u) * (d + q * u)
-                at = int(np.argmax(product))
-                if product[at] > worst:
-                    worst, place = float(product[at]), float(s[at] + u[at] * (end[at] - s[at]))
-        return place if worst >= 1.0 else None
+                i = int(np.argmax(product))
+                if product[i] > worst:
+                    worst, worst_s = float(product[i]), float(s[i] + u[i] * (end[i] - s[i]))
+        return worst_s if worst >= 1.0 else None
 
     def inside(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points (world x, y [m], any shape) are on the road; its sides are true to 1 mm."""
+        """Return whether points (world x, y [m], any shape) are on the road, with an accuracy of 1 mm."""
         shapely.prepare(self.area)
         return np.asarray(shapely.contains_xy(self.area, np.asarray(x, dtype=float), np.asarray(y, dtype=float)))
 
     # --- outline --------------------------------------------------------------------------------------------------
 
     def stations(self, *, sagitta: float = 1e-3, longest: float = 10.0) -> Array:
-        """Values of s [m] at which to sample the road: every joint, and between them as many as its bends need.
+        """Return values of s [m] at which to sample the road: every joint, and between them as many as bends need.
 
         Args:
             sagitta: largest distance [m] between the outer edge and its polyline.
@@ -130,7 +130,7 @@ class Track(Curve):
         return np.append(np.concatenate(values), self.length)
 
     def boundaries(self, *, sagitta: float = 1e-3) -> tuple[Array, Array]:
-        """The left and the right edge of the road, N x 2 [m] each, true to `sagitta`; last = first if closed."""
+        """Return the left and right edges, N x 2 [m] each, accurate to `sagitta`; last = first if closed."""
         s = self.stations(sagitta=sagitta)
         if self.closed:
             s[-1] = 0.0
@@ -140,17 +140,17 @@ class Track(Curve):
 
     @property
     def area(self) -> BaseGeometry:
-        """The road as a shapely polygon [m], true to 1 mm; parts that overlap are merged."""
+        """The road as a shapely polygon [m], accurate to 1 mm; overlapping parts are merged."""
         if self._area is None:
             self._area = self.outline()
         return self._area
 
     def outline(self, *, sagitta: float = 1e-3) -> BaseGeometry:
-        """The road as a shapely polygon [m], true to `sagitta` [m]; :attr:`area` keeps that of 1 mm."""
+        """Return the road as a shapely polygon [m], accurate to `sagitta` [m]; :attr:`area` caches that of 1 mm."""
         return self.band(lambda s: -self.right_width(s), self.left_width, sagitta=sagitta)
 
     def band(self, right: Offset, left: Offset, *, sagitta: float = 1e-3) -> BaseGeometry:
-        """The strip between two offsets over the whole length, as a polygon true to `sagitta` [m].
+        """Return the strip between two offsets over the whole length, as a polygon accurate to `sagitta` [m].
 
         Args:
             right: offset [m, + left] of its right side, a number or a function of s [m], N to N.
@@ -166,8 +166,12 @@ class Track(Curve):
             ring = shapely.Polygon(outer.exterior, [inner.exterior])
             if ring.is_valid:
                 return ring
-        strips = [shapely.Polygon(np.vstack((a[i : i + 21], b[i : i + 21][::-1]))) for i in range(0, len(s) - 1, 20)]
-        return shapely.union_all(shapely.make_valid(strips), grid_size=1e-6)
+        return _union_of_strips(a, b)
+
+    def quads(self, s: Array, right: Offset, left: Offset) -> BaseGeometry:
+        """Return the strip between two offsets [m, + left] along stations s [m], as a polygon."""
+        a, b = (np.column_stack(self.point(s, offset_at(side, s))) for side in (left, right))
+        return _union_of_strips(a, b)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -178,7 +182,7 @@ class Track(Curve):
     # --- the edges ------------------------------------------------------------------------------------------------
 
     def _check_edges(self, edges: Edges) -> tuple[Array, Array, Array]:
-        """Stations and the widths to both sides as arrays; the last station is exactly the length.
+        """Return stations and widths on both sides as arrays; the last station is exactly the length.
 
         Raises:
             WorldError: they do not fit the centre line.
@@ -197,14 +201,12 @@ class Track(Curve):
             raise WorldError(f"{where}: s goes from {s[0]:g} to {s[-1]:g} m; make it go from 0 to {self.length:.6f} m")
         s[0], s[-1] = 0.0, self.length
         if (np.diff(s) <= 0.0).any():
-            at = int(np.argmax(np.diff(s) <= 0.0))
-            raise WorldError(
-                f"{where}: s does not rise from {s[at]:g} to {s[at + 1]:g} m; sort the stations, each once"
-            )
+            i = int(np.argmax(np.diff(s) <= 0.0))
+            raise WorldError(f"{where}: s does not rise from {s[i]:g} to {s[i + 1]:g} m; sort the stations, each once")
         for side, values in (("left", left), ("right", right)):
             if values.min() <= 0.0:
-                at = int(np.argmin(values))
-                raise WorldError(f"{where}: {side} is {values[at]:g} m at s = {s[at]:g} m; make it more than 0")
+                i = int(np.argmin(values))
+                raise WorldError(f"{where}: {side} is {values[i]:g} m at s = {s[i]:g} m; make it more than 0")
             if self.closed and abs(values[-1] - values[0]) > 1e-6:
                 raise WorldError(
                     f"{where}: {side} is {values[0]:g} m at the start and {values[-1]:g} m at the end of a closed "
@@ -213,18 +215,18 @@ class Track(Curve):
         return s, left, right
 
     def _side_width(self, s: ArrayLike, side: int) -> Array:
-        """Distance [m] of an edge at s [m], any shape; side 1 is left, 2 is right."""
+        """Return the distance [m] of an edge at s [m], any shape; side 1 is left, 2 is right."""
         flat, shape = self._flat(s)
         return self._at_stations(flat, side).reshape(shape)
 
     def _at_stations(self, s: Array, side: int) -> Array:
-        """:meth:`_side_width` for a flat s within 0 to the length; there the end of a lap is not its start."""
+        """Return the distance [m] of an edge for a flat s within 0 to the length, without wrapping at the end."""
         if self._edges is None:
             return np.full(len(s), self.width / 2.0)
         return np.interp(s, self._edges[0], self._edges[side])
 
     def _intervals(self) -> tuple[Array, Array, Array, Array]:
-        """Start and end [m], and curvature at start and end [1/m], of the parts over which all is linear."""
+        """Return start, end [m] and curvatures there [1/m] of the parts over which curvature and widths are linear."""
         s = self.knots if self._edges is None else np.unique(np.concatenate((self.knots, self._edges[0])))
         s = s[np.concatenate(([True], np.diff(s) > 1e-9))]
         s[-1] = self.length
@@ -235,10 +237,10 @@ class Track(Curve):
         return begin, end, first + rate * (begin - self.knots[piece]), first + rate * (end - self.knots[piece])
 
     def _varying_stations(self, sagitta: float, longest: float) -> Array:
-        """:meth:`stations` where the width varies.
+        """Return the stations of a road of varying width.
 
-        An edge p + d n bends by k (1 + |k| d) across the road, k the curvature and d the distance. Along the road it
-        bends by 2 d' k + d k', which counts by its part across the edge: times d'.
+        With curvature k and distance d, an edge p + d n has the curvature k (1 + |k| d) across the road, and
+        2 d' k + d k' along it, of which the part normal to the edge counts: times d'.
         """
         begin, end, first, last = self._intervals()
         size = end - begin
@@ -252,3 +254,9 @@ class Track(Curve):
         parts = np.maximum(1, np.ceil(size / step)).astype(int)
         index = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
         return np.append(np.repeat(begin, parts) + index * np.repeat(size / parts, parts), self.length)
+
+
+def _union_of_strips(a: Array, b: Array) -> BaseGeometry:
+    """Return the area between two polylines (n, 2) as a polygon: valid also where they fold or cross themselves."""
+    strips = [shapely.Polygon(np.vstack((a[i : i + 21], b[i : i + 21][::-1]))) for i in range(0, len(a) - 1, 20)]
+    return shapely.union_all(shapely.make_valid(strips), grid_size=1e-6)

@@ -1,6 +1,6 @@
-"""Values in world files that are computed or drawn by chance.
+"""Expressions in world files: units, parameters, random values.
 
-Wherever the world language takes a number or a word, a text may stand that says how it is found::
+Wherever the world language expects a number or a word, an expression may be given::
 
     12.5   90 deg   8 m/s          a number, with a unit if it has one
     0.15 .. 0.3                    uniform between two numbers
@@ -8,11 +8,11 @@ Wherever the world language takes a number or a word, a text may stand that says
     9 | 12 | 18    sedan | van     one of these, equally likely
     $pitch - 2*$street             arithmetic (+ - * / and brackets) on parameters of the world or group
 
-They combine: ``0 .. $side | 5`` is a choice between a range and a number. There are no commas in it, so it stands in
-YAML's flow style without quotes. Nothing is ever evaluated as Python.
+They can be combined: ``0 .. $side | 5`` is a choice between a range and a number. Expressions contain no commas and
+need no quotes in YAML's flow style. They are parsed here and never evaluated as Python.
 
-Every random number comes from a stream of its own, found from the seed of the world and the path of the value, so that
-a new prop leaves all others where they were.
+Every random value has its own random stream, which depends on the seed of the world and the path of the value, so that
+a new prop does not change the other ones.
 """
 
 import hashlib
@@ -44,7 +44,7 @@ class _Token:
 
 
 class Stream:
-    """A random stream that depends on the seed and on a path alone.
+    """A random stream that depends only on the seed and a path.
 
     Args:
         seed: of the world.
@@ -57,26 +57,26 @@ class Stream:
         self.generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
 
     def below(self, name: str) -> "Stream":
-        """The stream of a part."""
+        """Return the stream of a part."""
         return Stream(self.seed, f"{self.path}.{name}")
 
     def again(self, attempt: int) -> "Stream":
-        """The stream of a repeated draw; attempt 0 is the stream itself."""
+        """Return the stream of a repeated draw; attempt 0 is the stream itself."""
         return Stream(self.seed, f"{self.path}#{attempt}") if attempt else self
 
 
 def draw_number(value: Number | str, *, unit: str, parameters: Parameters, stream: Stream, where: str = "") -> float:
-    """A number in the SI unit given.
+    """Return a number in an SI unit.
 
     Args:
-        value: a number, or a text of this little language.
-        unit: SI unit as :func:`mirdrake.core.yaml_io.to_si` knows it, "" for none.
+        value: a number or an expression.
+        unit: SI unit of :func:`mirdrake.core.yaml_io.to_si`, "" for none.
         parameters: values of ``$name``.
-        stream: what is random is drawn from it; the same stream object goes on where it stopped.
+        stream: random stream; it continues with every draw.
         where: ``file:line: path`` for messages.
 
     Raises:
-        ConfigError: the text is no such value, a parameter is unknown, or the result is not finite.
+        ConfigError: the expression is invalid, a parameter is unknown, or the result is not finite.
     """
     result = value if isinstance(value, int | float) else _Parser(value, unit, parameters, stream, where).value()
     if isinstance(result, str):
@@ -86,11 +86,11 @@ def draw_number(value: Number | str, *, unit: str, parameters: Parameters, strea
     return float(result)
 
 
-def settle(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> Number | str:
-    """The value of a text as YAML would hold it without chance and parameters: a number, a word, or ``number unit``.
+def evaluate(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> Number | str:
+    """Return the value of an expression as YAML would contain it: a number, a word, or ``number unit``.
 
     Raises:
-        ConfigError: the text is no such value, or a parameter is unknown.
+        ConfigError: the expression is invalid, or a parameter is unknown.
     """
     parser = _Parser(value, None, parameters, stream, where)
     result = parser.value()
@@ -100,28 +100,28 @@ def settle(value: str, *, parameters: Parameters, stream: Stream, where: str = "
 
 
 def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> str:
-    """A word, for example the name of a prop; ``a | b`` and ``$name`` are understood.
+    """Return a word, for example the name of a prop, of an expression with ``a | b`` and ``$name``.
 
     Raises:
-        ConfigError: a parameter is unknown, or it is no word.
+        ConfigError: a parameter is unknown, or a choice is empty.
     """
     words = [word.strip() for word in str(value).split("|")]
     word = words[int(stream.generator.integers(len(words)))] if len(words) > 1 else words[0]
     if word.startswith("$"):
-        found = _parameter(word[1:], parameters, where)
-        word = found if isinstance(found, str) else f"{found:g}"
+        parameter = _parameter(word[1:], parameters, where)
+        word = parameter if isinstance(parameter, str) else f"{parameter:g}"
     if not word:
         raise ConfigError(f"{_prefix(where)}'{value}' has an empty choice")
     return word
 
 
 def is_random(value: object) -> bool:
-    """Whether a value is drawn by chance, as far as its own text says."""
+    """Return whether an expression is random by its own text."""
     return isinstance(value, str) and ("|" in value or ".." in value or "+-" in value)
 
 
 class _Parser:
-    """Recursive descent over the tokens; evaluates as it goes.
+    """Recursive descent parser that evaluates an expression while it parses.
 
     ::
 
@@ -135,29 +135,29 @@ class _Parser:
     def __init__(self, text: str, unit: str | None, parameters: Parameters, stream: Stream, where: str) -> None:
         self._text, self._unit, self._parameters = text, unit, parameters
         self._stream, self._where = stream, where
-        self._tokens, self._at, self._depth = self._tokenise(), 0, 0
-        self.unit = ""  # of the result, when any unit is welcome
+        self._tokens, self._position, self._depth = self._tokenise(), 0, 0
+        self.unit = ""  # of the result, if any unit is allowed
 
     def value(self) -> Number | str:
-        """The value of the whole text."""
+        """Return the value of the whole expression."""
         alternatives = self._split_choice()
         if len(alternatives) > 1:
             chosen = int(self._stream.generator.integers(len(alternatives)))
-            for index, tokens in enumerate(alternatives):  # all are read, so that a fault never hides behind a choice
+            for index, tokens in enumerate(alternatives):  # parse all, so that faults do not depend on the draw
                 if index != chosen:
                     self._spread(tokens, draw=False)
             return self._spread(alternatives[chosen])
         return self._spread(alternatives[0])
 
     def _tokenise(self) -> list[_Token]:
-        tokens, at = [], 0
+        tokens, position = [], 0
         text = self._text.rstrip()
-        while at < len(text):
-            match = _TOKEN.match(text, at)
-            if match is None or match.end() == at:
-                self._fail(f"'{text[at:].strip()[:20]}' is not understood")
+        while position < len(text):
+            match = _TOKEN.match(text, position)
+            if match is None or match.end() == position:
+                self._fail(f"'{text[position:].strip()[:20]}' is not valid")
             tokens.append(_Token(str(match.lastgroup), match.group(str(match.lastgroup))))
-            at = match.end()
+            position = match.end()
         return tokens
 
     def _split_choice(self) -> list[list[_Token]]:
@@ -172,34 +172,34 @@ class _Parser:
         return parts
 
     def _spread(self, tokens: list[_Token], *, draw: bool = True) -> Number | str:
-        self._tokens, self._at = tokens, 0
+        self._tokens, self._position = tokens, 0
         if len(tokens) == 1 and tokens[0].kind in {"word", "name"}:
             return tokens[0].text if tokens[0].kind == "word" else self._lookup(tokens[0].text)
         first_unit, first = self._with_unit(self._sum)
-        mark = self._peek()
-        if mark not in {"..", "+-"}:
+        operator = self._peek()
+        if operator not in {"..", "+-"}:
             self._expect_end()
             return self._scaled(first, first_unit)
-        self._at += 1
+        self._position += 1
         second_unit, second = self._with_unit(self._sum)
         self._expect_end()
         low, high = self._scaled(first, first_unit or second_unit), self._scaled(second, second_unit)
-        if mark == ".." and high < low:
-            self._fail(f"the range goes down, from {low:g} to {high:g}; exchange them")
-        if mark == "+-" and high < 0.0:
-            self._fail(f"a standard deviation of {high:g} makes no sense")
+        if operator == ".." and high < low:
+            self._fail(f"the range from {low:g} to {high:g} is reversed; swap its limits")
+        if operator == "+-" and high < 0.0:
+            self._fail(f"the standard deviation {high:g} is negative; give 0 or more")
         if not (math.isfinite(low) and math.isfinite(high) and math.isfinite(high - low)):
             self._fail("not finite")
         if not draw:
             return low
         generator = self._stream.generator
-        return float(generator.uniform(low, high) if mark == ".." else generator.normal(low, high))
+        return float(generator.uniform(low, high) if operator == ".." else generator.normal(low, high))
 
     def _with_unit(self, parse: Callable[[], float]) -> tuple[str, float]:
-        """A sum, and the unit behind it, if there is one."""
+        """Return the optional trailing unit of an arithmetic expression, and its value."""
         number = parse()
         words: list[str] = []
-        while self._at < len(self._tokens) and self._tokens[self._at].kind == "word":
+        while self._position < len(self._tokens) and self._tokens[self._position].kind == "word":
             words.append(self._take())
         return " ".join(words), number
 
@@ -208,11 +208,11 @@ class _Parser:
             return number
         if self._unit is None:
             if self.unit not in {"", unit}:
-                self._fail(f"two units, {self.unit} and {unit}; write both in one")
+                self._fail(f"two units, {self.unit} and {unit}; use the same one")
             self.unit = unit
             return number
         if not self._unit:
-            self._fail(f"a number without unit is expected, not '{unit}'")
+            self._fail(f"the unit '{unit}' is not allowed here; give a number without unit")
         try:
             scale = to_si(f"1 {unit}", self._unit)
         except ValueError as error:
@@ -241,28 +241,28 @@ class _Parser:
     def _factor(self) -> float:
         self._depth += 1
         if self._depth > _DEEPEST:
-            self._fail("too many brackets or signs")
+            self._fail(f"more than {_DEEPEST} nested brackets or signs")
         try:
-            if self._at >= len(self._tokens):
+            if self._position >= len(self._tokens):
                 self._fail("a number is missing at the end")
-            token = self._tokens[self._at]
-            self._at += 1
+            token = self._tokens[self._position]
+            self._position += 1
             if token.text in {"-", "+"}:
                 return self._factor() * (-1.0 if token.text == "-" else 1.0)
             if token.text == "(":
                 value = self._sum()
                 if self._peek() != ")":
                     self._fail("a bracket is not closed")
-                self._at += 1
+                self._position += 1
                 return value
             if token.kind == "number":
                 return float(token.text)
             if token.kind == "name":
-                found = self._lookup(token.text)
-                if isinstance(found, str):
-                    self._fail(f"{token.text} is '{found}', not a number")
-                return float(found)
-            self._fail(f"'{token.text}' stands where a number is expected")
+                parameter = self._lookup(token.text)
+                if isinstance(parameter, str):
+                    self._fail(f"{token.text} is '{parameter}', not a number")
+                return float(parameter)
+            self._fail(f"'{token.text}' is not a number")
         finally:
             self._depth -= 1
 
@@ -270,15 +270,15 @@ class _Parser:
         return _parameter(name[1:], self._parameters, self._where)
 
     def _peek(self) -> str:
-        return self._tokens[self._at].text if self._at < len(self._tokens) else ""
+        return self._tokens[self._position].text if self._position < len(self._tokens) else ""
 
     def _take(self) -> str:
-        self._at += 1
-        return self._tokens[self._at - 1].text
+        self._position += 1
+        return self._tokens[self._position - 1].text
 
     def _expect_end(self) -> None:
-        if self._at < len(self._tokens):
-            self._fail(f"'{self._peek()}' is one too many")
+        if self._position < len(self._tokens):
+            self._fail(f"'{self._peek()}' is not expected here")
 
     def _fail(self, what: str) -> NoReturn:
         raise ConfigError(
@@ -289,7 +289,7 @@ class _Parser:
 
 def _parameter(name: str, parameters: Parameters, where: str) -> Number | str:
     if name not in parameters:
-        known = did_you_mean(name, parameters) if parameters else "there are no parameters; add them under params"
+        known = did_you_mean(name, parameters) if parameters else "the world has no parameters; add them under params"
         raise ConfigError(f"{_prefix(where)}unknown parameter ${name}; {known}")
     return parameters[name]
 

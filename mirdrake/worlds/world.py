@@ -1,4 +1,4 @@
-"""A world laid out: tracks, starts, goals, ground with its friction, props."""
+"""Worlds: tracks, starts, goals, ground with its friction, props."""
 
 import math
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ _VERGE = 2.0  # [m]
 
 @dataclass(frozen=True)
 class Start:
-    """A place to start from: pose of the vehicle's frame B in W and its forward speed."""
+    """A start: pose of the vehicle's frame B in W and its forward speed."""
 
     x: float
     """[m]"""
@@ -42,22 +42,22 @@ class Start:
     speed: float = 0.0
     """[m/s]"""
     track: str | None = None
-    """track it stands on, if it was placed by `on_track`"""
+    """track of a start that is given by `on_track`"""
     s: float | None = None
     """along that track [m]"""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What to reach: an area, a line across a track, or a number of laps."""
+    """A goal: an area, a line across a track, or a number of laps."""
 
     name: str
     area: BaseGeometry | None = None
     """polygon in W [m]"""
     gate: tuple[str, float] | None = None
-    """track, and s on it [m]"""
+    """name of the track, and s on it [m]"""
     laps: int | None = None
-    """of a closed track"""
+    """laps of a closed track"""
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ class Ground:
     """The base plane z = 0."""
 
     surface: str
-    """what it looks like"""
+    """its appearance"""
     mu: float
     """friction coefficient beside the tracks [-]"""
     extent: tuple[float, float, float, float]
-    """smallest x, smallest y, largest x, largest y [m]; starts lie within, and the visible ground ends there"""
+    """smallest x, smallest y, largest x, largest y [m]; starts are inside, and the ground ends there"""
     grade: float = 0.0
     """rise over run [-]"""
     heading: float = 0.0
@@ -77,35 +77,35 @@ class Ground:
 
     @property
     def gravity(self) -> Array:
-        """Gravity in W [m/s²]: W stays on the road plane; a slope of angle a tilts gravity by a, towards downhill."""
+        """Gravity in W [m/s²]: W stays on the road plane; a slope tilts gravity by its angle, towards downhill."""
         angle = math.atan(self.grade)
         downhill = GRAVITY * math.sin(angle)
         return np.array(
             [-downhill * math.cos(self.heading), -downhill * math.sin(self.heading), -GRAVITY * math.cos(angle)]
         )
 
-    def check_place(self, x: float, y: float, *, where: str) -> None:
-        """Refuse a place to start from that is not on the ground.
+    def check_position(self, x: float, y: float, *, where: str) -> None:
+        """Check that a start is on the ground.
 
         Raises:
-            WorldError: it is outside; `where` is put before the message.
+            WorldError: it is outside; `where` is the prefix of the message.
         """
         xmin, ymin, xmax, ymax = self.extent
         if not (xmin <= x <= xmax and ymin <= y <= ymax):
             raise WorldError(
-                f"{where}: start outside the world: ({x:g}, {y:g}) m; the ground reaches from "
+                f"{where}: start outside the world: ({x:g}, {y:g}) m; the ground extends from "
                 f"({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; move the start or set ground.size"
             )
 
 
 @dataclass(frozen=True)
 class World:
-    """A world laid out."""
+    """A world with everything in its place."""
 
     name: str
     spec: WorldSpec
     path: Path | None
-    """file it was read from"""
+    """its file"""
     tracks: dict[str, Track] = field(default_factory=dict)
     starts: dict[str, Start] = field(default_factory=dict)
     ground: Ground = field(
@@ -113,12 +113,12 @@ class World:
     )
 
     patches: tuple[Patch, ...] = ()
-    """parts of the ground with a friction of their own; later ones on top"""
+    """parts of the ground with their own friction; later ones on top"""
     goals: dict[str, Goal] = field(default_factory=dict)
     props: tuple[PlacedProp, ...] = ()
     """in the order of the file"""
-    homeless: tuple[str, ...] = ()
-    """what found no free place, one line each"""
+    unplaced_props: tuple[str, ...] = ()
+    """one line for each entry with props that found no free position"""
     rules: "Rules | None" = field(default=None, compare=False)
 
     @cached_property
@@ -127,9 +127,9 @@ class World:
         return max([self.ground.mu, *(mu for _, mu in self.friction_areas)])
 
     def mu(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Friction coefficient [-] at points (world x, y [m], any shape).
+        """Return the friction coefficient [-] at points (world x, y [m], any shape).
 
-        That of the last patch they are on, else of the last track, else of a verge (`edges`), else of the ground.
+        It is that of the last patch at the point, else of the last track, else of a verge, else of the ground.
         """
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         value = np.full(x.shape, self.ground.mu)
@@ -142,9 +142,9 @@ class World:
         """Areas [m] and their friction coefficients [-] on the ground, later ones on top."""
         areas: list[tuple[BaseGeometry, float]] = []
         for name, track in self.tracks.items():
-            edges = self.spec.tracks[name].edges
-            if edges is not None and edges != self.ground.surface:
-                areas.append((verge(track), SURFACE_MU[edges]))
+            surface = self.spec.tracks[name].verge
+            if surface is not None and surface != self.ground.surface:
+                areas.append((verge(track), SURFACE_MU[surface]))
         areas += [(track.area, track_mu(self.spec.tracks[name])) for name, track in self.roads().items()]
         areas += [(patch.area, patch.mu) for patch in self.patches]
         for area, _ in areas:
@@ -152,7 +152,7 @@ class World:
         return tuple(areas)
 
     def on_road(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Whether points (world x, y [m], any shape) are on a track; everywhere in a world without tracks."""
+        """Return whether points (world x, y [m], any shape) are on a track; all are in a world without tracks."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         value = np.full(x.shape, not self.roads())
         for track in self.roads().values():
@@ -160,14 +160,14 @@ class World:
         return value
 
     def roads(self) -> dict[str, Track]:
-        """The tracks that are roads, by name."""
+        """Return the tracks that are roads, by name."""
         return {name: track for name, track in self.tracks.items() if self.spec.tracks[name].road}
 
     def start(self, name: str, *, where: str = "") -> Start:
-        """The start of that name.
+        """Return the start of a name.
 
         Raises:
-            ConfigError: there is none; `where` is put before the message.
+            ConfigError: there is no such start; `where` is the prefix of the message.
         """
         if name not in self.starts:
             prefix = f"{where}: " if where else ""
@@ -175,10 +175,10 @@ class World:
         return self.starts[name]
 
     def track(self, name: str, *, where: str = "") -> Track:
-        """The track of that name.
+        """Return the track of a name.
 
         Raises:
-            ConfigError: there is none; `where` is put before the message.
+            ConfigError: there is no such track; `where` is the prefix of the message.
         """
         if name not in self.tracks:
             prefix = f"{where}: " if where else ""
@@ -187,10 +187,10 @@ class World:
 
 
 def verge(track: Track) -> BaseGeometry:
-    """The road and a verge of 2 m on both sides, as a polygon."""
+    """Return the road with a verge of 2 m on both sides, as a polygon."""
     return shapely.buffer(track.area, _VERGE)
 
 
 def track_mu(spec: TrackSpec) -> float:
-    """Friction coefficient of a track [-]: as given, or that of its surface."""
+    """Return the friction coefficient of a track [-]: the given one, or that of its surface."""
     return SURFACE_MU[spec.surface] if spec.mu is None else spec.mu

@@ -16,7 +16,7 @@ def find_start(spec: DiagramSpec, name: str, world: World) -> Start:
     entry = spec.vehicles[name]
     if isinstance(entry.start, Place):
         start = Start(entry.start.x, entry.start.y, entry.start.yaw)
-        world.ground.check_place(start.x, start.y, where=where(spec, "vehicles", name, "start"))
+        world.ground.check_position(start.x, start.y, where=where(spec, "vehicles", name, "start"))
     elif entry.start is None and not world.starts:
         start = Start(0.0, 0.0, 0.0)
     else:
