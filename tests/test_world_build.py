@@ -77,7 +77,7 @@ def test_what_found_no_place_is_told_and_makes_the_exit_code_1(yard: Path, capsy
     (yard / "yard.yaml").write_text(crowd, encoding="utf-8")
     assert _run("yard.yaml") == 1
     told = capsys.readouterr()
-    assert told.err.startswith("error: yard.yaml:9: props.3: no free place for 'crowd[")
+    assert told.err.startswith("error: yard.yaml:9: props.3: no free position for 'crowd[")
     assert told.err.count("\n") == 1
     assert (yard / "worlds-out" / "yard" / "yard.svg").is_file()
 
