@@ -76,7 +76,7 @@ def surfaces(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         yield shape_tag(sheet.path(shapely.box(*world.ground.extent)), fill, stroke="#cbd0d6")
     roads = world.roads()
     for name, track in roads.items():
-        edges = world.spec.tracks[name].edges
+        edges = world.spec.tracks[name].verge
         if palette.detailed and edges is not None and edges != world.ground.surface:
             yield shape_tag(sheet.path(verge(track)), palette.ground(edges))
     for name, track in roads.items():
