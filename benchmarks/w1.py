@@ -32,7 +32,7 @@ def make_spec(contact: str, step: float, *, approximation: str = "similar", left
     overrides = [f"plant.contact={contact}", f"plant.time_step={step}", f"plant.approximation={approximation}"]
     spec = load_diagram("w1", overrides=overrides)
     if not left:
-        rows = spec.control["ego"].rows  # type: ignore[union-attr]
+        rows = spec.control["ego"].rows  # type: ignore[attr-defined]
         assert rows is not None
         rows[-1].steering = -rows[-1].steering
     return spec

@@ -15,8 +15,8 @@ from shapely import affinity
 
 from mirdrake.controllers import AxleGeometry
 from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearest
-from mirdrake.controllers.behaviours.follow_path import track_through
-from mirdrake.controllers.behaviours.hold_lane import HoldLane, Lane
+from mirdrake.controllers.behaviours.follow_path import FollowPathSpec, track_through
+from mirdrake.controllers.behaviours.hold_lane import HoldLane, HoldLaneSpec, Lane
 from mirdrake.controllers.behaviours.laws import (
     brake_speed,
     free_distance,
@@ -27,7 +27,6 @@ from mirdrake.controllers.behaviours.laws import (
 )
 from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
-from mirdrake.controllers.behaviours.spec import FollowPathSpec, HoldLaneSpec
 from mirdrake.controllers.drivers import DRIVERS, make_driver
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.yaml_io import parse_tree, parse_yaml
@@ -550,7 +549,7 @@ def test_a_class_of_the_users_own_drives(tmp_path):
     assert driver.vehicle is CAR
     assert make("my_drivers:Slow").speed == 1.0
     for behaviour, message in [
-        ("my_drivers:Mute", "my_drivers:Mute is no driver: it needs an output port 'command' of 3 elements"),
+        ("my_drivers:Mute", "my_drivers:Mute is not a driver: it needs an output port 'command' of 3 elements"),
         ("my_drivers:Broken", "my_drivers:Broken cannot be made: ValueError: not today"),
         ("my_drivers:Slwo", "'Slwo' is no Drake system in my_drivers; did you mean 'Slow'?"),
         ({"kind": "my_drivers:Slow", "sped": 1}, "my_drivers:Slow has no parameter 'sped'; did you mean 'speed'?"),

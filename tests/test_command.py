@@ -192,7 +192,7 @@ control:
         ),
         ("{kind: path_tracking, sped: 4}", "d.yaml:1: control.ego.sped: unknown field; did you mean 'speed'?"),
         ("{kind: path_tracking, speed: -1}", "d.yaml:1: control.ego.speed: -1 is not allowed"),
-        ("{kind: constant, steering: 95 deg}", "d.yaml:1: control.ego.steering: 1.6580627893946132 is not allowed"),
+        ("{kind: constant, steering: 95 deg}", "d.yaml:1: control.ego.steering: '95 deg' is not allowed"),
         ("{kind: schedule, rows: []}", "d.yaml:1: control.ego.rows: has 0 items; at least 1"),
         (
             "{kind: schedule, rows: [{time: 1}, {time: 1}]}",

@@ -113,24 +113,24 @@ def test_a_driving_log_drives(tmp_path: Path, diagram: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "is empty; a table of time, speed and steering is expected"),
-        ("time,speed,steering\n", "has a header, but no rows"),
+        ("", "log.csv: is empty; a header and rows of numbers are expected"),
+        ("time,speed,steering\n", "has a header and no rows"),
         (
             "time,velocty,steering\n0,1,0\n",
-            "log.csv:1: no column 'speed' (or velocity, speed_command); there are: time, velocty, steering",
+            "log.csv: no column 'speed' (or velocity, speed_command); there are: time, velocty, steering",
         ),
-        ("time [h],speed [kn],steering\n0,1,0\n", "log.csv:1: speed: unit 'kn' does not fit; allowed: m/s, km/h, mph"),
-        ("time,speed,steering\n0,fast,0\n", "log.csv:2: speed: 'fast' is no number"),
-        ("time,speed,steering\n0,nan,0\n", "log.csv:2: speed: nan m/s is out of range"),
+        ("time [h],speed [kg],steering\n0,1,0\n", "log.csv: speed: unit 'kg' does not fit; allowed: m/s, km/h, mph"),
+        ("time,speed,steering\n0,fast,0\n", "log.csv:2: column 'speed': 'fast' is not a number"),
+        ("time,speed,steering\n0,nan,0\n", "log.csv:2: speed: a finite number is missing"),
         ("time,speed,steering\n0,1,2\n", "log.csv:2: steering: 2 rad is out of range"),
-        ("time,speed,steering\n0,1\n", "log.csv:2: 2 values, but the header has 3 columns"),
-        ("time,speed,steering\n0,1,0\n0,1,0\n", "log.csv:3: time 0 s is not later than that of the row before, 0 s"),
-        ("2019-05-31-12-00-59-000000.jpg\t0\n", "log.csv:1: a name, a steering angle and a speed between tabs"),
+        ("time,speed,steering\n0,1\n", "log.csv:2: steering: a finite number is missing"),
+        ("time,speed,steering\n0,1,0\n0,1,0\n", "log.csv:3: time 0 s is not later than the time of the row before"),
+        ("2019-05-31-12-00-59-000000.jpg\t0\n", "log.csv:1: speed: a finite number is missing"),
         (
             "2019-15-31-12-00-59-000000.jpg\t0\t1\n",
-            "log.csv:1: '2019-15-31-12-00-59-000000.jpg' is no picture named by",
+            "log.csv:1: '2019-15-31-12-00-59-000000.jpg' is not the name of a picture",
         ),
-        ("\xff", "no column 'time'"),
+        ("\xff\n1\n", "no column 'time'"),
     ],
 )
 def test_a_log_with_faults_is_refused_with_its_line(tmp_path: Path, text: str, words: str) -> None:
@@ -150,9 +150,9 @@ def test_faults_are_told_before_anything_is_written(
     told = {
         "--commands nothing.csv: no such file": "nothing.csv",
         "no vehicle 'ego2'; did you mean 'ego'?": "ego2=log.csv",
-        "its commands last no time": str(tmp_path / "one.csv"),
-        "bad.csv:1: no column 'steering'": str(tmp_path / "bad.csv"),
-        "is no run folder with signals": str(tmp_path),
+        "contains fewer than two rows at different times": str(tmp_path / "one.csv"),
+        "bad.csv: no column 'steering'": str(tmp_path / "bad.csv"),
+        "is a folder, but not a run folder": str(tmp_path),
     }
     for words, log in told.items():
         assert call("run", diagram, "--commands", log, "--out", tmp_path / "out") == 2
@@ -165,8 +165,8 @@ def test_faults_are_told_before_anything_is_written(
 @pytest.mark.parametrize(
     ("driver", "words"),
     [
-        ("schedule", "control.ego: needs rows or a file, one of the two"),
-        ("schedule, file: x.csv, rows: [{time: 0}]", "control.ego: needs rows or a file, one of the two"),
+        ("schedule", "control.ego: needs either rows or a file"),
+        ("schedule, file: x.csv, rows: [{time: 0}]", "control.ego: needs either rows or a file"),
         ("schedule, file: x.csv", "drive.yaml:5: control.ego.file: "),
     ],
 )

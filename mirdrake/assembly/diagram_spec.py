@@ -13,7 +13,6 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
 from mirdrake.controllers.drivers import DriverSpec
-from mirdrake.controllers.spec import ScheduleSpec
 from mirdrake.core.paths import find, resolved
 from mirdrake.core.recording.pictures import parse_start
 from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate
@@ -198,16 +197,15 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     spec = load_yaml(path, DiagramSpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem
-    if spec.folder is None and any(":" in entry.kind for entry in (*spec.systems.values(), *spec.control.values())):
+    kinds = [*(entry.kind for entry in spec.systems.values()), *(driver.kind for driver in spec.control.values())]
+    if spec.folder is None and any(":" in kind for kind in kinds):
         spec.folder = str(path.parent)
     spec.world.name = _absolute(spec.world.name, path.parent)
     for entry in spec.vehicles.values():
         model, mark, variant = entry.model.partition(VARIANT_MARK)
         entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"
     for driver in spec.control.values():
-        if isinstance(driver, ScheduleSpec) and driver.file is not None:
-            beside = path.parent / driver.file
-            driver.file = str(resolved(beside if beside.exists() else Path(driver.file)))
+        driver.resolve_paths(path.parent)
     return spec
 
 

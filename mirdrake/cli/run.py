@@ -153,7 +153,7 @@ def _use_recorded_commands(spec: "DiagramSpec", texts: Sequence[str]) -> float:
         texts: ``[VEHICLE=]LOG``; without a vehicle the first one is meant.
     """
     from mirdrake.controllers.command_log import read_commands
-    from mirdrake.controllers.spec import ScheduleSpec
+    from mirdrake.controllers.schedule import ScheduleSpec
 
     end = 0.0
     for text in texts:

@@ -9,10 +9,9 @@ from mirdrake.controllers.command import CommandLimits, CommandState, VelocityCo
 from mirdrake.controllers.cruise import SpeedControl, cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line, make_speed_profile
 from mirdrake.controllers.drivers import DriverSpec
-from mirdrake.controllers.path_tracking import PathGains, PathTracker
+from mirdrake.controllers.path_tracking import PathGains, PathTracker, PathTrackingSpec
 from mirdrake.controllers.pid import DiscretePid
-from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, Schedule
-from mirdrake.controllers.spec import ConstantSpec, PathTrackingSpec, ScheduleSpec
+from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, ConstantSpec, Schedule, ScheduleSpec
 from mirdrake.controllers.vehicle_control import VehicleControl
 from mirdrake.core.pid import PidGains, PidLimits, PidState, pid_step
 

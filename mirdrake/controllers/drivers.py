@@ -1,41 +1,68 @@
-"""Who drives: all drivers as data, told apart by their ``kind``, and classes of the user's own.
+"""Registry of the drivers: all kinds, and the user's own classes.
 
-A new driver is one schema with a ``make_system`` method, in :mod:`mirdrake.controllers.spec` or in
-:mod:`mirdrake.controllers.behaviours.spec`, and a line in :data:`DriverSpec`.
+::
+
+    control:
+      ego: {kind: path_tracking, track: main, speed: 5 m/s}
+      other: {kind: obstacle_stopper, speed: 5, as_published: true}
+      third: {kind: schedule, rows: [{time: 0, speed: 0}, {time: 4 s, speed: 18 km/h, steering: 0.1}]}
+      fourth: {kind: "my_module:MyDriver", gain: 2}
+
+A new driver is one file with a subclass of :class:`~mirdrake.controllers.driver.Driver` and one line in
+:data:`DRIVER_KINDS`.
 """
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
+from mirdrake.controllers.behaviours.blind import BlindSpec
+from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearestSpec
+from mirdrake.controllers.behaviours.follow_path import FollowPathSpec
+from mirdrake.controllers.behaviours.hold_lane import HoldLaneSpec
+from mirdrake.controllers.behaviours.obstacle_stopper import ObstacleStopperSpec
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
-from mirdrake.controllers.behaviours.spec import (
-    BlindSpec,
-    DriveToNearestSpec,
-    FollowPathSpec,
-    HoldLaneSpec,
-    ObstacleStopperSpec,
-    StraightAndAvoidSpec,
-    World,
-)
-from mirdrake.controllers.spec import ConstantSpec, PathTrackingSpec, ScheduleSpec
+from mirdrake.controllers.behaviours.straight_and_avoid import StraightAndAvoidSpec
+from mirdrake.controllers.driver import DrivenWorld, Driver
+from mirdrake.controllers.path_tracking import PathTrackingSpec
+from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.user_systems import make_own_system
 from mirdrake.core.vectors import COMMAND
-from mirdrake.core.yaml_io import Schema, Source, validate
+from mirdrake.core.yaml_io import Source, validate
+
+DRIVER_KINDS: tuple[type[Driver], ...] = (
+    BlindSpec,
+    ConstantSpec,
+    DriveToNearestSpec,
+    FollowPathSpec,
+    HoldLaneSpec,
+    ObstacleStopperSpec,
+    PathTrackingSpec,
+    ScheduleSpec,
+    StraightAndAvoidSpec,
+)
+"""Class of each kind."""
+
+DRIVERS: dict[str, type[Driver]] = {
+    get_args(driver.model_fields["kind"].annotation)[0]: driver for driver in DRIVER_KINDS
+}
+"""The same, by the kind in a file."""
 
 _OWN = "module:Class"
 
 
-class OwnDriverSpec(Schema):
-    """A class of the user's own, as ``module:Class``; the rest are parameters of its constructor.
+class OwnDriverSpec(Driver):
+    """A user's class, as ``module:Class``; the other keys are arguments of its constructor.
 
     It is a LeafSystem with an output port ``command`` of 3 elements (speed m/s, steering rad, stamp s). Its constructor
-    also gets ``vehicle`` and ``world`` if it names them; inputs called ``state``, ``ranges`` or like another output of
-    the vehicle are connected.
+    also gets ``vehicle`` and ``world`` if it has such arguments; inputs called ``state``, ``ranges`` or like another
+    output of the vehicle are connected.
     """
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)
@@ -43,25 +70,19 @@ class OwnDriverSpec(Schema):
     kind: str = Field(description="module:Class [-]")
 
     def make_system(
-        self, vehicle: ShapedVehicle, world: World, *, where: str = "", folder: Path | None = None
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
     ) -> LeafSystem:
-        """The driver as a system.
-
-        Args:
-            vehicle: what is driven.
-            world: where.
-            where: ``file:line: path`` of this spec, for errors.
-            folder: where the module may lie, besides the import path and the working directory.
+        """Return the driver as a system.
 
         Raises:
-            ConfigError: no such module or class, it refuses its parameters, or it is no driver.
+            ConfigError: no such module or class, it rejects its parameters, or it is not a driver.
         """
         offered = {"vehicle": vehicle, "world": world}
         driver = make_own_system(self.kind, dict(self.model_extra or {}), where=where, folder=folder, offered=offered)
         if not driver.HasOutputPort("command") or driver.GetOutputPort("command").size() != len(COMMAND):
             ports = [driver.get_output_port(number).get_name() for number in range(driver.num_output_ports())]
             raise ConfigError(
-                f"{where}: {self.kind} is no driver: it needs an output port 'command' of 3 elements (speed m/s, "
+                f"{where}: {self.kind} is not a driver: it needs an output port 'command' of 3 elements (speed m/s, "
                 f"steering rad, stamp s); its output ports are {', '.join(ports) or 'none'}"
             )
         return driver
@@ -73,53 +94,40 @@ def _tag(value: Any) -> Any:
 
 
 def _mapping(value: Any) -> Any:
-    """A bare kind stands for a driver with its defaults."""
+    """Return a mapping with a kind; a bare kind is a driver with its defaults."""
     return {"kind": value} if isinstance(value, str) else value
 
 
-DriverSpec = Annotated[
-    Annotated[BlindSpec, Tag("blind")]
-    | Annotated[ConstantSpec, Tag("constant")]
-    | Annotated[DriveToNearestSpec, Tag("drive_to_nearest_and_stop")]
-    | Annotated[FollowPathSpec, Tag("follow_path")]
-    | Annotated[HoldLaneSpec, Tag("hold_lane")]
-    | Annotated[ObstacleStopperSpec, Tag("obstacle_stopper")]
-    | Annotated[PathTrackingSpec, Tag("path_tracking")]
-    | Annotated[ScheduleSpec, Tag("schedule")]
-    | Annotated[StraightAndAvoidSpec, Tag("straight_and_avoid")]
-    | Annotated[OwnDriverSpec, Tag(_OWN)],
-    Discriminator(_tag),
-    BeforeValidator(_mapping),
-]
-"""Any driver: a kind, a mapping with a ``kind``, or a class of the user's own as ``module:Class``."""
+_TAGGED: list[Any] = [Annotated[driver, Tag(kind)] for kind, driver in DRIVERS.items()]
+_TAGGED.append(Annotated[OwnDriverSpec, Tag(_OWN)])
 
-
-DRIVERS: dict[str, type[Schema]] = {
-    tag.tag: spec for spec, tag in (get_args(member) for member in get_args(get_args(DriverSpec)[0])) if tag.tag != _OWN
-}
-"""The drivers that have a kind of their own, by it."""
+if TYPE_CHECKING:
+    DriverSpec = Driver
+else:
+    DriverSpec = Annotated[reduce(or_, _TAGGED), Discriminator(_tag), BeforeValidator(_mapping)]
+"""Any driver: a kind, a mapping with a ``kind``, or a user's class as ``module:Class``."""
 
 
 def make_driver(
     behaviour: str | Mapping[str, Any],
     vehicle: ShapedVehicle,
-    world: World,
+    world: DrivenWorld,
     *,
     source: Source | None = None,
     folder: Path | None = None,
 ) -> LeafSystem:
-    """The driver of a vehicle in a world.
+    """Return the driver of a vehicle in a world.
 
     Args:
-        behaviour: a kind, ``"straight_and_avoid"``; a mapping with ``kind`` and its settings; or a class of the
-            user's own, see :class:`OwnDriverSpec`.
-        vehicle: what is driven.
-        world: where.
+        behaviour: a kind, ``"straight_and_avoid"``; a mapping with ``kind`` and its settings; or a user's class, see
+            :class:`OwnDriverSpec`.
+        vehicle: vehicle to drive.
+        world: its world.
         source: where `behaviour` was written, for errors.
-        folder: where a user's module may lie, besides the import path and the working directory.
+        folder: folder of the user's modules, in addition to the import path and the working directory.
 
     Raises:
-        ConfigError: unknown kind or setting, a setting out of range, or a class that is no driver.
+        ConfigError: unknown kind or setting, a setting out of range, or a class that is not a driver.
     """
     source = source or Source("driver", {})
     settings: Any = _mapping(behaviour)
@@ -127,14 +135,10 @@ def make_driver(
     if not isinstance(settings, Mapping) or not isinstance(kind, str):
         fault = "needs a 'kind'" if isinstance(settings, Mapping) else f"{settings!r} is not a mapping with a 'kind'"
         raise ConfigError(f"{place}: {fault}")
-    if kind == _OWN:
-        own = validate(dict(settings), OwnDriverSpec, source)
-        return own.make_system(vehicle, world, where=place, folder=folder)
-    if kind not in DRIVERS:
+    if kind != _OWN and kind not in DRIVERS:
         raise ConfigError(
             f"{source.where('kind')}: unknown kind '{kind}'; {did_you_mean(kind, DRIVERS)}, or a class of your own as "
             "module:Class"
         )
-    spec: Any = validate(dict(settings), DRIVERS[kind], source)
-    system: LeafSystem = spec.make_system(vehicle, world, where=place)
-    return system
+    driver: Driver = validate(dict(settings), OwnDriverSpec if kind == _OWN else DRIVERS[kind], source)
+    return driver.make_system(vehicle, world, where=place, folder=folder)

@@ -19,11 +19,14 @@ needs no feedback to follow the line, and on constant curvature the error of the
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple
 
+from pydantic import Field
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
+from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.drivable_line import (
     CentreLine,
     DrivableLine,
@@ -32,11 +35,13 @@ from mirdrake.controllers.drivable_line import (
     make_centre_line,
     make_drivable_line,
 )
+from mirdrake.controllers.driver import DrivenWorld, Driver
 from mirdrake.core.checks import check_number
-from mirdrake.core.errors import DivergedError
+from mirdrake.core.errors import ConfigError, DivergedError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import COMMAND, PATH_ERROR, STATE, Command
+from mirdrake.core.yaml_io import Acceleration, Duration, Length, Period, Speed
 
 _SPEED_GRID = 0.25  # lines are planned for multiples of this speed [m/s]
 _APPROACH = 0.5  # share of d times that curvature that the slope of the approach may have
@@ -435,3 +440,60 @@ def _to_vector(gains: PathGains) -> list[float]:
         gains.preview_time,
         gains.understeer_gradient,
     ]
+
+
+class PathTrackingSpec(Driver):
+    """Follow a track of the world."""
+
+    kind: Literal["path_tracking"] = Field(description="follow a track [-]")
+    track: str = Field("main", description="name of a track of the world [-]")
+    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    lateral_acceleration: Acceleration = Field(5.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")
+    tolerance: Length = Field(
+        0.1, gt=0.0, description="largest planned offset from the centre line [m]; the car slows down where it needs to"
+    )
+    convergence_distance: Length = Field(
+        1.5, gt=0.0, description="least distance over which an offset is taken back [m]"
+    )
+    convergence_time: Duration = Field(0.6, ge=0.0, description="least time over which an offset is taken back [s]")
+    damping: float = Field(1.0, gt=0.0, description="damping ratio of the return to the line [1]")
+    preview_time: Duration = Field(0.06, ge=0.0, le=1.0, description="delay until the steering acts [s]")
+    understeer_gradient: float = Field(
+        0.0, ge=-0.1, le=0.1, description="extra steering angle per lateral acceleration [rad s^2/m]"
+    )
+    period: Period = Field(0.02, gt=0.0, le=0.2, description="time between updates [s]")
+
+    def gains(self) -> PathGains:
+        """Return the settings that may change while the tracker runs."""
+        return PathGains(
+            self.speed,
+            self.convergence_distance,
+            self.convergence_time,
+            self.damping,
+            self.preview_time,
+            self.understeer_gradient,
+        )
+
+    def limits(self) -> DrivingLimits:
+        """Return the limits of the accelerations and of the planned offset."""
+        return DrivingLimits(self.lateral_acceleration, self.acceleration, self.deceleration, self.tolerance)
+
+    def make_system(
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
+    ) -> PathTracker:
+        """Return the driver as a system with the input ``state`` and the outputs ``command`` and ``path_error``.
+
+        Raises:
+            ConfigError: the world has no such track, or it is too tight for the vehicle.
+        """
+        del folder
+        track = world.tracks.get(self.track)
+        try:
+            if track is None:
+                hint = did_you_mean(self.track, world.tracks) if world.tracks else "the world has none"
+                raise ConfigError(f"unknown track '{self.track}'; {hint}")
+            return PathTracker(track, vehicle.geometry, gains=self.gains(), period=self.period, limits=self.limits())
+        except ConfigError as error:
+            raise ConfigError(f"{self.place('track', where)}: {error}") from None

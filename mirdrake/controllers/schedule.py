@@ -3,17 +3,22 @@
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
+from pydantic import Field, model_validator
 from pydrake.systems.framework import BasicVector, Context
 
+from mirdrake.controllers.command_log import Interpolation, read_commands
+from mirdrake.controllers.driver import Driver, SteeringAngle
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.paths import resolved
 from mirdrake.core.signals import declare_vector_output
 from mirdrake.core.vectors import COMMAND, Setpoint
+from mirdrake.core.yaml_io import Duration, Period, Schema, Speed
 
-Interpolation = Literal["linear", "hold"]
 INTERPOLATIONS = ("linear", "hold")
 
 
@@ -114,3 +119,86 @@ class ConstantCommand(CommandSchedule):
 
     def __init__(self, speed: float, steering: float = 0.0, *, period: float = 0.02):
         super().__init__(Schedule([(0.0, speed, steering)], interpolation="hold"), period=period)
+
+
+class ConstantSpec(Driver):
+    """Always the same command."""
+
+    kind: Literal["constant"] = Field(description="always the same command [-]")
+    speed: Speed = Field(0.0, ge=-100.0, le=100.0, description="set-point of the forward speed [m/s]")
+    steering: SteeringAngle = 0.0
+    period: Period = Field(0.02, gt=0.0, le=0.2, description="time between messages [s]")
+
+    def make_system(self, *_: Any, **__: Any) -> ConstantCommand:
+        """Return the driver as a system with the output port ``command``."""
+        return ConstantCommand(self.speed, self.steering, period=self.period)
+
+
+class ScheduleRow(Schema):
+    """Command at a time."""
+
+    time: Duration = Field(ge=0.0, description="time from the start of the simulation [s]")
+    speed: Speed = Field(0.0, ge=-100.0, le=100.0, description="set-point of the forward speed [m/s]")
+    steering: SteeringAngle = 0.0
+
+
+class ScheduleSpec(Driver):
+    """Commands over time: rows, or a file of recorded commands (:mod:`mirdrake.controllers.command_log`)."""
+
+    kind: Literal["schedule"] = Field(description="commands over time [-]")
+    interpolation: Literal["linear", "hold"] | None = Field(
+        None,
+        description="straight lines between the rows, or each row until the next; left out: lines, but in a table of "
+        "recorded commands hold [-]",
+    )
+    rows: list[ScheduleRow] | None = Field(
+        None, min_length=1, description="commands, times rising [s, m/s, rad]; or give a file"
+    )
+    file: str | None = Field(
+        None, min_length=1, description="recorded commands: a table (.csv), a driving_log.txt or a run folder [-]"
+    )
+    vehicle: str | None = Field(None, description="whose commands of the file; left out: the only one's [-]")
+    period: Period | None = Field(
+        None, gt=0.0, le=0.2, description="time between messages [s]; left out: 0.02, with a file 0.001"
+    )
+
+    @model_validator(mode="after")
+    def _times_rise(self) -> "ScheduleSpec":
+        if (self.rows is None) == (self.file is None):
+            raise ValueError("needs either rows or a file")
+        for i, (first, second) in enumerate(zip(self.rows or [], (self.rows or [])[1:], strict=False), start=1):
+            if second.time <= first.time:
+                raise ValueError(
+                    f"rows.{i}.time must be later than the row before ({first.time:g} s), got {second.time:g} s"
+                )
+        return self
+
+    def schedule(self) -> Schedule:
+        """Return the rows, or those of the file, as a law.
+
+        Raises:
+            ConfigError: the file does not exist, or has faults.
+        """
+        if self.file is not None:
+            log = read_commands(Path(self.file), vehicle=self.vehicle)
+            return Schedule(log.rows, interpolation=self.interpolation or log.interpolation)
+        rows = ((row.time, row.speed, row.steering) for row in self.rows or ())
+        return Schedule(rows, interpolation=self.interpolation or "linear")
+
+    def resolve_paths(self, folder: Path) -> None:
+        """Make the path of the file absolute, relative to the folder of the diagram file if it is there."""
+        if self.file is not None:
+            beside = folder / self.file
+            self.file = str(resolved(beside if beside.exists() else Path(self.file)))
+
+    def make_system(self, *_: Any, where: str = "", **__: Any) -> CommandSchedule:
+        """Return the driver as a system with the output port ``command``.
+
+        Raises:
+            ConfigError: the file does not exist, or has faults.
+        """
+        try:
+            schedule = self.schedule()
+        except ConfigError as error:
+            raise ConfigError(f"{self.place('file', where)}: {error}") from None
+        return CommandSchedule(schedule, period=self.period or (0.02 if self.file is None else 0.001))

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Context, DiscreteValues
 
-from mirdrake.controllers.spec import DrivenVehicle
+from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.core.checks import check_number
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
@@ -207,7 +207,7 @@ class PathDriver(_Driver):
     def __init__(
         self,
         line: Mapping[str, Any],
-        vehicle: DrivenVehicle,
+        vehicle: ShapedVehicle,
         *,
         speeds: Sequence[Sequence[float]] | None = None,
         ahead: float = 0.0,
@@ -256,7 +256,7 @@ class PathPedalDriver(_Driver):
     def __init__(
         self,
         line: Mapping[str, Any],
-        vehicle: DrivenVehicle,
+        vehicle: ShapedVehicle,
         *,
         pedals: Sequence[Sequence[float]] | None = None,
         held: Sequence[float] | None = None,
@@ -292,7 +292,7 @@ def _straight_ahead(time: float, state: list[float]) -> float:  # noqa: ARG001
 
 def line_law(
     data: Mapping[str, Any],
-    vehicle: DrivenVehicle,
+    vehicle: ShapedVehicle,
     *,
     ahead: float,
     understeer: float,

@@ -12,7 +12,7 @@ from pydrake.systems.framework import System
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.scene import Scene
-from mirdrake.controllers.spec import ScheduleSpec
+from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.digest import digest_data
 from mirdrake.core.paths import installed_version
 from mirdrake.runs.incidents import Incident

@@ -8,7 +8,6 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.wiring import JOIN, SPLIT, Wiring
 from mirdrake.controllers import VehicleControl
-from mirdrake.controllers.drivers import OwnDriverSpec
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
@@ -62,11 +61,8 @@ def add_vehicle_systems(
     if driver_spec is None:
         return track
     place = where(spec, "control", name)
-    if isinstance(driver_spec, OwnDriverSpec):
-        folder = Path(spec.folder) if spec.folder is not None else None
-        driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
-    else:
-        driver = driver_spec.make_system(part.vehicle, parts.world, where=place)
+    folder = Path(spec.folder) if spec.folder is not None else None
+    driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
     wiring.add(f"{name}.driver", driver)
     if driver.HasInputPort("ranges"):
         _add_range_scan(wiring, parts, part, truth)

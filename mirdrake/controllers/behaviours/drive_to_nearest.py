@@ -6,14 +6,18 @@ pursuit: R. C. Coulter, CMU-RI-TR-92-01), and brakes on :func:`~.laws.brake_spee
 """
 
 import math
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
 from mirdrake.controllers.behaviours.laws import brake_speed, free_distance, gap_to
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
+from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
 from mirdrake.core.checks import check_number
+from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _SAME = 2.0  # what is nearer to the last place than this is the same object [m]
 
@@ -81,3 +85,17 @@ class DriveToNearest(Behaviour):
         profile = brake_speed(gap, deceleration=self.deceleration, reaction=self.reaction)
         limit = math.sqrt(self.lateral / max(abs(curvature), 1e-6))
         return Decision(min(self.speed, profile, limit), steering)
+
+
+class DriveToNearestSpec(BehaviourDriver):
+    """Drive to the nearest object, and stop at a safe distance before it."""
+
+    system = DriveToNearest
+
+    kind: Literal["drive_to_nearest_and_stop"] = Field(description="to the nearest object, and stop before it [-]")
+    speed: Speed = Field(3.0, ge=0.0, le=100.0, description="wanted speed [m/s]")
+    distance: Length = Field(2.0, ge=0.0, description="distance of the front edge to the object at the end [m]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="of the braking profile [m/s^2]")
+    reaction: Reaction = 0.3
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    period: DecisionPeriod = 0.05

@@ -1,12 +1,27 @@
-"""Paths given as points: a track of straights, with arcs in its corners."""
+"""Follow a track of the world or a path of points, without regard to obstacles.
+
+A path of points becomes a track of straights with arcs in its corners.
+"""
 
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
+from typing import Literal
 
+from pydantic import Field, model_validator
+
+from mirdrake.controllers.ackermann import Ackermann
+from mirdrake.controllers.behaviours.outline import ShapedVehicle
+from mirdrake.controllers.drivable_line import DrivingLimits
+from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, find_track
+from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Acceleration, Length, Speed
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
+
+_RADIUS_MARGIN = 1.25  # radius of the corners over that of the tightest turn of the vehicle [1]
 
 
 def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Track:
@@ -47,3 +62,44 @@ def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Tr
             curvature = math.copysign(math.tan(0.5 * abs(turns[number])) / cuts[number + 1], turns[number])
             pieces.append(Piece(turns[number] / curvature, curvature, curvature))
     return Track(pieces, start=(*points[0], headings[0]), closed=False, name="path")
+
+
+class FollowPathSpec(Driver):
+    """Follow a track of the world, or a path of points; obstacles are not looked at."""
+
+    kind: Literal["follow_path"] = Field(description="follow a track or points, blind to obstacles [-]")
+    track: str | None = Field(None, description="name of a track of the world, default its first [-]")
+    points: list[tuple[Length, Length]] | None = Field(
+        None, min_length=2, description="x, y of a path in the world instead [m]"
+    )
+    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")
+    period: DecisionPeriod = 0.05
+
+    @model_validator(mode="after")
+    def _one_path(self) -> "FollowPathSpec":
+        if self.track is not None and self.points is not None:
+            raise ValueError("track and points are given; a path is one of them")
+        return self
+
+    def make_system(
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
+    ) -> PathTracker:
+        """Return the driver as a system with the input ``state`` and the outputs ``command`` and ``path_error``.
+
+        Raises:
+            ConfigError: no such track, or the path is too tight for the vehicle.
+        """
+        del folder
+        try:
+            if self.points is None:
+                track = find_track(world, self.track)
+            else:
+                law = Ackermann(vehicle.geometry)
+                track = track_through(self.points, radius=_RADIUS_MARGIN / law.curvature(law.limit))
+            limits = DrivingLimits(self.lateral_acceleration, self.acceleration, self.deceleration)
+            return PathTracker(track, vehicle.geometry, gains=PathGains(self.speed), period=self.period, limits=limits)
+        except ConfigError as error:
+            raise ConfigError(f"{self.place('points' if self.points else 'track', where)}: {error}") from None

@@ -1,20 +1,24 @@
 """Hold a lane of a track, a line at a constant offset from its centre, and stop before what stands in it."""
 
 import math
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.behaviours.fan import BEAMS, Fan, range_signals
 from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
+from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, Reaction, find_track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_vector_input
 from mirdrake.core.vectors import Command
+from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _SPACING = 0.05  # of the table of arc lengths [m]
 
@@ -142,3 +146,43 @@ class HoldLane(PathTracker):
         ahead = (ahead - self.outline.front)[np.abs(lateral) < self._half]
         ahead = ahead[ahead > -self.outline.front]
         return max(float(ahead.min()), 0.0) if ahead.size else math.inf
+
+
+class HoldLaneSpec(Driver):
+    """Hold a lane of a track, and stop before what stands in it."""
+
+    kind: Literal["hold_lane"] = Field(description="hold a lane of a track, and stop before obstacles in it [-]")
+    track: str | None = Field(None, description="name of a track of the world, default its first [-]")
+    offset: Length = Field(0.0, description="of the lane, to the left of the centre line [m]")
+    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    distance: Length = Field(2.0, ge=0.0, description="gap in front of the car when it stops [m]")
+    clearance: Length = Field(0.2, ge=0.0, description="distance to the side within which something is in the way [m]")
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration, also of the stop [m/s^2]")
+    reaction: Reaction = 0.3
+    period: DecisionPeriod = 0.05
+
+    def make_system(
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
+    ) -> HoldLane:
+        """Return the driver as a system: inputs ``state`` and ``ranges``, outputs ``command`` and ``path_error``.
+
+        Raises:
+            ConfigError: no such track, or the lane is too tight for the vehicle.
+        """
+        del folder
+        try:
+            return HoldLane(
+                vehicle,
+                find_track(world, self.track),
+                gains=PathGains(self.speed),
+                offset=self.offset,
+                distance=self.distance,
+                clearance=self.clearance,
+                reaction=self.reaction,
+                limits=DrivingLimits(self.lateral_acceleration, self.acceleration, self.deceleration),
+                period=self.period,
+            )
+        except ConfigError as error:
+            raise ConfigError(f"{self.place('track', where)}: {error}") from None

@@ -11,13 +11,18 @@ the obstacle and hits it when that is negative; with a = 5 m/s^2 and no delay ab
 machine for a three-second distance before the same switch; it is not reproduced here.)
 """
 
+from typing import Literal
+
 import numpy as np
+from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
 from mirdrake.controllers.behaviours.laws import brake_speed, free_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
+from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction, SteeringAngle
 from mirdrake.core.checks import check_number
+from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 PUBLISHED_DISTANCE = 5.0
 """Where the published stopper commands speed 0 [m]."""
@@ -82,3 +87,22 @@ def published_speed(speed: float, dist: float, *, distance: float = PUBLISHED_DI
 def free_way(points: Array, curvature: float, outline: Outline) -> float:
     """Free distance [m] along one circle; inf if there is nothing, 0 in contact."""
     return float(free_distance(points, [curvature], outline)[0])
+
+
+class ObstacleStopperSpec(BehaviourDriver):
+    """Constant steering, and a stop before an obstacle: as published for the CAT Vehicle, or with a braking profile."""
+
+    system = ObstacleStopper
+
+    kind: Literal["obstacle_stopper"] = Field(description="constant steering, and a stop before an obstacle [-]")
+    speed: Speed = Field(5.0, ge=0.0, le=100.0, description="wanted speed [m/s]")
+    steering: SteeringAngle = 0.0
+    distance: Length = Field(
+        PUBLISHED_DISTANCE,
+        ge=0.0,
+        description="as published: where speed 0 is commanded [m]; else the gap that is left [m]",
+    )
+    as_published: bool = Field(False, description="the published switch, without a braking profile [-]")
+    deceleration: Acceleration = Field(3.0, gt=0.0, description="of the braking profile [m/s^2]")
+    reaction: Reaction = 0.3
+    period: DecisionPeriod = 0.05

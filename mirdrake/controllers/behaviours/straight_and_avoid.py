@@ -10,8 +10,10 @@ The scan does not see beside the car: what passes out of it is remembered until 
 """
 
 import math
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
@@ -23,7 +25,9 @@ from mirdrake.controllers.behaviours.laws import (
     stopping_distance,
 )
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
+from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
 from mirdrake.core.checks import check_number
+from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _CIRCLES = 31
 _PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at
@@ -141,3 +145,22 @@ def way_with(clearance: float, points: Array, curvatures: Array, outline: Outlin
     close = (x > rear) & (x < front) & (side < half + clearance) & (side > half)
     free = free_distance(points[~close], curvatures, box, reach=reach)
     return np.minimum(free, free_distance(points[close], curvatures, outline, reach=reach))
+
+
+class StraightAndAvoidSpec(BehaviourDriver):
+    """Straight on, around obstacles, back to the line; stop where there is no way through."""
+
+    system = StraightAndAvoid
+
+    kind: Literal["straight_and_avoid"] = Field(description="straight on, around obstacles [-]")
+    speed: Speed = Field(4.0, ge=0.0, le=100.0, description="wanted speed [m/s]; curves and stops are driven slower")
+    clearance: Length = Field(0.5, ge=0.0, description="wanted distance to the side of obstacles [m]")
+    distance: Length = Field(1.0, ge=0.0, description="gap in front of the car when it stops [m]")
+    lookahead: Length = Field(
+        12.0, gt=0.0, description="how far it looks at least [m]; never less than it takes to stop"
+    )
+    deceleration: Acceleration = Field(3.0, gt=0.0, description="of the braking profile [m/s^2]")
+    reaction: Reaction = 0.3
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    convergence_distance: Length = Field(3.0, gt=0.0, description="distance over which the line is come back to [m]")
+    period: DecisionPeriod = 0.05

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.diagram_spec import Place
-from mirdrake.controllers.spec import ScheduleSpec
+from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.files import write_file
 from mirdrake.runs.logs import SPEC, Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
