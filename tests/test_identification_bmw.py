@@ -67,7 +67,7 @@ def test_what_is_identified_instead_is_told(do):
     _, fit, page = do(LANE)
     assert fit.combinations
     assert all("±" in text for text in fit.combinations)
-    assert "What is identified" in page
+    assert "Identified combinations" in page
 
 
 def test_scale_offset_and_delay_of_the_steering_are_those_that_are_known(do):

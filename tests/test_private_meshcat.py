@@ -2,10 +2,13 @@
 
 import gc
 import threading
+from pathlib import Path
 
+import pytest
 from pydrake.geometry import MeshcatVisualizer, SceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from mirdrake.viewer import private_meshcat
 from mirdrake.viewer.private_meshcat import make_private_meshcat
 
 
@@ -22,3 +25,36 @@ def test_garbage_is_collected_on_another_thread_without_ending_the_process() -> 
     collector.join()
     assert upstream.get("/")[0] == 200
     upstream.close()
+
+
+def test_where_the_socket_cannot_be_replaced_meshcat_listens_on_a_port_that_pages_may_not_use(monkeypatch) -> None:
+    """Each Meshcat keeps five file descriptors until the process ends, so that the test makes two of them only."""
+
+    def fail(_: int) -> int:
+        raise OSError("no /proc")
+
+    monkeypatch.setattr(private_meshcat, "_replace_listener", fail)
+    meshcat, upstream = make_private_meshcat()
+    assert meshcat.port() in private_meshcat.BLOCKED_PORTS
+    meshcat.SetProperty("/Background", "visible", True)
+    status, kind, page = upstream.get("/")
+    assert (status, kind) == (200, "text/html; charset=UTF-8")
+    assert b"meshcat" in page.lower()
+    with upstream.connect() as connection:
+        assert connection.getpeername() == ("127.0.0.1", meshcat.port())
+    upstream.close()
+    with pytest.raises(OSError, match=r".+"):
+        upstream.connect()
+
+
+def test_without_proc_no_other_meshcat_is_made_first(monkeypatch) -> None:
+    made: list[str] = []
+
+    def make(*, host: str, port: int, url: str) -> object:
+        made.append(f"{host}:{port}")
+        return object()
+
+    monkeypatch.setattr(private_meshcat, "_make", make)
+    monkeypatch.setattr(private_meshcat, "_DESCRIPTORS", Path("/nonexistent"))
+    make_private_meshcat()
+    assert made == ["127.0.0.1:6000"]

@@ -171,7 +171,10 @@ def short_run(folder: Path, **changes: Any) -> FakeRun:
 def test_the_headline_says_in_words_what_happened(lap_page):
     # 200 s at 5 m/s, less the 0.9 s that the launch costs, are 995.5 m: 1.03 laps of 965 m
     headline = "".join(re.findall("<h1>(.*)</h1>", lap_page)).replace("\u00a0", " ")
-    assert headline == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, speed 0.1 % off"
+    assert (
+        headline
+        == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, mean speed error 0.1 %"
+    )
 
 
 def test_a_drive_of_a_few_metres_is_told_in_metres(tmp_path):
@@ -277,7 +280,7 @@ def test_a_run_without_samples_still_shows_the_road_and_the_settings(tmp_path):
     run = short_run(tmp_path, summary={}, events=[])
     page = render_report(replace(run, signals=run.signals.iloc[:0]))
     assert "No samples were recorded" in page
-    assert "The Bolt left no signals" in page
+    assert "The Bolt has no signals" in page
     assert 'class="plot map wide"' in page
     assert "time_step: 0.005" in page
 
@@ -376,7 +379,7 @@ def test_the_diagram_and_the_recording_of_the_folder_are_shown(tmp_path):
 
 def test_a_diagram_that_is_no_svg_is_told_and_left_out(tmp_path):
     page = render_report(short_run(tmp_path), diagram_svg="digraph { a -> b }")
-    assert "The drawing of the diagram is left out: not an SVG document" in page
+    assert "The drawing of the diagram is omitted: not an SVG document" in page
 
 
 def test_a_drawing_is_embedded_without_scripts_and_outside_references():

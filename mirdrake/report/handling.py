@@ -1,10 +1,10 @@
-"""The handling report: all manoeuvres of a vehicle on one page, which needs no network and no other file."""
+"""The handling report: all manoeuvres of a vehicle on one page."""
 
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -17,8 +17,9 @@ from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import Chart, Metric, Outcome
 from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
 from mirdrake.report.figures import drawing_style, thin, to_svg
-from mirdrake.report.page import render_page
+from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
+from mirdrake.report.words import format_quantity
 
 _TEMPLATE = "handling.html.jinja"
 _COLOURS = ("main", "own1", "edge", "own2", "own3")
@@ -49,23 +50,23 @@ def write_handling(results: HandlingResults) -> Path:
     write_file(path, render_handling(results))
     for outcome in results.outcomes:
         if outcome.charts:
-            shown = [chart for chart in outcome.charts if _says_something(chart)]
+            shown = [chart for chart in outcome.charts if _is_informative(chart)]
             write_file(results.folder / outcome.name / f"{outcome.name}.svg", draw_sheet(shown))
     return path
 
 
 def render_handling(results: HandlingResults) -> str:
-    """The text of the page; see :func:`write_handling`."""
+    """Return the page; see :func:`write_handling`."""
     with drawing_style():
         sections = [
-            {
-                "outcome": outcome,
-                "word": _WORDS[outcome.verdict],
-                "tone": outcome.verdict.replace(" ", "-"),
-                "recalled": recalled(outcome),
-                "charts": _charts(outcome),
-                "key": _key_figures(outcome),
-            }
+            Section(
+                outcome,
+                _WORDS[outcome.verdict],
+                _TONES[outcome.verdict],
+                recalled(outcome),
+                _charts(outcome),
+                _key_figures(outcome),
+            )
             for outcome in results.outcomes
         ]
     facts = results.facts
@@ -81,24 +82,25 @@ def render_handling(results: HandlingResults) -> str:
     )
 
 
-def _tiles(results: HandlingResults) -> list[tuple[str, str, str]]:
+def _tiles(results: HandlingResults) -> list[Tile]:
     facts, p = results.facts, results.facts.parameters
     front = 100.0 * p.rear_length / p.wheelbase
     per_g = math.degrees(facts.understeer) * GRAVITY
+    scale = "full size" if facts.scale == 1.0 else f"estimated understeer gradient {per_g:.2f} deg/g"
     return [
-        ("Mass", f"{number_told(facts.mass)} kg", f"{front:.0f} % on the front axle"),
-        ("Wheelbase", f"{facts.wheelbase:.3f} m", f"{facts.width:.2f} m wide"),
-        ("Centre of mass", f"{p.com_height:.3f} m", f"high, {facts.ahead:.3f} m before the rear axle"),
-        ("Steering ratio", f"{facts.ratio:g}", f"road wheels to {math.degrees(facts.steering_limit):.0f}°"),
-        ("Tyres", facts.tyres.replace("_", " "), f"on a road of friction {results.friction:g}"),
-        ("Driven by", "pedals" if facts.pedals else "speed command", _powertrain(results)),
-        ("Model", "full plant" if results.model == "full" else "single track", _plant(results)),
-        ("Scale", f"{facts.scale:.3g}", "full size" if facts.scale == 1.0 else f"an estimate has {per_g:.2f} deg/g"),
+        Tile("Mass", f"{number_told(facts.mass)} kg", f"{front:.0f} % on the front axle"),
+        Tile("Wheelbase", f"{facts.wheelbase:.3f} m", f"{facts.width:.2f} m wide"),
+        Tile("Height of centre of mass", f"{p.com_height:.3f} m", f"{facts.ahead:.3f} m ahead of the rear axle"),
+        Tile("Steering ratio", f"{facts.ratio:g}", f"road wheels up to {math.degrees(facts.steering_limit):.0f}°"),
+        Tile("Tyres", facts.tyres.replace("_", " "), f"road friction {results.friction:g}"),
+        Tile("Driven by", "pedals" if facts.pedals else "speed command", _powertrain(results)),
+        Tile("Model", "full plant" if results.model == "full" else "single track", _plant(results)),
+        Tile("Scale", f"{facts.scale:.3g}", scale),
     ]
 
 
 def _powertrain(results: HandlingResults) -> str:
-    return f"up to {results.facts.top_speed * 3.6:.0f} km/h by its power"
+    return f"power-limited top speed {results.facts.top_speed * 3.6:.0f} km/h"
 
 
 def _plant(results: HandlingResults) -> str:
@@ -109,19 +111,21 @@ def _plant(results: HandlingResults) -> str:
 
 
 def _warnings(results: HandlingResults) -> list[str]:
-    found = []
+    warnings = []
     if not results.facts.has_tyre_law and results.model == "full":
-        found.append(
-            "Its tyres are of kind coulomb: dry friction without slip angles. Understeer, response times and what "
-            "happens near the limit are those of dry friction, not of a tyre."
+        warnings.append(
+            "The tyres are of kind coulomb: dry friction without slip angles. Understeer, response times and the "
+            "behaviour at the limit are those of dry friction, not of tyres."
         )
     if results.model == "single_track":
-        found.append(
-            "The single-track model has assumed cornering stiffnesses, no roll and no load transfer across the car."
+        warnings.append(
+            "The single-track model has assumed cornering stiffnesses, no roll and no lateral load transfer."
         )
     if not results.facts.pedals:
-        found.append("It is driven by a speed command: acceleration and braking are those of its speed control.")
-    return found
+        warnings.append(
+            "The vehicle is driven by a speed command: acceleration and braking are those of its speed control."
+        )
+    return warnings
 
 
 def _headline(outcomes: Sequence[Outcome]) -> str:
@@ -153,7 +157,8 @@ def _figure_text(metric: Metric) -> str:
     """Return a figure within a sentence: ``understeer gradient 0.87 deg/g``."""
     text = metric.text
     lower = text if text[:2].isupper() or text[1:2] in {"", ",", " "} else f"{text[:1].lower()}{text[1:]}"
-    return f"{lower} {_figure(metric.value)} {metric.unit}".rstrip()
+    link = " in" if " to " in lower else ""  # "0 to 100 km/h in 7.05 s"
+    return f"{lower.removeprefix('from ')}{link} {format_quantity(metric.value, metric.unit)}"
 
 
 _MOST_FIGURES = 3  # of the title
@@ -182,9 +187,43 @@ def _figure(value: float | None) -> str:
 # --- charts ----------------------------------------------------------------------------------------------------------
 
 
-def _charts(outcome: Outcome) -> list[dict[str, Any]]:
-    """The charts of a manoeuvre that show something; of an odd number of halves the last one is wide."""
-    shown = [chart for chart in outcome.charts if _says_something(chart)]
+@dataclass(frozen=True)
+class DrawnChart:
+    """A chart of the page; `legend` has name, colour and style of each curve."""
+
+    title: str
+    picture: Markup
+    legend: Sequence[tuple[str, str, str]]
+    wide: bool
+
+
+@dataclass(frozen=True)
+class Section:
+    """A manoeuvre on the page.
+
+    Attributes:
+        outcome: of the manoeuvre.
+        word: its verdict in words.
+        tone: class of the verdict.
+        recalled: names of settings whose values are not verified.
+        charts: of its figures.
+        key: headline figures, or the reason why there are none.
+    """
+
+    outcome: Outcome
+    word: str
+    tone: str
+    recalled: list[str]
+    charts: list[DrawnChart]
+    key: str
+
+
+_TONES = {"done": "plain", "pass": "good", "fail": "bad", "not possible": "plain", "diverged": "bad"}
+
+
+def _charts(outcome: Outcome) -> list[DrawnChart]:
+    """Return the charts that are not all zero; an odd half-width chart at the end becomes wide."""
+    shown = [chart for chart in outcome.charts if _is_informative(chart)]
     halves = [number for number, chart in enumerate(shown) if not _is_map(chart)]
     alone = halves[-1] if len(halves) % 2 else -1
     return [
@@ -193,13 +232,13 @@ def _charts(outcome: Outcome) -> list[dict[str, Any]]:
     ]
 
 
-def _says_something(chart: Chart) -> bool:
-    """Whether any of its curves is not all zero, as roll is in a model without roll."""
+def _is_informative(chart: Chart) -> bool:
+    """Whether a curve differs from zero; roll is zero in a model without roll."""
     return any(bool(np.any(np.abs(np.nan_to_num(line.y)) > 1e-9)) for line in chart.lines)
 
 
-def _chart(chart: Chart, prefix: str, *, wide: bool) -> dict[str, Any]:
-    """One chart as an SVG element, with its legend."""
+def _chart(chart: Chart, prefix: str, *, wide: bool) -> DrawnChart:
+    """Return a chart with its legend."""
     figure = _figure_of([chart], THEME, width=_MAP_WIDTH if wide else _WIDTH)
     text = f"{chart.y_label} over {chart.x_label[:1].lower()}{chart.x_label[1:]}"
     text = "From above" if chart.y_label == "y" else text
@@ -209,7 +248,7 @@ def _chart(chart: Chart, prefix: str, *, wide: bool) -> dict[str, Any]:
         for line in chart.lines
         if line.name and len({one.name for one in chart.lines if one.name}) > 1
     ]
-    return {"picture": Markup(picture), "title": text, "legend": legend, "wide": wide}
+    return DrawnChart(text, Markup(picture), legend, wide)
 
 
 def _is_map(chart: Chart) -> bool:
@@ -217,7 +256,7 @@ def _is_map(chart: Chart) -> bool:
 
 
 def draw_sheet(charts: Sequence[Chart]) -> str:
-    """All charts of a manoeuvre below one another, as an SVG document of its own."""
+    """Return all charts of a manoeuvre, one below the other, as an SVG document."""
     with drawing_style():
         text = to_svg(_figure_of(charts, THEME, width=_MAP_WIDTH if any(map(_is_map, charts)) else 640.0, legend=True))
     for name, value in _FILE_COLOURS.items():
@@ -255,12 +294,11 @@ def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
             x, y = x[::step], y[::step]
         name = line.name if line.name and line.name not in seen else "_"
         seen.add(line.name)
-        style: dict[str, Any] = {"linestyle": "solid", "linewidth": 1.6}
+        (drawn,) = axes.plot(x, y, color=theme[_COLOURS[line.colour]], label=name, linewidth=1.6)
         if line.style == "dashed":
-            style = {"linestyle": "dashed", "linewidth": 1.3}
+            drawn.set(linestyle="dashed", linewidth=1.3)
         elif line.style == "dots":
-            style = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markeredgewidth": 0.0}
-        axes.plot(x, y, color=theme[_COLOURS[line.colour]], label=name, **style)
+            drawn.set(linestyle="none", marker="o", markersize=2.6, markeredgewidth=0.0)
     axes.grid(color=theme["grid"], linewidth=1.0)
     axes.set_xlabel(f"{chart.x_label} [{chart.x_unit}]", labelpad=3.0)
     axes.set_ylabel(f"{chart.y_label} [{chart.y_unit}]")

@@ -1,7 +1,8 @@
-"""Pages of an identification: what the data check found, and what the fits gave; each is one file, without network."""
+"""The reports of an identification: the data check, and the fit with its parameters, residuals and profiles."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from mirdrake.core.files import write_file
 from mirdrake.identification.channels import channel as known_channel
 from mirdrake.identification.channels import quantity
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.findings import DataReport
+from mirdrake.identification.findings import DataReport, Excitation, Finding
 from mirdrake.identification.fit import ChannelFit, Fit, FittedParameter, half_width
 from mirdrake.identification.identify import Identification
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
@@ -41,13 +42,13 @@ _SIZE = (320.0, 190.0)  # of the picture of a profile [px]
 
 
 def write_data_check(file: Path, name: str, data: DataSet, report: DataReport) -> None:
-    """The page of a data check.
+    """Write the report of a data check.
 
     Args:
         file: to write.
-        name: of what was checked.
-        data: as it was given.
-        report: what was found; it has the repaired data.
+        name: of the checked logs.
+        data: as recorded.
+        report: findings, and the repaired data.
 
     Raises:
         RunError: the file cannot be written.
@@ -56,7 +57,7 @@ def write_data_check(file: Path, name: str, data: DataSet, report: DataReport) -
 
 
 def write_identification(result: Identification, folder: Path) -> Path:
-    """The page of a study, report.html.
+    """Write the report of a study, report.html.
 
     Raises:
         RunError: it cannot be written.
@@ -67,7 +68,7 @@ def write_identification(result: Identification, folder: Path) -> Path:
 
 
 def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
-    """The text of the page; see :func:`write_data_check`."""
+    """Return the page; see :func:`write_data_check`."""
     left = len(report.unrepaired_faults)
     faults = sum(one.severity == "fault" for one in report.findings)
     warnings = sum(one.severity == "warning" for one in report.findings)
@@ -76,10 +77,10 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     tiles = [
         ("Logs", str(len(data.logs)), f"{len(data.train)} to fit, {len(data.validation)} held out"),
         ("Samples", f"{rows:,}".replace(",", "\u202f"), f"{length:.4g} s after repairs"),
-        ("Odd", str(faults + warnings), f"{faults} faults, {warnings} warnings"),
-        ("Repairs", str(len(report.repairs)), "listed below, each one"),
+        ("Findings", str(faults + warnings), f"{faults} faults, {warnings} warnings"),
+        ("Repairs", str(len(report.repairs)), "each is listed below"),
     ]
-    headline = f"{left} fault{'s' * (left != 1)} left that would spoil a fit" if left else "fit for identification"
+    headline = f"{left} fault{'s' * (left != 1)} without repair" if left else "suitable for identification"
     with drawing_style():
         sections = _data_sections(report, data, pictures=True)
     return _render(
@@ -94,7 +95,7 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
 
 
 def render_identification(result: Identification) -> str:
-    """The text of the page; see :func:`write_identification`."""
+    """Return the page; see :func:`write_identification`."""
     fit, check = result.fit, result.check
     free = [one for one in fit.parameters if one.kind != "fixed"]
     against = sum(one.verdict == "contradicts the given value" for one in free)
@@ -103,10 +104,10 @@ def render_identification(result: Identification) -> str:
     trained = [one for one in fit.channels if one.part == "train"]
     condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
     tiles = [
-        ("Parameters", f"{good} of {len(free)}", f"identified; {against} against the given value"),
-        ("Fit, trained on", _least(trained), _least_of(trained)),
-        ("Fit, held out", _least(held), _least_of(held)),
-        ("Condition", condition, "number of the information; above 1000 some combination is loose"),
+        ("Parameters", f"{good} of {len(free)}", f"identified; {against} contradict the given value"),
+        ("Fit, training logs", _least(trained), _least_of(trained)),
+        ("Fit, held-out logs", _least(held), _least_of(held)),
+        ("Condition number", condition, "of the information matrix; above 1000 a combination is not identifiable"),
     ]
     with drawing_style():
         return _render(
@@ -123,7 +124,7 @@ def render_identification(result: Identification) -> str:
             overlays=[_overlay(fit, log, number) for number, log in enumerate(fit.traces)],
             profiles=[_profile(fit, name, number) for number, name in enumerate(fit.profiles)],
             stages=[
-                {"name": stage.name, "rows": [_parameter(one) for one in stage.parameters if one.kind != "fixed"]}
+                Stage(stage.name, [_parameter(one) for one in stage.parameters if one.kind != "fixed"])
                 for stage in result.stages
             ],
             chosen=[(log.name, log.use, len(log.time), _span(log), ", ".join(log.channels)) for log in check.data.logs],
@@ -146,8 +147,85 @@ def _render(**values: Any) -> str:
 # --- data ------------------------------------------------------------------------------------------------------------
 
 
-def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -> list[dict[str, Any]]:
-    """A section for each log: findings, what it offers, and its channels."""
+@dataclass(frozen=True)
+class DataSection:
+    """A log on the page.
+
+    Attributes:
+        name: of the log.
+        use: whether it is fitted or held out.
+        size: samples and length.
+        findings: warnings and faults.
+        infos: checks without a finding.
+        offers: which parameters the drive excites.
+        picture: its channels, or None.
+    """
+
+    name: str
+    use: str
+    size: str
+    findings: list[Finding]
+    infos: list[Finding]
+    offers: list[Excitation]
+    picture: Markup | None
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A parameter as a row: the 95 % interval, its bound if it is there, the given value, and two half-widths."""
+
+    one: FittedParameter
+    span: str
+    bound: str
+    given: str
+    noise: str
+    model: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of the heat map: its text, a colour, and the strength of the colour [%]."""
+
+    text: str
+    colour: str
+    share: int
+
+
+@dataclass(frozen=True)
+class CorrelationRow:
+    """A row of the heat map."""
+
+    name: str
+    cells: list[Cell]
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """Measured and modelled channels of a log."""
+
+    log: str
+    part: str
+    picture: Markup
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The profile likelihood of a parameter."""
+
+    name: str
+    picture: Markup
+
+
+@dataclass(frozen=True)
+class Stage:
+    """An earlier stage of the study: its name and its free parameters."""
+
+    name: str
+    rows: list[ParameterRow]
+
+
+def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -> list[DataSection]:
+    """Return a section for each log: findings, excited parameters, channels."""
     sections = []
     originals = {log.name: log for log in raw.logs} if raw is not None else {}
     seen: set[str] = set()
@@ -155,23 +233,23 @@ def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -
         first = log.name.partition(", part ")[0]
         names = {log.name} | ({first} if first not in seen else set())
         seen.add(first)
-        found = [item for item in report.findings if item.log in names]
+        findings = [item for item in report.findings if item.log in names]
         sections.append(
-            {
-                "name": log.name,
-                "use": "to fit" if log.use == "train" else "held out",
-                "size": f"{len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s",
-                "findings": [item for item in found if item.severity != "info"],
-                "infos": [item for item in found if item.severity == "info"],
-                "offers": [item for item in report.excitation if item.log == log.name],
-                "picture": _channels(report, originals.get(first), log, number) if pictures else None,
-            }
+            DataSection(
+                name=log.name,
+                use="to fit" if log.use == "train" else "held out",
+                size=f"{len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s",
+                findings=[item for item in findings if item.severity != "info"],
+                infos=[item for item in findings if item.severity == "info"],
+                offers=[item for item in report.excitation if item.log == log.name],
+                picture=_channels(report, originals.get(first), log, number) if pictures else None,
+            )
         )
     return sections
 
 
 def _channels(report: DataReport, raw: Log | None, log: Log, number: int) -> Markup:
-    """Each channel of a log: as recorded, and as repaired."""
+    """Draw each channel of a log as recorded and as repaired."""
     retimed = any(item.check == "sample_time" and item.repair for item in report.findings if item.log == log.name)
     panels = []
     time = log.time
@@ -181,8 +259,8 @@ def _channels(report: DataReport, raw: Log | None, log: Log, number: int) -> Mar
         time = raw.time[inside][order]
     for name, values in log.channels.items():
         good = np.isfinite(values)
-        mended = np.interp(time, log.time[good], values[good]) if good.any() else np.full(len(time), np.nan)
-        curves = [Curve("repaired", mended, "main", width=1.1)]
+        repaired = np.interp(time, log.time[good], values[good]) if good.any() else np.full(len(time), np.nan)
+        curves = [Curve("repaired", repaired, "main", width=1.1)]
         if raw is not None and not retimed:
             curves.insert(0, Curve("recorded", raw.channels[name][inside][order], "own1", width=1.1))
         about = known_channel(name)
@@ -195,7 +273,7 @@ def _channels(report: DataReport, raw: Log | None, log: Log, number: int) -> Mar
 
 
 def _limits(values: np.ndarray) -> tuple[float, float]:
-    """Of the axis: what was repaired, so that glitches leave the frame."""
+    """Return limits of the axis for the repaired values, so that glitches are cut off."""
     good = values[np.isfinite(values)]
     low, high = (float(good.min()), float(good.max())) if len(good) else (0.0, 1.0)
     room = 0.08 * (high - low) or max(0.1 * abs(high), 0.1)
@@ -209,15 +287,15 @@ def _span(log: Log) -> str:
 # --- fit -------------------------------------------------------------------------------------------------------------
 
 
-def _parameter(one: FittedParameter) -> dict[str, Any]:
+def _parameter(one: FittedParameter) -> ParameterRow:
     span = "" if one.kind == "fixed" else f"{_number(one.low, 'open')} … {_number(one.high, 'open')}"
     bound = "" if one.at_bound is None else f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
-    parts = {"noise": half_width(one.sigma_noise), "model": half_width(one.sigma_model)}
-    return {"one": one, "span": span, "bound": bound, "given": _number(one.given, ""), **parts}
+    noise, model = half_width(one.sigma_noise), half_width(one.sigma_model)
+    return ParameterRow(one, span, bound, _number(one.given, ""), noise, model)
 
 
-def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[dict[str, Any]]:
-    """Rows of the heat map: each cell is the number and how strong its colour is, orange below zero."""
+def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[CorrelationRow]:
+    """Return the rows of the heat map: blue above zero, orange below."""
     rows = []
     for index, one in enumerate(free):
         if index >= len(fit.correlation):
@@ -227,13 +305,13 @@ def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[dict[str, An
             good = bool(np.isfinite(value))
             colour = "main" if value > 0.0 else "own1"
             share = round(85.0 * min(abs(float(value)), 1.0)) if good else 0
-            cells.append({"text": f"{value:.2f}".replace("-", "−") if good else "–", "colour": colour, "share": share})
-        rows.append({"name": one.name, "cells": cells})
+            cells.append(Cell(f"{value:.2f}".replace("-", "−") if good else "–", colour, share))
+        rows.append(CorrelationRow(one.name, cells))
     return rows
 
 
-def _overlay(fit: Fit, log: str, number: int) -> dict[str, Any]:
-    """Measured and modelled channels of a log, each with its residual."""
+def _overlay(fit: Fit, log: str, number: int) -> Overlay:
+    """Draw measured and modelled channels of a log, each with its residual."""
     frame = fit.traces[log]
     fits = [one for one in fit.channels if one.log == log]
     time = frame["t"].to_numpy(dtype=float)
@@ -250,15 +328,12 @@ def _overlay(fit: Fit, log: str, number: int) -> dict[str, Any]:
             Panel("residual", unit, [Curve("residual", measured - model, "own1", width=1.0)], relative_height=0.4)
         )
     part = fits[0].part if fits else "train"
-    return {
-        "log": log,
-        "part": "trained on" if part == "train" else "held out",
-        "picture": draw_chart(time, panels, f"fit{number}-", f"measured and modelled channels of {log}"),
-    }
+    picture = draw_chart(time, panels, f"fit{number}-", f"measured and modelled channels of {log}")
+    return Overlay(log, "training" if part == "train" else "held out", picture)
 
 
-def _profile(fit: Fit, name: str, number: int) -> dict[str, Any]:
-    """How the cost rises as a parameter is held away from its estimate."""
+def _profile(fit: Fit, name: str, number: int) -> Profile:
+    """Draw the increase of the cost when a parameter is fixed at other values than its estimate."""
     frame: pd.DataFrame = fit.profiles[name]
     width, height = _SIZE
     figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0)
@@ -281,7 +356,7 @@ def _profile(fit: Fit, name: str, number: int) -> dict[str, Any]:
         f"profile{number}-",
         attributes={"class": "plot", "role": "img", "aria-label": f"profile of {name}"},
     )
-    return {"name": name, "picture": Markup(picture)}
+    return Profile(name, Markup(picture))
 
 
 def _least(fits: Sequence[ChannelFit]) -> str:
@@ -292,9 +367,7 @@ def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
     worst = min(fits, key=lambda one: one.nrmse_percent)
-    return (
-        f"the worst channel, {worst.channel} of {worst.log}; its noise leaves {worst.noise_limit_percent:.0f} % at most"
-    )
+    return f"worst channel: {worst.channel} of {worst.log}; at most {worst.noise_limit_percent:.0f} % with its noise"
 
 
 def _number(value: float | None, none: str = "–") -> str:
@@ -304,12 +377,12 @@ def _number(value: float | None, none: str = "–") -> str:
 
 
 def _breaks(name: str) -> Markup:
-    """A name that may be broken behind its underscores."""
+    """Return a name that may be wrapped after its underscores."""
     return Markup("_<wbr>").join(name.split("_"))
 
 
 def _chance(value: float | None) -> str:
-    """A probability in words of a test."""
+    """Return a probability as a text."""
     if value is None or not math.isfinite(value):
         return "–"
     return "< 0.001" if value < 1e-3 else f"{value:.2g}"

@@ -25,8 +25,6 @@ from mirdrake.report.map_sheet import DOCUMENT, INK, MUTED, Palette, Sheet, line
 from mirdrake.report.world_map import (
     Overlap,
     draw_world,
-    gate_ends,
-    goals,
     overlap_areas,
     props,
     round_down,
@@ -35,6 +33,7 @@ from mirdrake.report.world_map import (
     surfaces,
 )
 from mirdrake.worlds import World
+from mirdrake.worlds.drawing import make_drawing
 
 __all__ = ["Overlap", "draw_plan", "find_overlaps"]
 
@@ -70,7 +69,7 @@ def draw_plan(world: World, *, overlaps: Sequence[Overlap] = (), width: float = 
         width: of the picture [px]; a narrow world makes it narrower.
     """
     sheet = _make_sheet(world, max(width, _LEFT + _LEAST + _SIDE))
-    layers = [surfaces, _grid, goals, props, overlap_areas(overlaps), starts]
+    layers = [surfaces, _grid, props, overlap_areas(overlaps), starts]
     body = draw_world(world, sheet, DOCUMENT, layers)
     bar, ticks = _draw_scale(sheet), _draw_ticks(sheet)
     labels = _make_labels(world, sheet, overlaps)
@@ -125,11 +124,12 @@ def _contents(world: World) -> list[BaseGeometry]:
 def _make_labels(world: World, sheet: Sheet, overlaps: Sequence[Overlap]) -> Labels:
     """Write the labels: goals and starts first, as they are never left out."""
     labels = Labels(sheet)
-    for name, goal in world.goals.items():
-        area = goal.area if goal.gate is None else shapely.LineString(gate_ends(world, goal.gate))
-        if area is not None:
-            labels.block(sheet.bounds(area))
-            labels.write_beside([sheet.bounds(area)], name, color=DOCUMENT.goal, weight=700)
+    drawing = make_drawing(world)
+    goals = [(area.name, area.area) for area in drawing.layer("goal")]
+    goals += [(line.name, shapely.LineString(line.points)) for line in drawing.lines if line.layer == "gate"]
+    for name, area in goals:
+        labels.block(sheet.bounds(area))
+        labels.write_beside([sheet.bounds(area)], name, color=DOCUMENT.goal, weight=700)
     for _, _, area in overlaps:
         x0, y0, x1, y1 = sheet.bounds(area)
         labels.block((x0 - 2.0, y0 - 2.0, x1 + 2.0, y1 + 2.0), text=True)

@@ -1,4 +1,4 @@
-"""One run as one HTML page: what happened in a sentence, the track from above, the signals, the settings.
+"""The run report: a headline with the result, the track from above, signals, events, settings.
 
 The page needs no network and no other file; only the link to recording.html leads out of it.
 """
@@ -33,11 +33,11 @@ _MOST_MARKS = 30  # vertical lines in a chart
 
 
 class RunLike(Protocol):
-    """What a report needs of a run."""
+    """Interface of a run for its report."""
 
     @property
     def folder(self) -> Path | None:
-        """Where the report goes, and where diagram.svg and recording.html are looked for; None: only in memory."""
+        """Folder of the report, diagram.svg and recording.html; None for a run that is only in memory."""
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class RunLike(Protocol):
 
 @dataclass(frozen=True)
 class VehiclePage:
-    """What the page says about one vehicle."""
+    """Section of one vehicle."""
 
     name: str
     model: str
@@ -77,10 +77,10 @@ class VehiclePage:
 
 
 def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
-    """Write report.html into the folder of a run, whole or not at all.
+    """Write report.html into the folder of a run.
 
     Args:
-        run: finished, killed or empty; whatever is missing is left out of the page.
+        run: finished, killed or empty; the page omits what is missing.
         diagram_svg: the drawing of the diagram; by default the file diagram.svg of the folder.
 
     Returns:
@@ -90,7 +90,7 @@ def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
         RunError: the run has no folder, or it cannot be written.
     """
     if run.folder is None:
-        raise RunError("a run that is only in memory has no place for its report; simulate into a folder")
+        raise RunError("the run is only in memory and has no folder for its report; simulate with folder=…")
     page = render_report(run, diagram_svg=diagram_svg)
     path = run.folder / "report.html"
     write_file(path, page)
@@ -98,7 +98,7 @@ def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
 
 
 def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
-    """The text of the page; see :func:`write_report`."""
+    """Return the page; see :func:`write_report`."""
     summary, spec = run.summary or {}, run.spec or {}
     signals = run.signals[~run.signals.index.duplicated()].sort_index()
     simulated = _number(summary.get("simulated_s"))
@@ -155,7 +155,7 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
 
 
 def _scene_of(run: RunLike) -> tuple[Scene | None, list[str]]:
-    """The scene of a run, and what the page notes about it; the report of a run without a scene has less in it."""
+    """Return the scene of a run, if it has one, and notices about it."""
     try:
         scene = run.scene()
     except MirdrakeError as error:
@@ -174,7 +174,7 @@ def _incomplete(summary: Mapping[str, Any], rows: int) -> list[str]:
 
 
 def _dimensions(vehicle: Vehicle | None) -> dict[str, float]:
-    """Wheelbase and width over the wheels [m] of a vehicle; empty if it is not known."""
+    """Return wheelbase and width over the wheels [m] of a vehicle; empty if it is not known."""
     if vehicle is None:
         return {}
     geometry = vehicle.geometry
@@ -187,9 +187,9 @@ def _make_vehicle_page(
 ) -> VehiclePage:
     name = signals.name
     entry = (run.spec or {}).get("vehicles", {}).get(name) or {}
-    told = ((run.summary or {}).get("vehicles") or {}).get(name) or {}
-    model = str(told.get("model") or (entry.get("model") if isinstance(entry, Mapping) else entry) or name)
-    figures = _figures(signals, told)
+    summary = ((run.summary or {}).get("vehicles") or {}).get(name) or {}
+    model = str(summary.get("model") or (entry.get("model") if isinstance(entry, Mapping) else entry) or name)
+    figures = _figures(signals, summary)
     width = track.width if track is not None and signals.has("lateral_error") else None
     charts = []
     if len(signals.time):
@@ -221,9 +221,9 @@ def _road_edges(signals: VehicleSignals, track: Track | None) -> tuple[Array, Ar
     return np.interp(along, s, left), -np.interp(along, s, right)
 
 
-def _figures(signals: VehicleSignals, told: Mapping[str, Any]) -> dict[str, float]:
-    """The summary's figures of a vehicle; those it lacks (after a kill) are worked out from the signals."""
-    figures = {key: _number(value) for key, value in told.items() if key != "model"}
+def _figures(signals: VehicleSignals, summary: Mapping[str, Any]) -> dict[str, float]:
+    """Return the figures of a vehicle: from the summary, or from the signals of a run that was killed."""
+    figures = {key: _number(value) for key, value in summary.items() if key != "model"}
     figures = {key: value for key, value in figures.items() if math.isfinite(value)}
     if len(signals.time):
         figures.setdefault("distance_m", distance(signals))
@@ -235,34 +235,34 @@ def _figures(signals: VehicleSignals, told: Mapping[str, Any]) -> dict[str, floa
 
 
 def _sentence(figures: Mapping[str, float]) -> str:
-    """What follows "The Bolt": the drive of one vehicle without its world and duration."""
+    """Return the errors of a drive as the end of a sentence about the vehicle."""
     parts = []
     if "max_abs_lateral_error_m" in figures:
         parts.append(f"largest lateral error {format_quantity(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
     if "mean_speed_error_percent" in figures:
-        parts.append(f"speed {format_quantity(abs(figures['mean_speed_error_percent']), digits=1)}\u00a0% off")
+        parts.append(f"mean speed error {format_quantity(abs(figures['mean_speed_error_percent']), '%', digits=1)}")
     if figures.get("off_road_s"):
         parts.append(f"{format_duration(figures['off_road_s'])} off the road")
     return ", ".join(parts)
 
 
 def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> tuple[str, list[str]]:
-    """What happened, in a sentence, and with several vehicles one more sentence for each."""
+    """Return the result as a sentence, and a sentence for each of several vehicles."""
     during = f" in {format_duration(simulated)}" if math.isfinite(simulated) else ""
     if not vehicles:
         return (f"{format_duration(simulated)} of {world or 'simulation'}" if during else "A run without signals"), []
     several = len(vehicles) > 1
     sentences = []
     for page in vehicles:
-        laps, way = (
+        laps, distance = (
             next((tile.value for tile in page.tiles if tile.label == label), "") for label in ("Laps", "Distance")
         )
-        if laps and (float(laps) >= 0.1 or not way):
+        if laps and (float(laps) >= 0.1 or not distance):
             drove = f"{laps}\u00a0lap{'' if laps == '1.00' else 's'}" + (f" of {world}" if world else "") + during
         else:
-            drove = f"{way}{during}" + (f" on {world}" if world else "")
+            drove = f"{distance}{during}" + (f" on {world}" if world else "")
         who = f"{page.name}, the {title_case(page.model)}," if several else f"The {title_case(page.model)}"
-        sentence = f"{who} drove {drove}" if laps or way else f"{who} left no signals"
+        sentence = f"{who} drove {drove}" if laps or distance else f"{who} has no signals"
         sentences.append(sentence + (f"; {page.sentence}" if page.sentence else ""))
     if not several:
         return sentences[0], []
@@ -313,7 +313,7 @@ def _run_tiles(summary: Mapping[str, Any], simulated: float, rows: int) -> list[
 
 
 def _facts(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Rows of the table that make the run repeatable."""
+    """Return what is needed to repeat the run: name and value."""
     facts = [("Seed", summary.get("seed", spec.get("seed")))]
     facts.append(("Hash of the settings (SHA-256)", summary.get("spec_sha256", spec.get("sha256"))))
     versions = summary.get("versions") or spec.get("versions") or {}
@@ -323,9 +323,12 @@ def _facts(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> list[tuple[st
 
 
 def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]:
-    """The drawing of the diagram, and a note when there is one that cannot be shown."""
+    """Return the drawing of the diagram, and a note if it cannot be shown."""
     if text is None and folder and (path := folder / "diagram.svg").is_file():
         text = path.read_text(encoding="utf-8", errors="replace")
+    if not text and folder and (folder / "diagram.dot").is_file():
+        install = "install it (Debian: apt install graphviz) and run again, or draw diagram.dot elsewhere"
+        return None, f"The block diagram was not drawn because Graphviz is missing; {install}."
     if not text:
         return None, ""
     size = svg_size(text)
@@ -335,7 +338,7 @@ def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]
     try:
         return Markup(embed_svg(text, "diagram-", attributes=attributes, decimals=2, scope=".diagram")), ""
     except ValueError as error:
-        return None, f"The drawing of the diagram is left out: {error}."
+        return None, f"The drawing of the diagram is omitted: {error}."
 
 
 # --- reading the run -------------------------------------------------------------------------------------------------
@@ -349,7 +352,7 @@ def _vehicle_names(run: RunLike) -> list[str]:
 
 
 def _marks(run: RunLike) -> list[float]:
-    """Times of events [s] that are drawn: within the run, not its start and end, and not too many."""
+    """Return the times of events [s] to draw: within the run, without start and end, none if there are too many."""
     if not len(run.signals):
         return []
     first, last = float(run.signals.index[0]), float(run.signals.index[-1])
@@ -372,7 +375,7 @@ def _number(value: Any, otherwise: float = math.nan) -> float:
 
 
 def _plain(value: Any) -> Any:
-    """Data that YAML can write: mappings, lists, texts, numbers; anything else as text."""
+    """Return data that YAML can write; other objects become texts."""
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | set | np.ndarray):

@@ -9,7 +9,7 @@ from markupsafe import Markup, escape
 from mirdrake.report.drive_layers import DrivenLine, VehicleOutline, driven_lines, vehicles
 from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.words import format_quantity
-from mirdrake.report.world_map import Layer, draw_figure, goals, props, surfaces
+from mirdrake.report.world_map import Layer, draw_figure, props, surfaces
 from mirdrake.suites.trace import MarginCurve, Trace
 from mirdrake.worlds import World
 
@@ -30,7 +30,7 @@ def draw_case(world: World, trace: Trace | None, worst: int | None, *, failed: b
         failed: whether its requirement failed.
     """
     sheet = Sheet.around(_bounds(world, trace), _MAP, _HEIGHTS)
-    layers: list[Layer] = [surfaces, goals, props]
+    layers: list[Layer] = [surfaces, props]
     if trace is not None:
         outlines = [
             VehicleOutline(corners, label, above=label == "end")

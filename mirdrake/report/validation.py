@@ -1,15 +1,15 @@
-"""The validation report: simulated against published, side by side, on one page which needs no network."""
+"""The validation report: simulated and published figures side by side."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
 from mirdrake.manoeuvres.results import number_told, value_told
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, published_told
-from mirdrake.report.page import render_page
+from mirdrake.report.page import Tile, render_page
 
 _TEMPLATE = "validation.html.jinja"
 _WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 400.0, 80.0, 30.0, 34.0  # of the chart [px]
@@ -55,41 +55,91 @@ def _number(value: float | None) -> str:
     return "–" if value is None else number_told(value).replace("-", "−")
 
 
-def _row(one: Comparison) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Row:
+    """A comparison as a row of a table."""
+
+    text: str
+    published: str
+    simulated: str
+    error: str
+    word: str
+    tone: str
+    payload: str
+    source: str
+    status: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A bar of the chart: positions [px], texts, and the class of its verdict."""
+
+    y: float
+    x: float
+    width: float
+    text: str
+    label: str
+    label_x: float
+    anchor: str
+    tone: str
+
+
+@dataclass(frozen=True)
+class Bars:
+    """The chart of errors as bars about zero [px].
+
+    Attributes:
+        width: of the chart; `height`, `top` (of the first bar), `row` (height of one), `left` (end of names) likewise.
+        band: left edge and width of the tolerance.
+        ticks: position and text.
+        bars: one per comparison.
+    """
+
+    width: float
+    height: float
+    top: float
+    row: float
+    left: float
+    band: tuple[float, float]
+    ticks: list[tuple[float, str]]
+    bars: list[Bar]
+
+
+def _row(one: Comparison) -> Row:
     figure = one.figure
-    notes = [part for part in (figure.note, figure.not_compared, one.note) if part]
-    return {
-        "text": figure.text,
-        "published": published_told(figure),
-        "simulated": "–" if one.simulated is None else f"{_number(one.simulated)} {figure.shown_unit}",
-        "error": "–" if one.error is None else error_told(one).replace("-", "−"),
-        "word": one.word,
-        "tone": one.word.replace(" ", "-"),
-        "payload": f"{number_told(one.payload)} kg",
-        "source": figure.source,
-        "status": figure.status,
-        "note": "; ".join(notes),
-    }
+    return Row(
+        text=figure.text,
+        published=published_told(figure),
+        simulated="–" if one.simulated is None else f"{_number(one.simulated)} {figure.shown_unit}",
+        error="–" if one.error is None else error_told(one).replace("-", "−"),
+        word=one.word,
+        tone=one.word.replace(" ", "-"),
+        payload=f"{number_told(one.payload)} kg",
+        source=figure.source,
+        status=figure.status,
+        note="; ".join(part for part in (figure.note, figure.not_compared, one.note) if part),
+    )
 
 
-def _tiles(results: ValidationResults) -> list[tuple[str, str, str]]:
+def _tiles(results: ValidationResults) -> list[Tile]:
     facts, plant = results.facts, results.plant
     payload = results.published.payload
     step = 1000.0 * float(plant.get("time_step", 0.0))
     return [
         *(_tile(results, role) for role in ROLES if results.count(role)[1]),
-        ("Vehicle", facts.name, f"{number_told(facts.mass)} kg, and {number_told(payload)} kg of payload"),
-        ("Plant", f"{plant.get('contact')} contact", f"step {step:g} ms, road friction {results.friction:g}"),
+        Tile("Vehicle", facts.name, f"{number_told(facts.mass)} kg plus {number_told(payload)} kg payload"),
+        Tile("Plant", f"{plant.get('contact')} contact", f"step {step:g} ms, road friction {results.friction:g}"),
     ]
 
 
-def _tile(results: ValidationResults, role: Role) -> tuple[str, str, str]:
-    """How many figures of a role are within the tolerance, and their largest error."""
+def _tile(results: ValidationResults, role: Role) -> Tile:
+    """Return the number of figures of a role within the tolerance, and their largest error."""
     within, total = results.count(role)
     errors = [abs(one.error) for one in results.having(role) if one.error is not None and one.figure.bound == "about"]
     limit = f"within ±{number_told(100.0 * results.tolerance)} %"
     note = f"{limit}, largest error {100.0 * max(errors):.1f} %" if errors else limit
-    return f"{role.capitalize()} figures", f"{within} of {total}", note
+    return Tile(f"{role.capitalize()} figures", f"{within} of {total}", note)
 
 
 def _known(comparisons: Sequence[Comparison]) -> list[tuple[str, str]]:
@@ -97,8 +147,8 @@ def _known(comparisons: Sequence[Comparison]) -> list[tuple[str, str]]:
     return [(word, text) for word, text in KNOWN.items() if word in used]
 
 
-def _chart(results: ValidationResults) -> dict[str, Any] | None:
-    """Errors as bars about zero, with the band of the tolerance; None if there are none."""
+def _chart(results: ValidationResults) -> Bars | None:
+    """Return errors as bars about zero, with the band of the tolerance; None if there are none."""
     shown = [one for role in ROLES for one in results.having(role) if one.error is not None]
     if not shown:
         return None
@@ -114,28 +164,28 @@ def _chart(results: ValidationResults) -> dict[str, Any] | None:
         start = middle + scale * min(error, 0.0)
         end = middle + scale * error
         bars.append(
-            {
-                "y": _TOP + number * _ROW,
-                "x": start,
-                "width": max(abs(scale * error), 1.5),
-                "text": f"{one.figure.text} ({one.figure.role})",
-                "label": error_told(one).replace("-", "−"),
-                "label_x": end + (6.0 if error >= 0.0 else -6.0),
-                "anchor": "start" if error >= 0.0 else "end",
-                "tone": one.word,
-            }
+            Bar(
+                y=_TOP + number * _ROW,
+                x=start,
+                width=max(abs(scale * error), 1.5),
+                text=f"{one.figure.text} ({one.figure.role})",
+                label=error_told(one).replace("-", "−"),
+                label_x=end + (6.0 if error >= 0.0 else -6.0),
+                anchor="start" if error >= 0.0 else "end",
+                tone=one.word,
+            )
         )
-    return {
-        "width": _WIDTH,
-        "height": _TOP + len(shown) * _ROW + 8.0,
-        "top": _TOP,
-        "row": _ROW,
-        "left": _LEFT,
-        "middle": middle,
-        "band": (middle - scale * tolerance, 2.0 * scale * tolerance),
-        "ticks": [
-            (middle + scale * step * tick, f"{step * tick:+g} %".replace("-", "−") if tick else "0")
-            for tick in range(-count, count + 1)
-        ],
-        "bars": bars,
-    }
+    ticks = [
+        (middle + scale * step * tick, f"{step * tick:+g} %".replace("-", "−") if tick else "0")
+        for tick in range(-count, count + 1)
+    ]
+    return Bars(
+        width=_WIDTH,
+        height=_TOP + len(shown) * _ROW + 8.0,
+        top=_TOP,
+        row=_ROW,
+        left=_LEFT,
+        band=(middle - scale * tolerance, 2.0 * scale * tolerance),
+        ticks=ticks,
+        bars=bars,
+    )

@@ -4,7 +4,7 @@
 
     World, Sheet, Palette ── draw_world ──► elements of SVG, layer by layer
 
-    surfaces, goals, props, starts, overlaps     of the world; here
+    surfaces, props, starts, overlaps            of the world; here
     driven lines, vehicles, marked places        of a run; drive_layers.py
     frame, grid, names, key                      of a plan that is a file of its own; plan.py
 
@@ -15,15 +15,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-import shapely
 from markupsafe import Markup, escape
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.report.map_sheet import Palette, Sheet, friction_label, line_tag, shape_tag, text_tag
 from mirdrake.worlds import PlacedProp, World
-from mirdrake.worlds.spec import MarkingSpec
-from mirdrake.worlds.tracks import Track
-from mirdrake.worlds.world import track_mu, verge
+from mirdrake.worlds.drawing import DrawnArea, DrawnLine, make_drawing
 
 Overlap = tuple[str, str, BaseGeometry]
 """Names of two props, and the area that both cover, seen from above [m]."""
@@ -31,6 +28,7 @@ Overlap = tuple[str, str, BaseGeometry]
 Layer = Callable[[World, Sheet, Palette], Iterable[str]]
 """Returns elements of SVG."""
 
+_SURFACES = {"ground", "verge", "road", "patch", "goal"}
 _FACING = {"sedan", "van", "pedestrian"}  # kinds of props with a front
 _SMALL = 6.0  # [px] smaller props are dots
 
@@ -70,68 +68,54 @@ def round_down(value: float) -> float:
 
 
 def surfaces(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
-    """Draw the ground, the verges, the tracks with their markings, and patches of friction."""
-    if palette.detailed:
-        fill = palette.ground(world.ground.surface)
-        yield shape_tag(sheet.path(shapely.box(*world.ground.extent)), fill, stroke="#cbd0d6")
-    roads = world.roads()
-    for name, track in roads.items():
-        edges = world.spec.tracks[name].verge
-        if palette.detailed and edges is not None and edges != world.ground.surface:
-            yield shape_tag(sheet.path(verge(track)), palette.ground(edges))
-    for name, track in roads.items():
-        spec = world.spec.tracks[name]
+    """Draw the ground, verges, tracks with their markings, patches of friction, and goals."""
+    drawing = make_drawing(world)
+    for area in drawing.areas:
+        data = sheet.path(area.area) if area.layer in _SURFACES else ""
+        if not data or (area.layer in {"ground", "verge"} and not palette.detailed):
+            continue
+        title = _surface_title(world, area) if palette.detailed else ""
+        if area.layer == "goal":
+            dashed = 'fill-opacity="0.16" stroke-dasharray="5 3"'
+            yield shape_tag(data, palette.goal, stroke=palette.goal, title=title, kind="goal", more=dashed)
+        elif area.layer == "patch":
+            fill, dashed = palette.patch(area.surface), 'fill-opacity="0.8" stroke-dasharray="6 4"'
+            yield shape_tag(data, fill, stroke=palette.edge(fill), title=title, kind="patch", more=dashed)
+        elif area.layer == "road":
+            fill = palette.road(area.surface or "")
+            edge = "#8d949d" if palette.detailed else palette.edge(fill)
+            yield shape_tag(data, fill, stroke=edge, title=title, kind="road")
+            for line in drawing.lines:
+                if line.layer == "marking" and line.name == area.name:
+                    yield _marking(line, sheet, palette)
+        else:
+            stroke = "#cbd0d6" if area.layer == "ground" else None
+            yield shape_tag(data, palette.ground(area.surface or ""), stroke=stroke)
+    for line in drawing.lines:
+        if line.layer == "gate":
+            yield line_tag(sheet.polyline(line.points), palette.goal, 4.0, more='class="goal"')
+
+
+def _surface_title(world: World, area: DrawnArea) -> str:
+    """Return the tooltip of a track, patch or goal; none of the ground."""
+    if area.layer == "road":
+        track = world.tracks[area.name]
         most = "" if track.edges is None else "up to "
         size = f"{track.length:.1f} m, {most}{track.width:.4g} m wide"
-        title = f"track {name}: {size}, {spec.surface}, μ {track_mu(spec):g}" if palette.detailed else ""
-        fill = palette.road(spec.surface)
-        edge = "#8d949d" if palette.detailed else palette.edge(fill)
-        yield shape_tag(sheet.path(track.area), fill, stroke=edge, title=title, kind="road")
-        for marking in spec.markings:
-            yield _marking(track, marking, sheet, palette)
-    for patch in world.patches:
-        fill = palette.patch(patch.surface)
-        title = f"patch {friction_label(patch.name, patch.surface, patch.mu)}" if palette.detailed else ""
-        dashed = 'fill-opacity="0.8" stroke-dasharray="6 4"'
-        yield shape_tag(sheet.path(patch.area), fill, stroke=palette.edge(fill), title=title, kind="patch", more=dashed)
+        return f"track {area.name}: {size}, {area.surface}, μ {area.mu:g}"
+    if area.layer == "patch" and area.mu is not None:
+        return f"patch {friction_label(area.name, area.surface, area.mu)}"
+    return f"goal {area.name}" if area.layer == "goal" else ""
 
 
-def _marking(track: Track, marking: MarkingSpec, sheet: Sheet, palette: Palette) -> str:
+def _marking(line: DrawnLine, sheet: Sheet, palette: Palette) -> str:
     """Draw a painted line of a track."""
-    inset = 0.05 + marking.width / 2.0
-    s = np.zeros(1) if marking.line == "start" else np.append(track.stations(), track.length)
-    left, right = track.left_width(s) - inset, inset - track.right_width(s)
-    if marking.line == "start":
-        points = np.array(track.point(0.0, np.append(right, left))).T
-    else:
-        offset = {"left": left, "right": right, "center": np.zeros_like(s)}[marking.line]
-        points = np.array(track.point(s, offset)).T
     dash = ""
-    if marking.kind == "dashed":
-        dash = f'stroke-dasharray="{marking.dash[0] * sheet.scale:.1f} {marking.dash[1] * sheet.scale:.1f}"'
-    # A line of true width would be invisible from far above.
-    width = max(marking.width * sheet.scale, 1.6 if marking.line == "start" else 0.7)
-    return line_tag(sheet.polyline(points), palette.marking, round(width, 2), more=dash)
-
-
-def goals(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
-    """Draw goals: areas, and gates across tracks."""
-    for name, goal in world.goals.items():
-        title = f"goal {name}" if palette.detailed else ""
-        if goal.area is not None:
-            dashed = 'fill-opacity="0.16" stroke-dasharray="5 3"'
-            color = palette.goal
-            yield shape_tag(sheet.path(goal.area), color, stroke=color, title=title, kind="goal", more=dashed)
-        elif goal.gate is not None:
-            ends = gate_ends(world, goal.gate)
-            yield line_tag(sheet.polyline(ends), palette.goal, 4.0, more='class="goal"')
-
-
-def gate_ends(world: World, gate: tuple[str, float]) -> np.ndarray:
-    """Return the ends (2, 2) of a gate in W [m], half a metre beyond the edges of its track."""
-    track = world.tracks[gate[0]]
-    right, left = float(track.right_width(gate[1])) + 0.5, float(track.left_width(gate[1])) + 0.5
-    return np.array(track.point([gate[1]] * 2, [-right, left])).T
+    if line.dash is not None:
+        dash = f'stroke-dasharray="{line.dash[0] * sheet.scale:.1f} {line.dash[1] * sheet.scale:.1f}"'
+    # A line of true width would be invisible from far above; a start line is a line of two points.
+    width = max(line.width * sheet.scale, 1.6 if len(line.points) == 2 else 0.7)
+    return line_tag(sheet.polyline(line.points), palette.marking, round(width, 2), more=dash)
 
 
 def props(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:

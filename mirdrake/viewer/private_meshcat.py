@@ -9,8 +9,8 @@ the simulation. Therefore Meshcat listens on no port here:
    The kernel closes the port with it.
 3. Meshcat's event loop (epoll) is given the new socket under the old entry.
 
-:class:`Upstream` connects to that socket. Where Linux's ``/proc`` is missing, Meshcat listens on a port that the Fetch
-standard forbids to web pages instead.
+:class:`Upstream` connects to that socket. Without Linux's ``/proc``, Meshcat listens on a port that
+the Fetch standard forbids to web pages.
 """
 
 import contextlib
@@ -35,8 +35,11 @@ BLOCKED_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 41
 """Ports that no web page may use, by the Fetch standard's list of bad ports."""
 
 _MADE: list[Meshcat] = []
-"""Every Meshcat of this process. Drake ends the process when a Meshcat is destroyed on another thread than the one that
-made it, and Python's garbage collector runs on whichever thread allocates, for example one of the page server."""
+"""Every Meshcat of this process, with five file descriptors each. Drake ends the process when a Meshcat is destroyed on
+another thread than the one that made it, and Python's garbage collector runs on whichever thread allocates, for example
+one of the page server."""
+
+_DESCRIPTORS = Path("/proc/self/fd")
 
 _READ = 0x001  # EPOLLIN
 _ADD = 1  # EPOLL_CTL_ADD
@@ -44,7 +47,7 @@ _ENTRY = re.compile(r"^tfd:\s*(\d+) events:\s*[0-9a-f]+ data:\s*([0-9a-f]+)", re
 
 
 class Upstream:
-    """The way from this process to its Meshcat.
+    """Connections from this process to its Meshcat.
 
     Args:
         descriptor: of the Unix socket's inode; None if `port` is used.
@@ -97,7 +100,7 @@ class Upstream:
 
 
 def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshcat, Upstream]:
-    """Return a Meshcat without a port, and the way to it.
+    """Return a Meshcat without a port, and how to connect to it.
 
     Args:
         url: what its ``web_url()`` returns.
@@ -106,7 +109,7 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
         RunError: Meshcat cannot listen.
     """
     reason = "it is disabled"
-    if sys.platform == "linux":
+    if sys.platform == "linux" and _DESCRIPTORS.is_dir():
         numbers = secrets.token_bytes(3)
         host = f"127.{numbers[0]}.{numbers[1]}.{max(1, min(numbers[2], 254))}"
         try:
@@ -127,7 +130,7 @@ def _make(*, host: str, port: int, url: str) -> Meshcat:
 
 
 def _replace_listener(port: int) -> int:
-    """Replace this process's listening socket of a port by a Unix socket; returns the inode's descriptor.
+    """Replace the socket of this process that listens on a port by a Unix socket; return the inode's descriptor.
 
     Raises:
         OSError: the listening socket or its event loop is not found.
@@ -150,8 +153,8 @@ def _replace_listener(port: int) -> int:
 
 
 def _find_listener(port: int) -> int:
-    """Descriptor of the socket of this process that listens on a port."""
-    for entry in Path("/proc/self/fd").iterdir():
+    """Return the descriptor of the socket of this process that listens on a port."""
+    for entry in _DESCRIPTORS.iterdir():
         number = int(entry.name)
         try:
             if not os.readlink(entry).startswith("socket:"):
@@ -160,13 +163,13 @@ def _find_listener(port: int) -> int:
                 listens = one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
                 if listens and one.family == socket.AF_INET and one.getsockname()[1] == port:
                     return number
-        except OSError:  # it was closed in the meantime
+        except OSError:  # closed in the meantime
             continue
     raise OSError(f"no socket of this process listens on port {port}")
 
 
 def _find_loop(listener: int) -> tuple[int, int]:
-    """The epoll descriptor that waits for a listening socket, and the data of its entry."""
+    """Return the epoll descriptor that waits for a listening socket, and the data of its entry."""
     for entry in Path("/proc/self/fdinfo").iterdir():
         with contextlib.suppress(OSError):
             for number, data in _ENTRY.findall(entry.read_text(encoding="ascii")):
