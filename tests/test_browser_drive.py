@@ -1,6 +1,6 @@
 """The page of a drive in a real browser without a screen: it loads, the car is seen, keys and sliders do something.
 
-The tests wait for what the page is told, never for a time: beside others the browser is slow, and the car gets far.
+The tests wait for the readings of the page, never for a time: beside others the browser is slow, and the car gets far.
 """
 
 import re
@@ -26,9 +26,9 @@ from tests.chromium import NEEDS_BROWSER, PICTURES, assert_not_blank, open_brows
 pytestmark = NEEDS_BROWSER
 
 Picture = NDArray[np.uint8]
-Told = dict[str, Any]
+Readings = dict[str, Any]
 
-_TOLD = "return JSON.parse(document.body.dataset.told || '{}')"
+_READINGS = "return JSON.parse(document.body.dataset.readings || '{}')"
 _TWO_MORE = """
 const done = arguments[0], first = viewer.renderer.info.render.frame, end = performance.now() + 20000;
 (function look() {
@@ -50,22 +50,22 @@ class Page:
     def __init__(self, browser: Any, url: str) -> None:
         self.browser = browser
         browser.get(url)
-        self.until(lambda told: "speed" in told)
+        self.until(lambda readings: "speed" in readings)
 
-    def told(self) -> Told:
-        """What the page was told last."""
-        found: Told = self.browser.execute_script(_TOLD)
+    def readings(self) -> Readings:
+        """The latest readings of the page."""
+        found: Readings = self.browser.execute_script(_READINGS)
         return found
 
-    def until(self, true: Callable[[Told], bool], *, seconds: float = 60.0) -> Told:
-        """What is told as soon as something is true of it."""
+    def until(self, true: Callable[[Readings], bool], *, seconds: float = 60.0) -> Readings:
+        """The first readings for which a condition is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            told = self.told()
-            if true(told):
-                return told
+            readings = self.readings()
+            if true(readings):
+                return readings
             time.sleep(0.05)
-        raise AssertionError(f"never true within {seconds} s; the last was {self.told()}")
+        raise AssertionError(f"never true within {seconds} s; the last was {self.readings()}")
 
     @contextmanager
     def held(self, code: str) -> Iterator[None]:
@@ -88,10 +88,10 @@ class Page:
         found: str = self.browser.execute_script("return document.getElementById(arguments[0]).textContent", name)
         return found
 
-    def stand(self) -> Told:
+    def stand(self) -> Readings:
         """Stop the car."""
         with self.held("Space"):
-            return self.until(lambda told: abs(told["speed"]) < 0.1 and told["wanted"] == 0.0)
+            return self.until(lambda readings: abs(readings["speed"]) < 0.1 and readings["speed_command"] == 0.0)
 
     def look(self, name: str) -> Picture:
         """A picture of the page after two more were drawn, kept as a file; what lies between the panels."""
@@ -159,9 +159,9 @@ def paint(image: Picture) -> NDArray[np.bool_]:
     return found
 
 
-def turned(told: Told, before: Told) -> float:
+def turned(readings: Readings, before: Readings) -> float:
     """How far the car has turned to the left, -π to π [rad]."""
-    return float((told["yaw"] - before["yaw"] + pi) % (2.0 * pi) - pi)
+    return float((readings["yaw"] - before["yaw"] + pi) % (2.0 * pi) - pi)
 
 
 def apart(image: Picture, other: Picture) -> float:
@@ -196,13 +196,13 @@ def test_nothing_on_the_page_overlaps(page: Page) -> None:
 
 
 def test_keys_drive_and_steer_the_car(page: Page) -> None:
-    before = page.told()
+    before = page.readings()
     with page.held("ArrowUp"):
-        told = page.until(lambda told: told["x"] > before["x"] + 2.0 and told["speed"] > 1.0)
-        assert told["wanted"] > 0.0
+        readings = page.until(lambda readings: readings["x"] > before["x"] + 2.0 and readings["speed"] > 1.0)
+        assert readings["speed_command"] > 0.0
     # The throttle is let go: the faster, the less the keys steer, and a slow browser makes the car fast.
     with page.held("ArrowLeft"):
-        page.until(lambda told: told["steering"] > 0.01 and turned(told, before) > 0.05)
+        page.until(lambda readings: readings["steering"] > 0.01 and turned(readings, before) > 0.05)
         page.look("2_left_turn")
     assert not page.browser.execute_script("return document.getElementById('help').checkVisibility()")
     page.stand()
@@ -213,21 +213,21 @@ def test_a_slider_changes_a_gain(page: Page) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.by import By
 
-    assert page.told()["gains"]["speed.kp"] == 1.0
+    assert page.readings()["gains"]["speed.kp"] == 1.0
     slider = page.browser.find_element(By.ID, "gain-speed.kp")
     page.browser.execute_script("arguments[0].scrollIntoView()", slider)
     ActionChains(page.browser).move_to_element_with_offset(slider, 40, 0).click().perform()
-    value = page.until(lambda told: told["gains"]["speed.kp"] != 1.0)["gains"]["speed.kp"]
+    value = page.until(lambda readings: readings["gains"]["speed.kp"] != 1.0)["gains"]["speed.kp"]
     assert 2.5 < value < 5.0  # right of the middle of 0 to 5
     page.click("given")
-    page.until(lambda told: told["gains"]["speed.kp"] == 1.0)
+    page.until(lambda readings: readings["gains"]["speed.kp"] == 1.0)
 
 
 def test_reset_returns_the_car(page: Page) -> None:
-    assert page.told()["x"] > 2.0  # it was driven
+    assert page.readings()["x"] > 2.0  # it was driven
     page.click("reset")
-    told = page.until(lambda told: told["distance"] < 0.5)
-    assert (told["x"], told["y"]) == pytest.approx((0.0, 0.0), abs=0.6)
+    readings = page.until(lambda readings: readings["distance"] < 0.5)
+    assert (readings["x"], readings["y"]) == pytest.approx((0.0, 0.0), abs=0.6)
     assert_not_blank(page.look("3_after_reset"))
 
 
@@ -235,15 +235,15 @@ def test_a_page_without_connection_loses_the_wheel_and_the_car_brakes(page: Page
     cable = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     page.browser.execute_cdp_cmd("Network.enable", {})
     with page.held("KeyW"):
-        page.until(lambda told: told["speed"] > 2.0)
+        page.until(lambda readings: readings["speed"] > 2.0)
         page.browser.execute_cdp_cmd("Network.emulateNetworkConditions", {"offline": True, **cable})
         page.until(lambda _: page.text("state") == "no answer")
     page.browser.execute_cdp_cmd("Network.emulateNetworkConditions", {"offline": False, **cable})
-    page.until(lambda told: told["lost"] and abs(told["speed"]) < 0.1 and told["wanted"] == 0.0)
+    page.until(lambda readings: readings["lost"] and abs(readings["speed"]) < 0.1 and readings["speed_command"] == 0.0)
     page.until(lambda _: page.text("state") == "input lost" and "input lost: braking" in page.text("note"))
     page.look("4_input_lost")
     with page.held("KeyW"):
-        page.until(lambda told: not told["lost"] and told["speed"] > 0.5)
+        page.until(lambda readings: not readings["lost"] and readings["speed"] > 0.5)
     page.stand()
 
 
@@ -253,7 +253,9 @@ def test_a_game_pad_drives(page: Page) -> None:
         " ({value: i === 7 ? 0.8 : 0, pressed: i === 7}))}; navigator.getGamepads = () => [pad];"
     )
     page.browser.execute_script(pad)
-    page.until(lambda told: told["speed"] > 1.0 and told["steering"] > 0.01 and told["wanted_steering"] > 0.01)
+    page.until(
+        lambda readings: readings["speed"] > 1.0 and readings["steering"] > 0.01 and readings["steering_command"] > 0.01
+    )
     page.browser.execute_script("navigator.getGamepads = () => []")
     page.stand()
 
@@ -261,7 +263,7 @@ def test_a_game_pad_drives(page: Page) -> None:
 @pytest.mark.slow
 def test_the_views_look_different_and_overlays_are_drawn(page: Page) -> None:
     page.click("layer-contacts")
-    page.until(lambda told: "contacts" in told["layers"])
+    page.until(lambda readings: "contacts" in readings["layers"])
     images = []
     for number, name in enumerate(("follow", "cockpit", "map"), start=1):
         with page.held(f"Digit{number}"):
@@ -278,11 +280,13 @@ def test_the_views_look_different_and_overlays_are_drawn(page: Page) -> None:
 def test_recording_writes_a_run(page: Page) -> None:
     with page.held("KeyW"):
         page.click("record")
-        begun = page.until(lambda told: told["recording"] is not None)
+        begun = page.until(lambda readings: readings["recording"] is not None)
         folder = Path(begun["recording"])
-        page.until(lambda told: told["recording"] is not None and told["distance"] > begun["distance"] + 5.0)
+        page.until(
+            lambda readings: readings["recording"] is not None and readings["distance"] > begun["distance"] + 5.0
+        )
     page.click("record")
-    page.until(lambda told: told["recording"] is None)
+    page.until(lambda readings: readings["recording"] is None)
     run = load_run(folder)
     assert run["ego.x"].iloc[-1] - run["ego.x"].iloc[0] > 1.0
     assert len(run.signals) > 10
@@ -329,13 +333,13 @@ def test_with_a_software_renderer_beside_it_the_drive_keeps_half_the_pace(browse
         for layer in ("lidar", "contacts", "tyres", "friction"):
             browser.execute_script(f"document.getElementById('layer-{layer}').click()")
         with page.held("KeyW"), page.held("KeyA"):
-            began, first = time.monotonic(), page.told()["time"]
+            began, first = time.monotonic(), page.readings()["time"]
             time.sleep(60.0)
-            told, passed = page.told(), time.monotonic() - began
+            readings, passed = page.readings(), time.monotonic() - began
             assert_not_blank(page.look("6_pace"))
     finally:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
-    factor = (told["time"] - first) / passed
+    factor = (readings["time"] - first) / passed
     sys.stdout.write(f"\nreal-time factor with a software renderer {factor:.3f}\n")
     assert factor >= 0.5

@@ -25,7 +25,7 @@ from mirdrake.viewer.cockpit.shapes import arrows, ribbon
 from mirdrake.viewer.meshcat import make_meshcat
 from mirdrake.viewer.replay import write_replay
 
-Told = dict[str, Any]
+Readings = dict[str, Any]
 
 
 def spec(**more: Any) -> Any:
@@ -70,19 +70,19 @@ class Fingers:
         self._stop.set()
         self._speak.join()
 
-    def until(self, true: Callable[[Told], bool], *, seconds: float = 15.0) -> Told:
-        """What is told as soon as something is true of it."""
+    def until(self, true: Callable[[Readings], bool], *, seconds: float = 15.0) -> Readings:
+        """The first readings for which a condition is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            told = self._cockpit.told
-            if told and true(told):
-                return told
+            readings = self._cockpit.readings
+            if readings and true(readings):
+                return readings
             time.sleep(0.01)
-        raise AssertionError(f"never true within {seconds} s; the last was {self._cockpit.told}")
+        raise AssertionError(f"never true within {seconds} s; the last was {self._cockpit.readings}")
 
     def _report(self) -> None:
         while not self._stop.is_set():
-            self._cockpit.wheel.report("test", self._hands)
+            self._cockpit.watchdog.report("test", self._hands)
             time.sleep(0.03)
 
 
@@ -96,20 +96,20 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
     )
     with Fingers(cockpit) as fingers:
         fingers.press(throttle=1.0)
-        fingers.until(lambda told: told["speed"] > 6.0)
+        fingers.until(lambda readings: readings["speed"] > 6.0)
         cockpit.order({"do": "gain", "name": "speed.ki", "value": 0.5})
         cockpit.order({"do": "record"})
-        fingers.until(lambda told: told["recording"] is not None)
+        fingers.until(lambda readings: readings["recording"] is not None)
         fingers.press(throttle=0.3, steer=0.4)
-        fingers.until(lambda told: told["time"] > 1.0)
+        fingers.until(lambda readings: readings["time"] > 1.0)
         cockpit.order({"do": "gain", "name": "speed.kp", "value": 2.0})
-        fingers.until(lambda told: told["time"] > 2.0)
+        fingers.until(lambda readings: readings["time"] > 2.0)
         fingers.fall_silent()
-        fingers.until(lambda told: told["lost"] and abs(told["speed"]) < 0.02)
-        halted = fingers.until(lambda told: True)["time"]
-        fingers.until(lambda told: told["time"] > halted + 1.0)  # it rocks back on its springs and tyres
+        fingers.until(lambda readings: readings["lost"] and abs(readings["speed"]) < 0.02)
+        halted = fingers.until(lambda readings: True)["time"]
+        fingers.until(lambda readings: readings["time"] > halted + 1.0)  # it rocks back on its springs and tyres
         cockpit.order({"do": "record"})
-        fingers.until(lambda told: told["recording"] is None)
+        fingers.until(lambda readings: readings["recording"] is None)
     return folder, said
 
 
@@ -129,7 +129,7 @@ def test_lost_input_brakes_to_a_stand_and_is_said(recorded):
     run = load_run(folder)
     lost = [event for event in run.events if event["kind"] == "input"]
     assert [event["text"].split(":")[0] for event in lost] == ["input lost"]
-    assert any("input lost: braking to a stand" in line for line in said)
+    assert any("input lost: braking to standstill" in line for line in said)
     vx, at = run["ego.vx"], lost[0]["time"]
     assert vx[at:].iloc[0] > 6.0
     assert abs(vx.iloc[-1]) < 0.05
@@ -166,15 +166,15 @@ def test_a_recording_is_replayed_with_the_views_and_exported(recorded, tmp_path,
 def test_reset_returns_the_vehicle_and_keeps_the_gains():
     cockpit = Cockpit(spec())
     with Fingers(cockpit) as fingers:
-        before = fingers.until(lambda told: True)
+        before = fingers.until(lambda readings: True)
         fingers.press(throttle=1.0)
         cockpit.order({"do": "gain", "name": "speed.ki", "value": 0.25})
-        fingers.until(lambda told: told["x"] > before["x"] + 1.0)
+        fingers.until(lambda readings: readings["x"] > before["x"] + 1.0)
         fingers.press()
         cockpit.order({"do": "reset"})
-        told = fingers.until(lambda told: told["distance"] < 0.1)
-        assert (told["x"], told["y"]) == pytest.approx((before["x"], before["y"]), abs=0.05)
-        assert told["speed"] == pytest.approx(0.0, abs=0.1)
+        readings = fingers.until(lambda readings: readings["distance"] < 0.1)
+        assert (readings["x"], readings["y"]) == pytest.approx((before["x"], before["y"]), abs=0.05)
+        assert readings["speed"] == pytest.approx(0.0, abs=0.1)
         assert cockpit.gain("speed.ki") == 0.25
         assert cockpit.gain("speed.kp") == 1.0
 
@@ -182,16 +182,16 @@ def test_reset_returns_the_vehicle_and_keeps_the_gains():
 def test_time_stands_still_in_a_pause_and_keeps_the_pace_otherwise():
     cockpit = Cockpit(spec())
     with Fingers(cockpit) as fingers:
-        fingers.until(lambda told: told["time"] > 0.5)
+        fingers.until(lambda readings: readings["time"] > 0.5)
         cockpit.order({"do": "pause"})
-        at = fingers.until(lambda told: told["paused"])["time"]
+        at = fingers.until(lambda readings: readings["paused"])["time"]
         time.sleep(0.3)
-        assert cockpit.told["time"] == at
+        assert cockpit.readings["time"] == at
         cockpit.order({"do": "pause"})
-        fingers.until(lambda told: not told["paused"] and told["time"] > at)
-        began, first = time.monotonic(), cockpit.told["time"]
-        told = fingers.until(lambda told: told["time"] > first + 2.0)
-        ahead = told["time"] - first - (time.monotonic() - began)
+        fingers.until(lambda readings: not readings["paused"] and readings["time"] > at)
+        began, first = time.monotonic(), cockpit.readings["time"]
+        readings = fingers.until(lambda readings: readings["time"] > first + 2.0)
+        ahead = readings["time"] - first - (time.monotonic() - began)
         assert ahead < BEHIND + 0.1  # no faster than real time, but for what was late when it began
 
 
@@ -219,7 +219,7 @@ def test_a_folder_that_cannot_be_written_is_said_and_the_drive_goes_on(tmp_path)
     cockpit.run(duration=0.2)
     assert "cannot be made" in said[0]
     assert cockpit.runs == []
-    assert cockpit.told["time"] > 0.0
+    assert cockpit.readings["time"] > 0.0
 
 
 def test_the_pedals_vehicle_has_the_gains_of_its_pedals():
@@ -323,8 +323,8 @@ def test_every_overlay_can_be_drawn_and_hidden():
     assert overlays is not None
     with Fingers(cockpit, drive=False) as fingers:
         fingers.press(throttle=1.0, steer=1.0)
-        cockpit.run(duration=20.0, watch=lambda: cockpit.stop() if cockpit.told["distance"] > 1.0 else None)
-    assert cockpit.told["steering"] > 0.05
+        cockpit.run(duration=20.0, watch=lambda: cockpit.stop() if cockpit.readings["distance"] > 1.0 else None)
+    assert cockpit.readings["steering"] > 0.05
     drawn = {"driven": "0", "planned": "ahead", "lidar": "ego/roof_lidar", "contacts": "all", "tyres": "all"}
     for layer in overlays.there:
         overlays.switch(layer, True)

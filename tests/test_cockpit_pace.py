@@ -61,13 +61,13 @@ def drive_with_everything(data: dict[str, Any], *, seconds: float) -> tuple[floa
         url = cockpit.url
         page = subprocess.Popen([sys.executable, "-c", PAGE, url, str(seconds + 2.0)], stdout=subprocess.PIPE)
         cockpit.run(duration=2.0)
-        began, cpu, first, others = time.monotonic(), time.process_time(), drive.told["time"], busy()
+        began, cpu, first, others = time.monotonic(), time.process_time(), drive.readings["time"], busy()
         cockpit.run(duration=seconds)
-        wall, cpu, simulated = time.monotonic() - began, time.process_time() - cpu, drive.told["time"] - first
+        wall, cpu, simulated = time.monotonic() - began, time.process_time() - cpu, drive.readings["time"] - first
         others = max(busy() - others - cpu, 0.0)
         out, _ = page.communicate(timeout=30)
-    assert drive.told["distance"] > 1.0
-    assert not drive.told["lost"]
+    assert drive.readings["distance"] > 1.0
+    assert not drive.readings["lost"]
     sys.stdout.write(
         f"\nreal-time factor {simulated / wall:.3f}, {cpu / simulated:.2f} processors for the drive, "
         f"{others / wall:.2f} of {os.cpu_count()} for all else\n"

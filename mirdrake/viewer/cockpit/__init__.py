@@ -1,19 +1,19 @@
-"""A drive in real time: hands at the wheel, Meshcat before the eyes, a run folder behind.
+"""The cockpit of a manual drive in real time: keys, game pad and sliders, a picture in Meshcat, recordings.
 
 ::
 
-    page.html, page.css, page.js   what the browser shows, over Meshcat's own page
-    open        all of it together
-    server      the page, its reports and orders, Meshcat behind the same port
-    dead_man    which page drives, and whether somebody still does
-    hands       keys, pad and sliders to a command
-    driver      that command as a system of the diagram
-    start       the diagram, and the limits of hands
-    drive       the loop: hands, a slice of time, a picture
+    page.html, page.css, page.js   the page, in front of Meshcat's own page
+    open        simulation, server and page together
+    server      the page, its messages and requests, Meshcat behind the same port
+    watchdog    which page drives, and the timeout of its input
+    manual      keys, game pad and sliders to a command
+    driver      the command as a system of the diagram
+    start       the diagram, and the limits of manual driving
+    drive       the loop: input, a time slice, a picture
     gains       gains as parameters of the Context
     picture     the vehicle and its world in Meshcat, from its views
-    overlays    what can be laid over it, as ribbons and arrows of shapes
-    log         what is recorded
+    overlays    driven path, points, forces; made of ribbons and arrows (shapes)
+    log         the recording
 """
 
 from mirdrake.viewer.cockpit.drive import Cockpit

@@ -1,7 +1,7 @@
-"""A drive: simulated and wall-clock time side by side, with hands at the wheel.
+"""A manual drive in real time.
 
-The loop runs in one thread and owns the simulation. Pages talk to it through :class:`Cockpit.report` and
-:meth:`Cockpit.order`, from the threads of a server; what they ask for is done between two slices of time.
+The loop runs in one thread and owns the simulation. Pages send input to :attr:`Cockpit.watchdog` and requests to
+:meth:`Cockpit.order`, from threads of a server; requests are executed between two time slices.
 """
 
 import queue
@@ -27,22 +27,22 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import default_folder
-from mirdrake.viewer.cockpit.dead_man import TIMEOUT, Wheel
 from mirdrake.viewer.cockpit.driver import HumanDriver
 from mirdrake.viewer.cockpit.gains import get_gain, set_gain
-from mirdrake.viewer.cockpit.hands import STANDING, HandState, hand_step, stop_step
 from mirdrake.viewer.cockpit.log import DriveLog
+from mirdrake.viewer.cockpit.manual import STANDING, ManualCommand, command_step, stop_step
 from mirdrake.viewer.cockpit.overlays import Overlays
 from mirdrake.viewer.cockpit.pace import FRAME, Pace
 from mirdrake.viewer.cockpit.picture import Picture
-from mirdrake.viewer.cockpit.start import NAME, hand_limits
+from mirdrake.viewer.cockpit.start import NAME, manual_limits
+from mirdrake.viewer.cockpit.watchdog import TIMEOUT, InputWatchdog
 from mirdrake.viewer.meshcat import meshcat_faults
 
 SLICE = 1.0 / 64.0
-"""Simulated time between two looks at the hands [s]."""
+"""Simulated time between two readings of the input [s]."""
 
 BLOCK = 0.25
-"""Simulated time between two looks at the logs [s]."""
+"""Simulated time between two readings of the logs [s]."""
 
 
 class Cockpit:
@@ -52,14 +52,14 @@ class Cockpit:
         spec: of :func:`drive_spec`.
         scene: of the spec, if it is made already.
         meshcat: where to draw, made in the thread that drives; None draws nothing.
-        say: is told what happens, a line each.
+        say: called with messages of one line.
         folder: gives the folder of a recording.
-        timeout: see :class:`~mirdrake.viewer.cockpit.dead_man.Wheel`.
+        timeout: see :class:`~mirdrake.viewer.cockpit.watchdog.InputWatchdog`.
 
     Attributes:
-        wheel: who drives.
-        told: what the page shows, as plain data; replaced, never changed.
-        runs: folders that were recorded.
+        watchdog: input of the driver.
+        readings: of the gauges, as JSON data; replaced, never changed.
+        runs: recorded runs.
 
     Raises:
         ConfigError, ModelError, WorldError, DiagramError: the diagram cannot be built.
@@ -77,10 +77,10 @@ class Cockpit:
     ) -> None:
         self.assembly = assemble(spec, scene=scene)
         self.part = self.assembly.parts.vehicles[NAME]
-        self.limits = hand_limits(self.part)
+        self.limits = manual_limits(self.part)
         self.gains = self.part.vehicle.control.gains()
-        self.wheel = Wheel(timeout=timeout)
-        self.told: dict[str, Any] = {}
+        self.watchdog = InputWatchdog(timeout=timeout)
+        self.readings: dict[str, Any] = {}
         self.runs: list[Run] = []
         self._say, self._folder = say, folder or (lambda: default_folder(f"drive_{self.part.vehicle.name}"))
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
@@ -96,7 +96,7 @@ class Cockpit:
         self._orders: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
         self._values = {gain.path: gain.value for gain in self.gains}
         self._log: DriveLog | None = None
-        self._hand, self._paused, self._lost, self._over = HandState(), False, False, threading.Event()
+        self._hand, self._paused, self._lost, self._over = ManualCommand(), False, False, threading.Event()
         self._alarm = False
         self._message = ""
         self._odometer, self._rates = 0.0, deque[tuple[float, float]]()
@@ -107,7 +107,7 @@ class Cockpit:
     # --- from other threads --------------------------------------------------------------------------------------
 
     def order(self, what: Mapping[str, Any]) -> None:
-        """Ask for something: {"do": "reset" | "pause" | "record" | "gain" | "layer", ...}."""
+        """Request an action: {"do": "reset" | "pause" | "record" | "gain" | "layer", ...}."""
         self._orders.put(what)
 
     def stop(self) -> None:
@@ -117,11 +117,11 @@ class Cockpit:
     # --- the loop ------------------------------------------------------------------------------------------------
 
     def run(self, *, duration: float = inf, watch: Callable[[], None] | None = None) -> None:
-        """Drive until :meth:`stop`, Ctrl-C, or for a time; a recording is finished.
+        """Drive until :meth:`stop` or Ctrl-C, or for a duration; a recording is finished.
 
         Args:
             duration: wall-clock time [s].
-            watch: called about every picture.
+            watch: called about once per picture.
         """
         with _interrupt(self._over):
             try:
@@ -131,10 +131,10 @@ class Cockpit:
                     self._record_off("the drive ended")
 
     def _loop(self, end: float, watch: Callable[[], None] | None) -> None:
-        pace, told, number = self._pace, -inf, 0
+        pace, measured, number = self._pace, -inf, 0
         pace.rest()
         while not self._over.is_set() and time.monotonic() < end:
-            self._obey()
+            self._execute_orders()
             if self._paused:
                 time.sleep(0.02)
                 pace.rest()
@@ -143,8 +143,8 @@ class Cockpit:
                 self._advance()
                 pace.keep()
             now = time.monotonic()
-            if now - told >= FRAME:
-                told = now
+            if now - measured >= FRAME:
+                measured = now
                 self._measure(now)
                 if watch is not None:
                     watch()
@@ -154,16 +154,16 @@ class Cockpit:
                 pace.drew()
 
     def _advance(self) -> None:
-        """One slice of time."""
+        """Simulate one time slice."""
         context = self._context
         state = self._state()
-        hands = self.wheel.hands()
-        if hands is None:
+        manual = self.watchdog.read()
+        if manual is None:
             self._hand = stop_step(self._hand, period=SLICE, limits=self.limits)
         else:
-            self._hand = hand_step(self._hand, hands, measured=state[6], period=SLICE, limits=self.limits)
-        self._notice(self.wheel.lost, moving=abs(state[6]) > STANDING or self._hand.speed != 0.0)
-        self._driver.tell(self._hand.speed, self._hand.steering)
+            self._hand = command_step(self._hand, manual, measured=state[6], period=SLICE, limits=self.limits)
+        self._check_input(self.watchdog.lost, moving=abs(state[6]) > STANDING or self._hand.speed != 0.0)
+        self._driver.set_command(self._hand.speed, self._hand.steering)
         self._count += 1
         try:
             self._simulator.AdvanceTo(self._count * SLICE)
@@ -173,7 +173,7 @@ class Cockpit:
             self._fail(str(error).strip().splitlines()[0])
             return
         if not np.all(np.isfinite(self._plant_state())):
-            self._fail("a position or velocity is no number")
+            self._fail("a position or velocity is not a number")
             return
         self._odometer += abs(state[6]) * SLICE
         if self.overlays is not None:
@@ -185,14 +185,14 @@ class Cockpit:
                 for tap in self.assembly.taps.values():
                     tap.sink.FindMutableLog(context).Clear()
 
-    def _notice(self, lost: bool, *, moving: bool) -> None:
-        """Say that the input was lost while the vehicle moves, and that it is back."""
+    def _check_input(self, lost: bool, *, moving: bool) -> None:
+        """Report that the input was lost while the vehicle moves, and that it is restored."""
         if lost and not self._lost and moving:
             self._alarm = True
-            self._tell("input lost: braking to a stand; press a key in the page to drive on", "input")
+            self._report("input lost: braking to standstill; press a key in the page to continue", "input")
         elif self._lost and not lost and self._alarm:
             self._alarm = False
-            self._tell("input is back", "input")
+            self._report("input restored", "input")
         self._lost = lost
 
     def _watch(self, context: Context) -> EventStatus:
@@ -205,12 +205,12 @@ class Cockpit:
     def _fail(self, why: str) -> None:
         if self._log is not None:
             self._record_off(f"failed: {why}")
-        self._tell(f"the simulation failed ({why}); reset to the start", "failure")
+        self._report(f"the simulation failed ({why}); reset to the start", "failure")
         self._reset()
 
     # --- orders --------------------------------------------------------------------------------------------------
 
-    def _obey(self) -> None:
+    def _execute_orders(self) -> None:
         while not self._orders.empty():
             order = self._orders.get()
             what = order.get("do")
@@ -227,11 +227,11 @@ class Cockpit:
                     self.overlays.switch(str(order.get("name")), order.get("on") is True)
 
     def _reset(self) -> None:
-        """Back to the start; gains stay."""
+        """Return to the start; gains are kept."""
         if self._log is not None:
             self._record_off("reset")
-        self._odometer, self._hand = 0.0, HandState()
-        self.wheel.let_go()
+        self._odometer, self._hand = 0.0, ManualCommand()
+        self.watchdog.release()
         self._begin(self.assembly.make_context())
         if self.overlays is not None:
             with self._drawing():
@@ -240,7 +240,7 @@ class Cockpit:
             self.picture.forget()
 
     def _begin(self, context: Context) -> None:
-        """Go on in another Context, at its time 0."""
+        """Continue with another Context, at its time 0."""
         self._context, self._count = context, 0
         for gain in self.gains:
             set_gain(self._control, context, gain, self._values[gain.path])
@@ -251,46 +251,46 @@ class Cockpit:
         self._pace.rest()
 
     def _set_gain(self, name: Any, value: Any) -> None:
-        found = [gain for gain in self.gains if gain.path == name]
-        if not found or isinstance(value, bool) or not isinstance(value, int | float):
+        chosen = [gain for gain in self.gains if gain.path == name]
+        if not chosen or isinstance(value, bool) or not isinstance(value, int | float):
             return
         if not (isfinite(value) and 0.0 <= value <= 1e9):
             return
-        self._values[found[0].path] = float(value)
-        set_gain(self._control, self._context, found[0], float(value))
+        self._values[chosen[0].path] = float(value)
+        set_gain(self._control, self._context, chosen[0], float(value))
         if self._log is not None:
             self._log.say(self._context.get_time(), "gain", f"{name} = {value:g}")
 
     def _changed(self) -> dict[str, float]:
-        """Gains that are not as given, by name."""
+        """Return the gains that were changed, by path."""
         return {gain.path: self._values[gain.path] for gain in self.gains if self._values[gain.path] != gain.value}
 
     def _record_on(self) -> None:
-        """Start a run folder; the clock starts again at 0, the vehicle is where it is."""
+        """Start a run folder; the time restarts at 0, the vehicle keeps its state."""
         context = self.assembly.make_context()
         plant = self.assembly.parts.plant
         plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), self._plant_state())
         try:
             self._log = DriveLog(self.assembly, self._folder(), context, name=NAME, gains=self._changed())
         except RunError as error:
-            self._tell(str(error), "recording")
+            self._report(str(error), "recording")
             return
         for path, value in self._values.items():
             self._log.say(0.0, "gain", f"{path} = {value:g}")
         self._begin(context)
-        self._tell(f"recording into {self._log.folder}", "recording")
+        self._report(f"recording into {self._log.folder}", "recording")
 
     def _record_off(self, reason: str) -> None:
         assert self._log is not None
         log, self._log = self._log, None
         try:
             self.runs.append(log.finish(self._context, reason=reason))
-            self._tell(f"recorded {self._context.get_time():.1f} s: mirdrake replay {log.folder}", "recording")
+            self._report(f"recorded {self._context.get_time():.1f} s: mirdrake replay {log.folder}", "recording")
         except RunError as error:
-            self._tell(str(error), "recording")
+            self._report(str(error), "recording")
         self._pace.rest()
 
-    # --- what is shown -------------------------------------------------------------------------------------------
+    # --- readings and drawing ------------------------------------------------------------------------------------
 
     def _state(self) -> Any:
         return self._truth.GetOutputPort("state").Eval(self._truth.GetMyContextFromRoot(self._context)).tolist()
@@ -299,14 +299,14 @@ class Cockpit:
         plant = self.assembly.parts.plant
         return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(self._context))
 
-    def _tell(self, text: str, kind: str) -> None:
+    def _report(self, text: str, kind: str) -> None:
         self._message = text
         self._say(text)
         if self._log is not None and kind != "recording":
             self._log.say(self._context.get_time(), kind, text)
 
     def _measure(self, now: float) -> None:
-        """What the gauges show."""
+        """Update the readings of the gauges."""
         at = self._context.get_time()
         if self._rates and at < self._rates[-1][1]:
             self._rates.clear()
@@ -318,22 +318,23 @@ class Cockpit:
             self._factor = (at - before) / (now - since)
         x = self._state()
         status = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(self._context)).tolist()
-        told: dict[str, Any] = {
+        readings: dict[str, Any] = {
             "time": at,
             "x": x[0],
             "y": x[1],
             "yaw": x[5],
             "speed": x[6],
-            "wanted": self._hand.speed,
+            "speed_command": self._hand.speed,
             "setpoint": status[0],
             "steering": status[1],
-            "wanted_steering": self._hand.steering,
+            "steering_command": self._hand.steering,
             "lateral": None,
             "progress": None,
             "distance": self._odometer,
             "factor": None if self._paused else self._factor,
             "paused": self._paused,
             "lost": self._lost,
+            "alarm": self._alarm,
             "recording": str(self._log.folder) if self._log is not None else None,
             "message": self._message,
             "gains": dict(self._values),
@@ -341,8 +342,8 @@ class Cockpit:
         }
         if self._truth.HasOutputPort("path"):
             path = self._truth.GetOutputPort("path").Eval(self._truth.GetMyContextFromRoot(self._context)).tolist()
-            told["lateral"], told["progress"] = path[0], path[2]
-        self.told = told
+            readings["lateral"], readings["progress"] = path[0], path[2]
+        self.readings = readings
 
     @contextmanager
     def _drawing(self) -> Iterator[None]:
@@ -352,7 +353,7 @@ class Cockpit:
                 yield
         except RunError as error:
             self._meshcat = self.picture = self.overlays = None
-            self._tell(f"{error}; the drive goes on without a picture", "view")
+            self._report(f"{error}; the drive goes on without a picture", "view")
 
     def _draw(self, passed: float, *, overlays: bool) -> None:
         with self._drawing():
@@ -361,8 +362,8 @@ class Cockpit:
     def _draw_all(self, passed: float, *, overlays: bool) -> None:
         if self.picture is None or self.overlays is None or self._meshcat is None:
             return
-        if self.wheel.view is not None:
-            self.picture.look(self.wheel.view)
+        if self.watchdog.view is not None:
+            self.picture.look(self.watchdog.view)
         if self._meshcat.GetNumActiveConnections() == 0:
             return
         self.picture.draw(self._context, passed=min(passed, 0.5))

@@ -1,4 +1,4 @@
-"""The driver of a cockpit: a system whose output is what hands command."""
+"""The driver of a cockpit: a system that outputs the manual command."""
 
 from pydrake.systems.framework import BasicVector, Context
 
@@ -7,31 +7,30 @@ from mirdrake.core.signals import declare_vector_output
 from mirdrake.core.vectors import COMMAND
 
 KIND = f"{__name__}:HumanDriver"
-"""Of this driver in a diagram file."""
+"""Kind of this driver in a diagram file."""
 
 
 class HumanDriver(LeafSystem):
-    """Commands what it was told last.
+    """Outputs the latest command.
 
     Output ports:
-        command (3) [m/s, rad, s]: speed, steering, and now as the stamp. It changes while a simulation runs, by
-            :meth:`tell` between two calls of ``AdvanceTo``; so a simulation with it is as reproducible as its driver.
-            Run folders keep the commands, and repeat them.
+        command (3) [m/s, rad, s]: speed, steering, and the time as the stamp. :meth:`set_command` changes it between
+            two calls of ``AdvanceTo``. Run folders record the commands, so that a drive can be repeated.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._told = (0.0, 0.0)
+        self._command = (0.0, 0.0)
         self.command = declare_vector_output(self, "command", COMMAND, self._calc, prerequisites=[self.time_ticket()])
 
-    def tell(self, speed: float, steering: float) -> None:
-        """Command this from now on.
+    def set_command(self, speed: float, steering: float) -> None:
+        """Set the command.
 
         Args:
-            speed: wanted [m/s].
-            steering: wanted bicycle angle [rad].
+            speed: [m/s].
+            steering: angle of the single-track model [rad].
         """
-        self._told = (speed, steering)
+        self._command = (speed, steering)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([*self._told, context.get_time()])
+        output.SetFromVector([*self._command, context.get_time()])

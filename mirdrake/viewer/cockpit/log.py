@@ -1,7 +1,7 @@
-"""What a drive writes down: an ordinary run folder, from the press of a button to the next.
+"""The recording of a manual drive: a run folder.
 
-The clock starts at 0 where the recording starts, and spec.yaml says where the vehicle was and that it is driven by the
-commands of its own folder. So ``mirdrake run FOLDER/spec.yaml`` drives it again.
+Time starts at 0 with the recording. spec.yaml has the pose of the vehicle and drives it by the recorded commands, so
+that ``mirdrake run FOLDER/spec.yaml`` repeats the drive.
 """
 
 from collections.abc import Mapping
@@ -24,18 +24,18 @@ from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
 from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.runs.telemetry import Telemetry
 
-_OPEN = 3600.0  # [s] the duration in spec.yaml while nobody knows it
+_OPEN = 3600.0  # [s] duration in spec.yaml until the recording ends
 
 
 class DriveLog:
     """A run folder that is being written.
 
     Args:
-        assembly: what drives.
-        folder: to write; must not exist yet or be empty.
+        assembly: the simulated diagram.
+        folder: new or empty.
         context: at the start, its time 0.
-        name: of the vehicle that is driven.
-        gains: those that are not as control.yaml has them, by their dotted path there; spec.yaml keeps them.
+        name: of the driven vehicle.
+        gains: changed gains by their path in control.yaml, for spec.yaml.
 
     Raises:
         RunError: the folder cannot be made or written.
@@ -50,7 +50,7 @@ class DriveLog:
             update={
                 "start": Place(x=float(state[0]), y=float(state[1]), yaw=float(state[5])),
                 "speed": float(state[6]),
-                "control": _laid_over(assembly.spec.vehicles[name].control, gains or {}),
+                "control": _merge_gains(assembly.spec.vehicles[name].control, gains or {}),
             }
         )
         spec = assembly.spec.model_copy(
@@ -72,7 +72,7 @@ class DriveLog:
         self.folder = folder
 
     def watch(self, context: Context) -> None:
-        """Look at the sensors after a step."""
+        """Record the sensors after a step."""
         if self._recorder is not None:
             self._recorder(context)
 
@@ -85,7 +85,7 @@ class DriveLog:
         self._events.look(times, columns, [self._name])
 
     def say(self, time: float, kind: str, text: str) -> None:
-        """Write an event: when [s], its kind, and what it is in words."""
+        """Write an event: time [s], kind and text."""
         self._events.add(time, kind, text)
 
     def finish(self, context: Context, *, reason: str) -> Run:
@@ -93,7 +93,7 @@ class DriveLog:
 
         Args:
             context: at the end.
-            reason: why it ends, in words.
+            reason: why the recording ends.
         """
         self.read(context)
         if self._recorder is not None:
@@ -117,8 +117,8 @@ class DriveLog:
         return data
 
 
-def _laid_over(control: Mapping[str, Any], gains: Mapping[str, float]) -> dict[str, Any]:
-    """What is laid over a control.yaml, and gains by their dotted paths."""
+def _merge_gains(control: Mapping[str, Any], gains: Mapping[str, float]) -> dict[str, Any]:
+    """Return changes of a control.yaml merged with gains by their paths."""
     data: dict[str, Any] = deepcopy(dict(control))
     for path, value in gains.items():
         loop, _, gain = path.partition(".")

@@ -9,15 +9,15 @@ from typing import Any
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.scene import make_scene
-from mirdrake.viewer.cockpit.dead_man import TIMEOUT
 from mirdrake.viewer.cockpit.drive import Cockpit
 from mirdrake.viewer.cockpit.gains import slider_of
 from mirdrake.viewer.cockpit.server import make_server
 from mirdrake.viewer.cockpit.start import NAME
+from mirdrake.viewer.cockpit.watchdog import TIMEOUT
 from mirdrake.viewer.meshcat import make_meshcat_behind
 
 REMIND = 20.0
-"""Time without a page after which the address is said again [s]."""
+"""Time without a page after which the address is repeated [s]."""
 
 
 class OpenCockpit:
@@ -26,14 +26,14 @@ class OpenCockpit:
     Args:
         spec: of :func:`mirdrake.viewer.cockpit.drive_spec`.
         port: of localhost; None takes the first free one from 8765 on, 0 any free one.
-        say: is told what happens, a line each.
-        folder: gives the folder of a recording.
-        timeout: time without a word of the page, after which the vehicle is braked [s].
-        remind: time without a page after which the address is said again [s].
+        say: called with messages of one line.
+        folder: returns the folder of a recording.
+        timeout: watchdog timeout without input, after which the vehicle brakes [s].
+        remind: time without a page after which the address is repeated [s].
 
     Attributes:
         drive: the drive.
-        url: where its page is.
+        url: address of the page.
 
     Raises:
         ConfigError, ModelError, WorldError, DiagramError: the diagram cannot be built.
@@ -72,22 +72,22 @@ class OpenCockpit:
         self._server.close()
 
     def run(self, *, duration: float = inf) -> None:
-        """Drive until Ctrl-C, or for a wall-clock time [s], inside of ``with``."""
+        """Drive until Ctrl-C, or for a wall-clock time [s], inside ``with``."""
         self.drive.run(duration=duration, watch=self._watch)
 
     def _report(self, page: str, message: Mapping[str, Any]) -> Mapping[str, Any]:
-        self.drive.wheel.report(page, message)
-        return self.drive.told
+        self.drive.watchdog.report(page, message)
+        return self.drive.readings
 
     def _watch(self) -> None:
         now = time.monotonic()
         if now - self._reminded > self._remind:
             self._reminded = now
-            if self.drive.wheel.silence > self._remind:
+            if self.drive.watchdog.silence > self._remind:
                 self._say(f"no page is open; the cockpit is at {self.url}")
 
     def _about(self) -> dict[str, Any]:
-        """What the page needs to know at first."""
+        """Return the data of the page that do not change."""
         drive, assembly = self.drive, self.drive.assembly
         assert drive.picture is not None
         assert drive.overlays is not None

@@ -1,16 +1,16 @@
-"""What can be laid over the picture of a drive, each to switch on and off.
+"""Overlays of the picture of a drive, which can be switched on and off.
 
 ========= =====================================================================================
-driven    the way that the rear axle took, a ribbon
-planned   the centre line of the track that the vehicle is measured against, and, ahead of the
-          vehicle, the arc on which its wheels lead it
-lidar     where the beams of lidars and laser scanners ended
+driven    the path of the rear axle, a ribbon
+planned   the centre line of the track of the vehicle, and ahead of it the arc of the present
+          steering angle
+lidar     points of lidars and laser scanners
 contacts  forces of all contacts, arrows
-tyres     forces of the road on the tyres along the ground, arrows
-friction  patches of the ground with a friction of their own, red for slippery, green for grippy
+tyres     tangential forces of the road on the tyres, arrows
+friction  patches of friction, red for low, green for high friction
 ========= =====================================================================================
 
-Each is one object in Meshcat or a few, drawn anew only while it is shown.
+Each is one or a few objects in Meshcat, updated only while it is visible.
 """
 
 from collections.abc import Callable
@@ -63,12 +63,12 @@ class Overlays:
 
     Args:
         meshcat: where to draw.
-        assembly: what drives.
+        assembly: the simulated diagram.
         name: of the vehicle.
 
     Attributes:
-        there: overlays that this drive can show.
-        shown: overlays that are switched on.
+        there: available overlays.
+        shown: visible overlays.
     """
 
     def __init__(self, meshcat: Meshcat, assembly: Assembly, name: str) -> None:
@@ -91,7 +91,7 @@ class Overlays:
         }
         self.there = tuple(layer for layer in LAYERS if not absent.get(layer))
         self.shown: set[str] = set()
-        self._way: list[tuple[float, float]] = []
+        self._path: list[tuple[float, float]] = []
         self._piece = 0
         self._seen: dict[str, float] = {}
         self._draw_planned()
@@ -102,25 +102,25 @@ class Overlays:
             self.switch(layer, True)
 
     def switch(self, layer: str, on: bool) -> None:
-        """Show or hide an overlay; one that is not there is left alone."""
+        """Show or hide an overlay; an unavailable one is ignored."""
         if layer not in self.there:
             return
         (self.shown.add if on else self.shown.discard)(layer)
         self._show(layer, on)
 
     def forget(self) -> None:
-        """A new drive: no way was driven yet."""
+        """Remove the driven path, for a new drive."""
         self._meshcat.Delete(f"{_ROOT}/driven")
-        self._way, self._piece, self._seen = [], 0, {}
+        self._path, self._piece, self._seen = [], 0, {}
         self._show("driven", "driven" in self.shown)
 
     def note(self, x: float, y: float) -> None:
-        """Remember where the rear axle is [m]; often enough, also while nothing is drawn."""
-        if not self._way or (x - self._way[-1][0]) ** 2 + (y - self._way[-1][1]) ** 2 > (0.25 * self._size) ** 2:
-            self._way.append((x, y))
+        """Add a point of the rear axle [m] to the driven path."""
+        if not self._path or (x - self._path[-1][0]) ** 2 + (y - self._path[-1][1]) ** 2 > (0.25 * self._size) ** 2:
+            self._path.append((x, y))
 
     def draw(self, context: Context) -> None:
-        """Draw what is shown and changes.
+        """Update the visible overlays.
 
         Args:
             context: of the whole diagram.
@@ -143,17 +143,17 @@ class Overlays:
         self._meshcat.SetTriangleMesh(f"{_ROOT}/{path}", *mesh, colour, side=side)
 
     def _arrows(self, path: str, starts: Array, forces: Array, colour: Rgba) -> None:
-        """Forces [N] as arrows, seen through the vehicle."""
+        """Draw forces [N] as arrows, visible through the vehicle."""
         self._mesh(path, arrows(starts, self._scale * forces, radius=0.028 * self._size), colour)
         for key, value in (("material.depthTest", False), ("material.transparent", True), ("renderOrder", 3.0)):
             self._meshcat.SetProperty(f"{_ROOT}/{path}/<object>", key, value)
 
     def _draw_driven(self, _: Context) -> None:
-        if len(self._way) < 2:
+        if len(self._path) < 2:
             return
-        self._mesh(f"driven/{self._piece % _PIECES}", ribbon(self._way, width=0.16 * self._size, height=0.035), _BLUE)
-        if len(self._way) >= _CHUNK:
-            self._piece, self._way = self._piece + 1, self._way[-1:]
+        self._mesh(f"driven/{self._piece % _PIECES}", ribbon(self._path, width=0.16 * self._size, height=0.035), _BLUE)
+        if len(self._path) >= _CHUNK:
+            self._piece, self._path = self._piece + 1, self._path[-1:]
 
     def _draw_planned(self) -> None:
         if self._track is None:
@@ -164,7 +164,7 @@ class Overlays:
         self._mesh("planned/line", ribbon(np.column_stack((x, y)), width=0.12 * self._size, height=0.03), _GREEN)
 
     def _draw_ahead(self, context: Context) -> None:
-        """The arc on which the wheels lead: the bicycle's, of curvature tan(δ)/L."""
+        """Draw the arc of the present steering angle, of curvature tan(δ)/L."""
         state = self._truth.GetOutputPort("state").Eval(self._truth.GetMyContextFromRoot(context))
         x, y, yaw, vx = float(state[0]), float(state[1]), float(state[5]), float(state[6])
         steering = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(context))[1]
@@ -262,12 +262,14 @@ class Overlays:
         assert self._tyres is not None
         plant = self._assembly.parts.plant
         own = plant.GetMyContextFromRoot(context)
-        told = self._tyres.GetOutputPort("tyre_forces").Eval(self._tyres.GetMyContextFromRoot(context)).reshape(4, -1)
+        forces_of_wheels = (
+            self._tyres.GetOutputPort("tyre_forces").Eval(self._tyres.GetMyContextFromRoot(context)).reshape(4, -1)
+        )
         starts, forces = np.zeros((4, 3)), np.zeros((4, 3))
         for index, joint in enumerate(self._part.wheels):
             X_WP = joint.frame_on_parent().CalcPoseInWorld(own)
             ahead = RollPitchYaw(X_WP.rotation()).yaw_angle()
-            fx, fy = float(told[index][0]), float(told[index][1])
+            fx, fy = float(forces_of_wheels[index][0]), float(forces_of_wheels[index][1])
             starts[index] = X_WP.translation() - [0.0, 0.0, self._part.vehicle.geometry.wheel_radii[index]]
             forces[index] = cos(ahead) * fx - sin(ahead) * fy, sin(ahead) * fx + cos(ahead) * fy, 0.0
         return starts, forces

@@ -14,7 +14,7 @@
   }
   const order = message => post("order", message).catch(() => {});
 
-  // --- what hands do ---
+  // --- manual input ---
   const held = new Set();
   const codes = { ArrowUp: "up", KeyW: "up", ArrowDown: "down", KeyS: "down", ArrowLeft: "left", KeyA: "left",
     ArrowRight: "right", KeyD: "right", Space: "stop" };
@@ -39,7 +39,7 @@
   let buttons = [];
   function readPad() {
     const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter(one => one && one.connected) : [];
-    get("pad").textContent = pads.length ? "Game pad: left stick steers, right trigger faster, left trigger brakes, A stops, Start pauses, Back resets."
+    get("pad").textContent = pads.length ? "Game pad: left stick steers, right trigger accelerates, left trigger brakes, A stops, Start pauses, Back resets."
       : "Game pad: press a button of it to connect.";
     if (!pads.length) return null;
     const value = number => pads[0].buttons[number] ? pads[0].buttons[number].value : 0;
@@ -53,7 +53,7 @@
       stop: value(0) > 0.5 };
     return pad.steer || pad.throttle || pad.brake || pad.stop ? pad : null;
   }
-  function hands() {
+  function manualInput() {
     const pad = readPad();
     if (pad) sliding = { speed: null, steering: null };
     const down = key => held.has(key) ? 1 : 0;
@@ -73,14 +73,14 @@
     for (;;) {
       const began = performance.now();
       try {
-        const told = await post("report", hands());
+        const readings = await post("report", manualInput());
         if (silent) write("note", note);
         silent = 0;
-        show(told);
+        show(readings);
       } catch {
         if (++silent > 3) {
           status("no answer", "red");
-          write("note", "The drive does not answer: it has ended, or the connection is lost.");
+          write("note", "No answer: the drive has ended, or the connection is lost.");
           get("note").className = "alarm";
           get("note").hidden = false;
         }
@@ -152,12 +152,12 @@
 
   // --- overlays, sliders, gains, buttons ---
   const blend = (...colours) => `linear-gradient(90deg, ${colours.join(", ")})`;
-  const layers = { driven: ["way driven", "#1a6bf2", "where the rear axle was"],
-    planned: ["planned line", blend("#0da64d 50%", "#fa9e0d 50%"), "green: the centre line; orange: where the wheels lead"],
-    lidar: ["lidar points", blend("#00f", "#7f7", "#f00"), "blue on the ground, red from above the vehicle on"],
-    contacts: ["contacts", "#e61a26", "forces of all contacts"],
-    tyres: ["tyre forces", "#8c26d9", "forces of the road on the tyres, along the ground"],
-    friction: ["friction", blend("#e62026", "#0db326"), "red: slippery; green: grippy"] };
+  const layers = { driven: ["driven path", "#1a6bf2", "path of the rear axle"],
+    planned: ["planned path", blend("#0da64d 50%", "#fa9e0d 50%"), "green: centre line; orange: arc of the present steering angle"],
+    lidar: ["lidar points", blend("#00f", "#7f7", "#f00"), "blue on the ground, red above the vehicle"],
+    contacts: ["contact forces", "#e61a26", "forces of all contacts"],
+    tyres: ["tyre forces", "#8c26d9", "tangential forces of the road on the tyres"],
+    friction: ["friction", blend("#e62026", "#0db326"), "red: low; green: high"] };
   const boxes = {};
   for (const [name, [words, colour, meaning]] of Object.entries(layers)) {
     const label = document.createElement("label"), box = document.createElement("input"), mark = document.createElement("i");
@@ -170,7 +170,7 @@
       box.disabled = true;
       mark.style.background = "#d5dbe3";
       label.className = "none";
-      label.title = "this drive has none";
+      label.title = "not available in this drive";
     }
     box.onchange = () => { order({ do: "layer", name, on: box.checked }); box.blur(); };
     get("layers").append(label);
@@ -197,7 +197,7 @@
     get("gains").append(label);
     gains[gain.path] = { slider, value, given: gain.given };
   }
-  if (!about.gains.length) get("gains").textContent = "none that can be changed while driving";
+  if (!about.gains.length) get("gains").textContent = "no gains that can be changed while driving";
   get("given").onclick = () => {
     for (const [name, gain] of Object.entries(gains)) order({ do: "gain", name, value: gain.given });
     get("given").blur();
@@ -243,28 +243,28 @@
     get("state").className = `pill ${kind}`;
   }
   let note = "", noteUntil = 0, showNext = 0;
-  function show(told) {
-    document.body.dataset.told = JSON.stringify(told);
-    remember(told);
+  function show(readings) {
+    document.body.dataset.readings = JSON.stringify(readings);
+    remember(readings);
     if (performance.now() < showNext) return;
     showNext = performance.now() + (usual > 60 ? 200 : 30);  // each change costs a slow renderer a whole page
-    const kmh = told.speed * 3.6;
-    const alarm = told.lost && told.message.startsWith("input lost");
-    const moves = Math.abs(kmh) > 0.7 || told.wanted !== 0;
+    const kmh = readings.speed * 3.6;
+    const alarm = readings.alarm;
+    const moves = Math.abs(kmh) > 0.7 || readings.speed_command !== 0;
     if (alarm) status("input lost", "red");
-    else if (told.paused) status("paused: key P goes on", "amber");
-    else if (told.lost && moves) status("nobody drives: braking", "amber");
-    else if (moves) status(told.wanted < 0 || kmh < -0.7 ? "reversing" : "driving", "");
+    else if (readings.paused) status("paused: press P to continue", "amber");
+    else if (readings.lost && moves) status("no input: braking", "amber");
+    else if (moves) status(readings.speed_command < 0 || kmh < -0.7 ? "reversing" : "driving", "");
     else status("ready: press ↑ or W", "");
-    write("clock", `${told.time.toFixed(1)} s`);
-    write("factor", told.factor === null ? "time stands" : `${told.factor.toFixed(2)} × real time`);
-    get("factor").className = `pill ${told.factor !== null && told.factor < 0.95 ? "amber" : "quiet"}`;
-    get("recording").hidden = !told.recording;
-    write("record", told.recording ? "■ Stop" : "● Record");
-    write("pause", told.paused ? "Go on" : "Pause");
-    get("pause").classList.toggle("on", told.paused);
-    if (told.message !== note) {
-      note = told.message;
+    write("clock", `${readings.time.toFixed(1)} s`);
+    write("factor", readings.factor === null ? "stopped" : `${readings.factor.toFixed(2)} × real time`);
+    get("factor").className = `pill ${readings.factor !== null && readings.factor < 0.95 ? "amber" : "quiet"}`;
+    get("recording").hidden = !readings.recording;
+    write("record", readings.recording ? "■ Stop" : "● Record");
+    write("pause", readings.paused ? "Continue" : "Pause");
+    get("pause").classList.toggle("on", readings.paused);
+    if (readings.message !== note) {
+      note = readings.message;
       noteUntil = performance.now() + 7000;
       write("note", note);
     }
@@ -273,49 +273,49 @@
 
     write("speed", Math.abs(kmh).toFixed(0));
     write("dialarc", Math.abs(kmh) < 0.3 ? "" : arc(from, Math.max(angleOf(Math.abs(kmh)), from + 0.1), 80), "d");
-    const [x, y] = at(angleOf(Math.abs(told.wanted * 3.6)), 70), [u, v] = at(angleOf(Math.abs(told.wanted * 3.6)), 90);
+    const [x, y] = at(angleOf(Math.abs(readings.speed_command * 3.6)), 70), [u, v] = at(angleOf(Math.abs(readings.speed_command * 3.6)), 90);
     write("dialmark", moves ? `M${x.toFixed(1)} ${y.toFixed(1)}L${u.toFixed(1)} ${v.toFixed(1)}` : "", "d");
-    write("wanted", moves ? `wanted ${Math.abs(told.wanted * 3.6).toFixed(0)}` : "");
-    write("gear", told.wanted < -0.05 || kmh < -0.3 ? "R" : Math.abs(kmh) < 0.3 && told.wanted === 0 ? "N" : "D");
-    write("rim", `rotate(${(-told.steering / about.steering * 135).toFixed(1)})`, "transform");
-    write("angle", `${Math.abs(told.steering * degrees).toFixed(1)}° ${told.steering > 0.0009 ? "left" : told.steering < -0.0009 ? "right" : ""}`);
-    get("lane").classList.toggle("none", told.lateral === null);
-    if (told.lateral === null) write("lateral", "this world has none");
+    write("setpoint", moves ? `set-point ${Math.abs(readings.speed_command * 3.6).toFixed(0)}` : "");
+    write("gear", readings.speed_command < -0.05 || kmh < -0.3 ? "R" : Math.abs(kmh) < 0.3 && readings.speed_command === 0 ? "N" : "D");
+    write("rim", `rotate(${(-readings.steering / about.steering * 135).toFixed(1)})`, "transform");
+    write("angle", `${Math.abs(readings.steering * degrees).toFixed(1)}° ${readings.steering > 0.0009 ? "left" : readings.steering < -0.0009 ? "right" : ""}`);
+    get("lane").classList.toggle("none", readings.lateral === null);
+    if (readings.lateral === null) write("lateral", "no track");
     else {
-      write("offset", 98 - Math.max(-1, Math.min(1, told.lateral / about.lane)) * 86, "x");
-      write("offset", Math.abs(told.lateral) > about.lane ? "#e03131" : "#1f6feb", "fill");
-      write("lateral", `${Math.abs(told.lateral).toFixed(2)} m ${told.lateral > 0.005 ? "left" : told.lateral < -0.005 ? "right" : ""}`);
+      write("offset", 98 - Math.max(-1, Math.min(1, readings.lateral / about.lane)) * 86, "x");
+      write("offset", Math.abs(readings.lateral) > about.lane ? "#e03131" : "#1f6feb", "fill");
+      write("lateral", `${Math.abs(readings.lateral).toFixed(2)} m ${readings.lateral > 0.005 ? "left" : readings.lateral < -0.005 ? "right" : ""}`);
     }
-    write("distance", told.distance < 1000 ? `${told.distance.toFixed(0)} m` : `${(told.distance / 1000).toFixed(2)} km`);
-    if (document.activeElement !== speed) speed.value = told.wanted * 3.6;
-    if (document.activeElement !== steering) steering.value = -told.wanted_steering * degrees;
-    write("speedvalue", `${(told.wanted * 3.6).toFixed(0)} km/h`);
-    write("steeringvalue", `${Math.abs(told.wanted_steering * degrees).toFixed(1)}° ${told.wanted_steering > 0.0009 ? "left" : told.wanted_steering < -0.0009 ? "right" : ""}`);
-    for (const [name, value] of Object.entries(told.gains)) {
+    write("distance", readings.distance < 1000 ? `${readings.distance.toFixed(0)} m` : `${(readings.distance / 1000).toFixed(2)} km`);
+    if (document.activeElement !== speed) speed.value = readings.speed_command * 3.6;
+    if (document.activeElement !== steering) steering.value = -readings.steering_command * degrees;
+    write("speedvalue", `${(readings.speed_command * 3.6).toFixed(0)} km/h`);
+    write("steeringvalue", `${Math.abs(readings.steering_command * degrees).toFixed(1)}° ${readings.steering_command > 0.0009 ? "left" : readings.steering_command < -0.0009 ? "right" : ""}`);
+    for (const [name, value] of Object.entries(readings.gains)) {
       const words = String(Number(value.toPrecision(4)));
       if (gains[name].value.textContent !== words) gains[name].value.textContent = words;
       if (document.activeElement !== gains[name].slider) gains[name].slider.value = value;
     }
-    for (const [name, box] of Object.entries(boxes)) if (document.activeElement !== box) box.checked = told.layers.includes(name);
+    for (const [name, box] of Object.entries(boxes)) if (document.activeElement !== box) box.checked = readings.layers.includes(name);
   }
 
   // --- plots of the last seconds ---
   const span = 20, kept = [];
   let lined = true;
   let last = -1, drawn = 0;
-  function remember(told) {
-    if (told.time < last) kept.length = 0;
-    if (told.time === last) return;
-    last = told.time;
-    kept.push([told.time, told.speed * 3.6, told.setpoint * 3.6, told.steering * degrees, told.lateral ?? 0]);
-    lined = told.lateral !== null;
+  function remember(readings) {
+    if (readings.time < last) kept.length = 0;
+    if (readings.time === last) return;
+    last = readings.time;
+    kept.push([readings.time, readings.speed * 3.6, readings.setpoint * 3.6, readings.steering * degrees, readings.lateral ?? 0]);
+    lined = readings.lateral !== null;
     while (kept[0][0] < last - span) kept.shift();
     if (performance.now() > drawn + (usual > 60 ? 500 : 100)) { drawn = performance.now(); plot(); }
   }
   const rows = [
-    { words: "speed [km/h], wanted orange", lines: [[2, "#f5b455"], [1, "#1f6feb"]], least: 10, zero: true },
-    { words: "steering [°], left up", lines: [[3, "#2b3747"]], least: 5 },
-    { words: "off the line [m], left up", lines: [[4, "#0ca678"]], least: 0.5 },
+    { words: "speed [km/h], set-point orange", lines: [[2, "#f5b455"], [1, "#1f6feb"]], least: 10, zero: true },
+    { words: "steering angle [°], + left", lines: [[3, "#2b3747"]], least: 5 },
+    { words: "cross-track error [m], + left", lines: [[4, "#0ca678"]], least: 0.5 },
   ];
   const canvas = get("plots"), pen = canvas.getContext("2d");
   function plot() {

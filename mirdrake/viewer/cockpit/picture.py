@@ -1,7 +1,7 @@
-"""What the browser sees of a drive: a plant of its own that is posed like the one that drives.
+"""The picture of a drive: a second plant with the pose of the simulated one.
 
-The picture follows the wall clock, not the simulated one, and is left out while nobody looks or time is short. So the
-diagram that drives has nothing to draw, and is the one that `mirdrake run` has.
+The picture follows the wall clock and is omitted without a viewer or when time is short. The simulated diagram draws
+nothing and equals that of `mirdrake run`.
 """
 
 from math import exp, pi
@@ -17,7 +17,7 @@ from mirdrake.viewer.views import View, make_views, set_view
 
 
 class Picture:
-    """A drive in Meshcat, seen from the views of its vehicle.
+    """The picture of a drive in Meshcat.
 
     Args:
         meshcat: where to draw.
@@ -42,18 +42,18 @@ class Picture:
         set_view(meshcat, self.view)
 
     def look(self, name: str) -> None:
-        """Take another view; the page moves the camera itself, here only how fast it turns changes."""
+        """Select a view; the page moves the camera, here only its turning rate changes."""
         self.view = self.views.get(name, self.view)
 
     def forget(self) -> None:
-        """After a leap of the vehicle the camera leaps, too."""
+        """Place the camera anew after a jump of the vehicle."""
         self._heading = None
 
     def draw(self, context: Context, *, passed: float) -> None:
-        """Draw what is.
+        """Draw the present state.
 
         Args:
-            context: of the diagram that drives.
+            context: of the simulated diagram.
             passed: time since the last picture [s].
         """
         self._context.SetTime(context.get_time())

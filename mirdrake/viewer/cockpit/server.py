@@ -1,7 +1,7 @@
 """The page of a drive: Meshcat's own with the cockpit over it.
 
-The page reports what hands do, some thirty times a second, and gets what the gauges show in the answer; so a page that
-is closed, hidden or hangs falls silent, which the dead-man notices.
+The page sends the input of the driver about thirty times a second and receives the readings of the gauges. Messages of
+a page that is closed, hidden or hangs stop, and the watchdog timeout follows.
 """
 
 import json
@@ -13,7 +13,7 @@ from mirdrake.viewer.private_meshcat import Upstream
 from mirdrake.viewer.server import PageServer
 
 PORT = 8765
-"""The first port that is tried."""
+"""First port to try."""
 
 _TRIED = 20  # ports from there on
 
@@ -30,9 +30,9 @@ def make_server(
 
     Args:
         upstream: the Meshcat that is shown.
-        about: what the page needs to know at first, as plain data.
-        report: called with the page's name and its message, gives the answer; from threads of the server.
-        order: called with what a button asks for; likewise.
+        about: data of the page that does not change, for JSON.
+        report: called with the page's name and its message, returns the readings; in threads of the server.
+        order: called with the request of a button; likewise.
         port: of localhost; None takes the first free one from :data:`PORT` on, 0 any free one.
 
     Raises:
@@ -54,7 +54,7 @@ def make_server(
 
 
 def _page(upstream: Upstream, about: Mapping[str, Any]) -> str:
-    """Meshcat's page with the cockpit over it."""
+    """Return Meshcat's page with the cockpit in front."""
     page = upstream.get("/")[2].decode()
     folder = files(__package__)
     parts = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "page.js")}

@@ -1,4 +1,4 @@
-"""What a drive begins from: its diagram, and how its vehicle is driven by hand."""
+"""The diagram of a manual drive, and the limits of manual driving."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -10,17 +10,17 @@ from mirdrake.assembly.diagram_spec import DiagramSpec, make_spec
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.viewer.cockpit.driver import KIND
-from mirdrake.viewer.cockpit.hands import HandLimits
+from mirdrake.viewer.cockpit.manual import ManualLimits
 
 NAME = "ego"
-"""Of the vehicle that is driven."""
+"""Name of the driven vehicle."""
 
 TOP_SPEED = 40.0
-"""The fastest that hands ask for, where the wheels allow no less [m/s]."""
+"""Largest speed command, if the wheels do not limit it further [m/s]."""
 
 
 def drive_spec(data: Mapping[str, Any], *, overrides: Sequence[str] = ()) -> DiagramSpec:
-    """A diagram with a vehicle "ego" that is driven by hand.
+    """Return a diagram whose vehicle "ego" is driven manually.
 
     Args:
         data: of a diagram file, with no driver for "ego".
@@ -36,15 +36,15 @@ def drive_spec(data: Mapping[str, Any], *, overrides: Sequence[str] = ()) -> Dia
     return parse_yaml(yaml.safe_dump(given, sort_keys=False), DiagramSpec, name="drive", overrides=overrides)
 
 
-def hand_limits(part: VehicleInPlant) -> HandLimits:
-    """How fast and hard a vehicle is driven by hand, from its wheels, its control.yaml and its steering."""
+def manual_limits(part: VehicleInPlant) -> ManualLimits:
+    """Return the limits of manual driving, from the wheels, control.yaml and the steering of a vehicle."""
     geometry, loop = part.vehicle.geometry, part.vehicle.control.speed
     fastest = min(
         float(joint.velocity_upper_limits()[0]) * radius
         for joint, radius in zip(part.wheels, geometry.wheel_radii, strict=True)
     )
     forward = min(TOP_SPEED, 0.95 * fastest) if isfinite(fastest) and fastest > 0.0 else TOP_SPEED
-    return HandLimits(
+    return ManualLimits(
         forward=forward,
         backward=min(0.25 * forward, 5.0),
         acceleration=min(loop.max_acceleration, 4.0),

@@ -1,4 +1,4 @@
-"""Who drives, and whether somebody still does: the input of pages, with a dead-man."""
+"""The input of the pages of a drive, with a watchdog: without input the vehicle brakes to standstill."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -6,20 +6,20 @@ from math import isfinite
 from time import monotonic
 from typing import Any
 
-from mirdrake.viewer.cockpit.hands import Hands
+from mirdrake.viewer.cockpit.manual import ManualInput
 
 TIMEOUT = 1.0
-"""Time without a word of the page that drives, after which its input counts as lost [s]."""
+"""Watchdog timeout: time without a message of the driving page after which its input is lost [s]."""
 
 
-class Wheel:
-    """The place behind the wheel: pages report what hands do, one of them drives.
+class InputWatchdog:
+    """Manual input of several pages, of which one drives.
 
-    The page that last pressed something drives. When it falls silent the vehicle is braked to a stand
-    (:meth:`hands` gives None), and stays so until somebody presses something again.
+    The page with the latest key press drives. When its messages stop, :meth:`read` returns None: the vehicle brakes to
+    standstill until a key is pressed again.
 
     Args:
-        clock: seconds, rising.
+        clock: returns the time [s].
         timeout: see :data:`TIMEOUT`.
     """
 
@@ -28,17 +28,17 @@ class Wheel:
         self._lock = threading.Lock()
         self._owner: str | None = None
         self._heard = -1e9
-        self._hands = Hands()
+        self._hands = ManualInput()
         self._lost = False
         self.view: str | None = None
 
     def report(self, page: str, message: Mapping[str, Any]) -> None:
-        """Take in what a page says; nonsense counts as nothing pressed.
+        """Process a message of a page; invalid values count as no input.
 
         Args:
-            page: which one.
-            message: throttle, brake, steer, stop, analog, speed, steering, as in :class:`Hands`; active: whether
-                something is pressed or was moved; hidden: the page cannot see or hear its user; view.
+            page: its name.
+            message: throttle, brake, steer, stop, analog, speed, steering, as in :class:`ManualInput`; active: whether
+                something is pressed or was moved; hidden: whether the page is in the background; view.
         """
         with self._lock:
             now = self._clock()
@@ -50,7 +50,7 @@ class Wheel:
                 return
             self._owner = page
             if message.get("hidden") is True:
-                return  # no word: the dead-man counts
+                return  # a hidden page gets no key events: the timeout runs
             self._heard = now
             self._hands = _read(message)
             if isinstance(message.get("view"), str):
@@ -58,32 +58,32 @@ class Wheel:
             if active:
                 self._lost = False
 
-    def hands(self) -> Hands | None:
-        """What hands do; None: nobody drives, brake."""
+    def read(self) -> ManualInput | None:
+        """Return the input of the driver; None: no driver, brake."""
         with self._lock:
             if self._owner is not None and self._clock() - self._heard > self._timeout:
                 self._lost = True
             return None if self._lost or self._owner is None else self._hands
 
-    def let_go(self) -> None:
-        """Forget what is pressed, after a reset."""
+    def release(self) -> None:
+        """Release all inputs, after a reset."""
         with self._lock:
-            self._hands = Hands()
+            self._hands = ManualInput()
 
     @property
     def lost(self) -> bool:
-        """Whether the input was lost and nobody has taken over."""
+        """Whether the input was lost and no page has taken over."""
         with self._lock:
             return self._lost
 
     @property
     def silence(self) -> float:
-        """Time since a page was heard [s]."""
+        """Time since the last message [s]."""
         with self._lock:
             return self._clock() - self._heard
 
 
-def _read(message: Mapping[str, Any]) -> Hands:
+def _read(message: Mapping[str, Any]) -> ManualInput:
     def number(key: str, low: float, high: float) -> float:
         value = message.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
@@ -93,7 +93,7 @@ def _read(message: Mapping[str, Any]) -> Hands:
     def slider(key: str) -> float | None:
         return None if message.get(key) is None else number(key, -1e3, 1e3)
 
-    return Hands(
+    return ManualInput(
         throttle=number("throttle", 0.0, 1.0),
         brake=number("brake", 0.0, 1.0),
         steer=number("steer", -1.0, 1.0),
