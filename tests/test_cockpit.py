@@ -382,13 +382,11 @@ def test_the_command_drives_for_a_time_and_says_where(capsys, tmp_path):
     ("arguments", "words"),
     [
         (["bolz"], "nothing is called 'bolz'; did you mean 'bolt'"),
-        (["test_track"], "'test_track' is no name of a vehicle"),
-        (["bolt", "unior"], "'unior' is no name of a world"),
+        (["test_track"], "'test_track' is not a vehicle"),
+        (["bolt", "unior"], "'unior' is not a world"),
         (["bolt", "--start", "lime"], "lime"),
         (["bolt", "--sensors", "roof"], "roof"),
         (["bolt", "--set", "plant.time_stepp=1"], "did you mean 'time_step'"),
-        (["bolt", "--duration", "-1"], "--duration -1: a positive number is expected"),
-        (["bolt", "--port", "99999999"], "choose another port"),
     ],
 )
 def test_bad_input_is_one_line(arguments, words, capsys):
@@ -397,6 +395,19 @@ def test_bad_input_is_one_line(arguments, words, capsys):
     assert text.startswith("error: ")
     assert len(text.splitlines()) == 1
     assert words in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--duration", "-1"], "argument --duration: -1 is not allowed; expected a positive time in s"),
+        (["--port", "99999999"], "argument --port: '99999999' is not allowed; expected a whole number from 0 to 65535"),
+    ],
+)
+def test_a_value_out_of_range_is_a_usage_error(arguments, words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["drive", "bolt", *arguments])
+    assert words in capsys.readouterr().err
 
 
 def test_the_spec_of_a_recording_is_complete(recorded):

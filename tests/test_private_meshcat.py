@@ -38,7 +38,7 @@ def test_where_the_socket_cannot_be_replaced_meshcat_listens_on_a_port_that_page
     assert meshcat.port() in private_meshcat.BLOCKED_PORTS
     meshcat.SetProperty("/Background", "visible", True)
     status, kind, page = upstream.get("/")
-    assert (status, kind) == (200, "text/html; charset=UTF-8")
+    assert (status, kind) == (200, "text/html; charset=utf-8")
     assert b"meshcat" in page.lower()
     with upstream.connect() as connection:
         assert connection.getpeername() == ("127.0.0.1", meshcat.port())

@@ -40,7 +40,7 @@
   function readPad() {
     const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter(one => one && one.connected) : [];
     get("pad").textContent = pads.length ? "Game pad: left stick steers, right trigger accelerates, left trigger brakes, A stops, Start pauses, Back resets."
-      : "Game pad: press a button of it to connect.";
+      : "Game pad: press one of its buttons to connect.";
     if (!pads.length) return null;
     const value = number => pads[0].buttons[number] ? pads[0].buttons[number].value : 0;
     const dead = (x, zone) => Math.abs(x) < zone ? 0 : (Math.abs(x) - zone) / (1 - zone) * Math.sign(x);
