@@ -127,7 +127,7 @@ def test_stages_fit_their_parameters_and_keep_them(tmp_path):
     assert last.value == stage["cornering_stiffness_rear"].value
     found.save(tmp_path / "out")
     assert load_fit(tmp_path / "out" / "stage_1").name == stage.name
-    assert "Stages before" in render_identification(found)
+    assert "Earlier stages" in render_identification(found)
 
 
 def test_values_of_the_vehicle_are_initial_values_and_references(tmp_path):
