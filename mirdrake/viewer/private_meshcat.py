@@ -96,7 +96,7 @@ class Upstream:
         """Release the socket's inode; no new connection can be made."""
         if self._descriptor is not None:
             os.close(self._descriptor)
-            self._descriptor, self._port = None, 0
+        self._descriptor, self._port = None, 0
 
 
 def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshcat, Upstream]:
