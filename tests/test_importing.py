@@ -99,7 +99,7 @@ def mend(model, drive="rear"):
 
 
 def lines(thing):
-    return [f"{c.what} | {c.was} | {c.became} | {c.why}" for c in thing.changes]
+    return [f"{c.part} | {c.old} | {c.new_text} | {c.reason}" for c in thing.changes]
 
 
 def said(thing, *words):
@@ -129,7 +129,7 @@ def test_the_steered_axle_is_ahead_whichever_way_the_source_looks(yaw):
     )
     wheels, roles = roles_of(model)
     assert wheels == EXPECTED
-    assert any(change.what == "direction of travel" for change in roles.changes) == (cos(yaw) < 0)
+    assert any(change.part == "direction of travel" for change in roles.changes) == (cos(yaw) < 0)
     layout = mend(model).layout
     assert layout.wheelbase == pytest.approx(WHEELBASE)
     assert layout.X_MB.rotation().matrix()[:2, 0] == pytest.approx([cos(yaw), sin(yaw)])
@@ -189,7 +189,7 @@ def test_of_two_steered_axles_the_rear_one_is_fixed():
         model.joints[f"j2{letter}"] = axle(f"j2{letter}", f"rear_hub_{letter}", f"w2{letter}", 0.0, 0.0, 0.0)
     wheels, roles = roles_of(model)
     assert wheels == EXPECTED
-    assert [change.what for change in roles.changes if change.became == "fixed at zero"] == [
+    assert [change.part for change in roles.changes if change.new == "fixed at zero"] == [
         "joint 'rka'",
         "joint 'rkb'",
     ]
@@ -424,7 +424,7 @@ def test_torques_of_a_plugin_say_what_is_driven(front, back, drive):
 def test_rear_wheels_are_taken_as_driven_if_nobody_says_anything():
     _, roles = roles_of(car())
     assert roles.drive == "rear"
-    assert any(change.what == "driven axle" for change in roles.changes)
+    assert any(change.part == "driven axle" for change in roles.changes)
 
 
 # --- straightening -----------------------------------------------------------------------------------------------
@@ -980,7 +980,7 @@ def test_every_change_stands_in_the_readme_by_file_and_line(driven):
     readme = (result.folder / "README.md").read_text()
     assert "### car.urdf" in readme
     for change in result.changes:
-        assert f"| {change.what} | {change.was} | {change.became} |" in readme
+        assert f"| {change.part} | {change.old} | {change.new_text} |" in readme
     assert str(result.folder.parent.parent) not in readme
 
 

@@ -103,7 +103,7 @@ def test_collada_counts_its_unit_and_its_nodes_but_not_its_up_axis(tmp_path):
         assert high == pytest.approx([0.02, 0.02, 2.02])
         shape, changes, _ = converted(mesh(path, scale=(2.0, 2.0, 2.0)), tmp_path, up)
         assert gltf_bounds(shape) == pytest.approx(np.array([low, high]))
-        said = [change.was for change in changes]
+        said = [change.old for change in changes]
         assert "unit of 0.01 m" in said
         assert (f"up axis {up}" in said) == (up != "Z_UP")
 
@@ -177,7 +177,7 @@ def test_ply_and_glb_are_read_along_the_axes_of_the_file(tmp_path):
         assert mesh_bounds(mesh(path))[1] == pytest.approx([1, 2, 3])
         written, changes, _ = converted(mesh(path), tmp_path, kind)
         assert gltf_bounds(written)[1] == pytest.approx([1, 2, 3])
-        assert any("do not turn glTF" in change.why for change in changes) == (kind != "ply")
+        assert any("do not turn glTF" in change.reason for change in changes) == (kind != "ply")
 
 
 def test_a_mirrored_mesh_keeps_its_outside_outside(tmp_path):
@@ -187,7 +187,7 @@ def test_a_mirrored_mesh_keeps_its_outside_outside(tmp_path):
     mirrored.merge_vertices(merge_norm=True)
     assert mirrored.volume == pytest.approx(6.0)
     assert gltf_bounds(written).tolist() == [[0, -2, 0], [1, 0, 3]]
-    assert [change.became for change in changes] == ["mirrored, outside kept outside"]
+    assert [change.new for change in changes] == ["mirrored, outside kept outside"]
     outward = mirrored.vertex_normals @ np.eye(3)
     assert ((mirrored.vertices - mirrored.vertices.mean(axis=0)) * outward).sum(axis=1).min() > 0
     (solid,), _ = convert_collision(mesh(path, scale=(1.0, -1.0, 1.0)), tmp_path, name="c")
@@ -232,7 +232,7 @@ def test_opacity_of_collada_is_gazebos_and_never_nothing(tmp_path, written, opac
     material = document["materials"][0]
     assert material["pbrMetallicRoughness"]["baseColorFactor"][3] == pytest.approx(opacity, abs=1e-4)
     assert material.get("alphaMode", "OPAQUE") == ("BLEND" if opacity < 1 else "OPAQUE")
-    assert any("wrong way round" in change.why for change in changes) == ("<float>0</float>" in written)
+    assert any("wrong way round" in change.reason for change in changes) == ("<float>0</float>" in written)
 
 
 @pytest.mark.parametrize(
@@ -252,8 +252,8 @@ def test_a_missing_texture_leaves_grey_and_a_line_in_the_report(tmp_path):
     path = write_dae(tmp_path / "t.dae", looks=[("skin", TEXTURED)], picture="gone.png")
     _, (change,), document = converted(mesh(path), tmp_path)
     assert "images" not in document
-    assert (change.where, change.was, change.became) == ("car.urdf:7", "texture gone.png", "left out")
-    assert change.what == "visual mesh package://car/meshes/t.dae"
+    assert (change.place, change.old, change.new) == ("car.urdf:7", "texture gone.png", None)
+    assert change.part == "visual mesh package://car/meshes/t.dae"
 
 
 def test_the_same_mesh_gives_the_same_bytes(tmp_path):
@@ -274,7 +274,7 @@ def test_broken_triangles_are_left_out_and_counted(tmp_path):
     broken = np.concatenate((triangles, np.full((2, 3, 3), np.nan), np.zeros((5, 3, 3))))
     path = write_stl(tmp_path / "b.stl", broken)
     written, (change,), _ = converted(mesh(path), tmp_path)
-    assert (change.was, change.became) == ("19 triangles", "17 triangles")
+    assert (change.old, change.new) == ("19 triangles", "17 triangles")
     assert gltf_bounds(written)[1] == pytest.approx([1, 1, 1])
 
 
@@ -307,7 +307,7 @@ def test_a_mesh_of_no_use_is_refused_with_its_name_and_the_reason(tmp_path, name
         assert name in str(caught.value)
         assert "\n" not in str(caught.value)
     change = caught.value.left_out("car.urdf:7", "visual of link 'a'")
-    assert change.became == "left out"
+    assert change.left_out
     assert not (tmp_path / "meshes").exists()
 
 
@@ -356,7 +356,7 @@ def test_an_l_becomes_two_convex_parts_without_the_room_between_its_legs(tmp_pat
     shapes, (change,) = convert_collision(mesh(path, X_LG=RigidTransform([0, 0, 1])), tmp_path, name="l")
     assert [shape.address for shape in shapes] == ["meshes/l_0.obj", "meshes/l_1.obj"]
     assert sum(parts_volume(shapes)) == pytest.approx(1.125, rel=0.02)
-    assert change.became.startswith("2 convex parts (")
+    assert change.new_text.startswith("2 convex parts (")
     assert all(shape.X_LG.translation()[2] == 1 for shape in shapes)
     for shape, volume in zip(shapes, parts_volume(shapes), strict=True):  # as Drake sees them
         hull = Convex(str(shape.mesh)).GetConvexHull()
@@ -369,8 +369,8 @@ def test_without_coacd_the_l_becomes_its_hull_and_the_report_says_how_much_that_
     path = write_stl(tmp_path / "l.stl", corner_solid())
     (shape,), (change,) = convert_collision(mesh(path), tmp_path, name="l")
     assert parts_volume([shape]) == [pytest.approx(2.0625, rel=1e-5)]
-    assert change.became == "its convex hull (+83 % volume)"  # 2.0625 / 1.125 = 1.833
-    assert "coacd is not installed" in change.why
+    assert change.new == "its convex hull (+83 % volume)"  # 2.0625 / 1.125 = 1.833
+    assert "coacd is not installed" in change.reason
 
 
 def test_a_hole_in_the_surface_is_closed_before_cutting_and_a_torn_surface_becomes_its_hull(tmp_path):
@@ -378,12 +378,12 @@ def test_a_hole_in_the_surface_is_closed_before_cutting_and_a_torn_surface_becom
     open_end = corner_solid()[1:]  # without a triangle of its upper side
     shapes, (change,) = convert_collision(mesh(write_stl(tmp_path / "o.stl", open_end)), tmp_path, name="o")
     assert sum(parts_volume(shapes)) == pytest.approx(1.125, rel=0.02)
-    assert "it is not closed" in change.became
+    assert "it is not closed" in change.new_text
     fin = np.array([[[0.5, 0.5, 0], [0.5, 0.5, 0.5], [1.5, 1.5, 0.5]]])  # three triangles meet at an edge
     path = write_stl(tmp_path / "f.stl", np.concatenate((corner_solid(), fin)))
     (hull,), (change,) = convert_collision(mesh(path), tmp_path, name="f")
     assert parts_volume([hull])[0] > 2.06
-    assert "gaps" in change.why
+    assert "gaps" in change.reason
 
 
 @pytest.mark.parametrize("end", [-9, "late"])
@@ -397,7 +397,7 @@ def test_a_surface_that_cannot_be_cut_in_time_becomes_its_hull(tmp_path, monkeyp
     monkeypatch.setattr(subprocess, "run", run)
     (hull,), (change,) = convert_collision(mesh(write_stl(tmp_path / "l.stl", corner_solid())), tmp_path, name="l")
     assert parts_volume([hull]) == [pytest.approx(2.0625, rel=1e-5)]
-    assert "time" in change.why or "200 s" in change.why
+    assert "time" in change.reason or "200 s" in change.reason
 
 
 def test_bodies_apart_become_one_convex_part_each_without_any_library(tmp_path, monkeypatch):
@@ -406,7 +406,7 @@ def test_bodies_apart_become_one_convex_part_each_without_any_library(tmp_path, 
     path = write_stl(tmp_path / "t.stl", np.concatenate([box((0, 0, 1), (1, 1, 1.1)), *legs]))
     shapes, (change,) = convert_collision(mesh(path), tmp_path, name="t")
     assert sorted(parts_volume(shapes)) == pytest.approx([0.0099] * 4 + [0.1], rel=1e-4)
-    assert change.became == "5 convex parts (+0 % volume)"
+    assert change.new == "5 convex parts (+0 % volume)"
 
 
 def test_a_box_and_a_wheel_as_meshes_become_primitives_where_they_were(tmp_path):
@@ -416,7 +416,7 @@ def test_a_box_and_a_wheel_as_meshes_become_primitives_where_they_were(tmp_path)
     assert solid.kind == "box"
     assert solid.size == pytest.approx((1, 2, 3))
     assert solid.X_LG.translation() == pytest.approx(turn.multiply([0.5, 1.0, 1.5]))
-    assert change.became == "box 1 x 2 x 3 m"
+    assert change.new == "box 1 x 2 x 3 m"
     wheel = trimesh.creation.cylinder(
         0.3, 0.2, sections=24, transform=RigidTransform(RollPitchYaw(np.pi / 2, 0, 0), [0, 0.5, 0]).GetAsMatrix4()
     )
@@ -426,7 +426,7 @@ def test_a_box_and_a_wheel_as_meshes_become_primitives_where_they_were(tmp_path)
     assert solid.size == pytest.approx((0.3, 0.2), rel=1e-5)
     assert solid.X_LG.translation() == pytest.approx([0, 0.5, 0], abs=1e-6)
     assert abs(solid.X_LG.rotation().matrix()[1, 2]) == pytest.approx(1.0)
-    assert change.why == "it fills 99 % of it"  # 24 sides: 24 sin(15°) / 2 pi = 0.989
+    assert change.reason == "it fills 99 % of it"  # 24 sides: 24 sin(15°) / 2 pi = 0.989
 
 
 def test_a_convex_mesh_becomes_one_part_and_a_flat_one_a_plate(tmp_path):
@@ -435,7 +435,7 @@ def test_a_convex_mesh_becomes_one_part_and_a_flat_one_a_plate(tmp_path):
     solid = trimesh.load_mesh(part.mesh)
     assert len(solid.vertices) <= 134
     assert solid.volume == pytest.approx(ball.volume, rel=0.08)
-    assert change.became.startswith("its convex hull (-")
+    assert change.new_text.startswith("its convex hull (-")
     sheet = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=float)
     (plate,), _ = convert_collision(mesh(write_stl(tmp_path / "p.stl", sheet)), tmp_path, name="p")
     assert plate.kind == "box"
@@ -455,12 +455,12 @@ def test_more_triangles_than_can_be_drawn_are_simplified(tmp_path, monkeypatch):
     ball = trimesh.creation.icosphere(subdivisions=4)
     path = write_stl(tmp_path / "s.stl", ball.triangles)
     written, (change,), _ = converted(mesh(path), tmp_path)
-    assert change.was == "5120 triangles"
-    assert int(change.became.split()[0]) <= 1000
+    assert change.old == "5120 triangles"
+    assert int(change.new.split()[0]) <= 1000
     assert gltf_bounds(written) == pytest.approx(np.array([[-1] * 3, [1] * 3]), abs=0.03)
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     _, (change,), _ = converted(mesh(path), tmp_path, "again")
-    assert "is not installed" in change.why
+    assert "is not installed" in change.reason
 
 
 def test_the_camera_sees_texture_colours_and_place(tmp_path, look):
@@ -649,7 +649,7 @@ def test_of_two_coincident_opposite_faces_one_is_left_and_all_others_stay(tmp_pa
     wrong, volume = against_normals(written)
     assert wrong == 0.0
     assert volume >= 6.0 - 1e-5  # those that face outwards are left
-    assert [change.was for change in changes] == [f"{doubled.sum()} pairs of coincident opposite triangles"]
+    assert [change.old for change in changes] == [f"{doubled.sum()} pairs of coincident opposite triangles"]
 
 
 def test_the_camera_sees_both_sides_of_a_body_with_a_mirrored_node_equally_bright(tmp_path, look):
@@ -691,7 +691,7 @@ def test_a_library_that_hangs_is_killed_when_the_time_of_the_vehicle_is_used_up(
     for number in range(3):  # the second and third are not begun
         (hull,), (change,) = convert_collision(mesh(path), tmp_path, name=f"l{number}", time=time)
         assert parts_volume([hull]) == [pytest.approx(2.0625, rel=1e-5)]
-        assert "the time for cutting meshes into convex parts, 1 s, is used up" in change.why
+        assert "the time for cutting meshes into convex parts, 1 s, is used up" in change.reason
     assert monotonic() - start < 5.0
     assert time.left <= 0.0
 

@@ -81,8 +81,8 @@ def test_a_submesh_that_does_not_exist_becomes_the_whole_mesh_with_the_names_tha
     shape = Shape("mesh", mesh=tmp_path / "car.obj", address="car.obj", submesh="Chassis", center=True, where="m.sdf:3")
     known, (change,) = with_known_submesh(shape)
     assert mesh_bounds(known)[0] == pytest.approx([2, 0, 0])
-    assert (change.where, change.was, change.became) == ("m.sdf:3", "submesh 'Chassis'", "the whole mesh")
-    assert "Body" in change.why
+    assert (change.place, change.old, change.new) == ("m.sdf:3", "submesh 'Chassis'", "the whole mesh")
+    assert "Body" in change.reason
     centred = Shape("mesh", mesh=tmp_path / "car.obj", address="car.obj", submesh="Body", center=True)
     assert with_known_submesh(centred) == (centred, [])
     assert mesh_bounds(centred)[1] == pytest.approx([0.5, 0.5, 0.5])
@@ -132,7 +132,7 @@ def test_negative_indices_count_back_from_the_vertices_read_so_far(tmp_path):
 def test_a_face_with_a_vertex_that_is_not_there_is_left_out_and_counted(tmp_path):
     mesh = read(tmp_path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\nf 1 x 3\nf 1 2\n")
     assert sum(len(piece.corners) for piece in mesh.pieces) == 1
-    assert mesh.notes[0].was == "3 triangles"
+    assert mesh.notes[0].old == "3 triangles"
 
 
 @pytest.mark.parametrize(("scale", "extra"), list(itertools.product((1, 255), ("", " 0.5"))))
@@ -148,7 +148,7 @@ def test_vertices_carry_colours(tmp_path, scale, extra):
 
 def test_a_missing_material_file_is_reported_and_its_parts_keep_their_names(tmp_path):
     mesh = read(tmp_path, "mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\ng body\nusemtl paint\nf 1 2 3\n")
-    assert [(note.was, note.why) for note in mesh.notes] == [("material file gone.mtl", "the file is missing")]
+    assert [(note.old, note.reason) for note in mesh.notes] == [("material file gone.mtl", "the file is missing")]
     (piece,) = chosen(mesh, tmp_path, "body")
     assert (piece.material.name, piece.material.rgba) == ("paint", None)
 
@@ -166,7 +166,7 @@ def test_textures_are_found_behind_options_and_below_other_folders(tmp_path, lin
     assert looks["my paint"].picture is not None
     assert looks["my paint"].rgba == (1, 1, 1, 1)
     assert looks["odd"].rgba == (1, 1, 1, 1)
-    assert [note.became for note in mesh.notes if "odd" in note.was] == ["opaque"]
+    assert [note.new for note in mesh.notes if "odd" in note.old] == ["opaque"]
 
 
 def test_opacity_and_colours_of_materials(tmp_path):

@@ -149,7 +149,7 @@ def test_what_is_no_car_or_cannot_be_read_is_refused_in_one_line_and_nothing_is_
 def test_a_picture_that_is_not_there_is_left_out_and_the_report_says_why(how, words, tmp_path):
     main = traps.lost_meshes(tmp_path / "source", how=how)
     result = import_vehicle(main, name="new", folder=tmp_path / "models")
-    lines = [f"{change.what} {change.was} {change.became} {change.why}" for change in result.changes]
+    lines = [f"{change.part} {change.old} {change.new_text} {change.reason}" for change in result.changes]
     about = [line for line in lines if "body.dae" in line]
     assert about
     assert any(words.lower() in line.lower() for line in about)
@@ -176,8 +176,8 @@ def test_springs_of_the_source_are_those_of_the_vehicle(imported):
 def test_every_repair_stands_in_the_report_with_its_place(imported):
     result, _ = imported
     assert result.changes
-    assert all(change.what and change.why for change in result.changes)
-    assert any("car.urdf:" in change.where for change in result.changes)
+    assert all(change.part and change.reason for change in result.changes)
+    assert any("car.urdf:" in change.place for change in result.changes)
 
 
 def test_the_same_package_gives_the_same_bytes(tmp_path):
@@ -192,7 +192,7 @@ def test_the_same_package_gives_the_same_bytes(tmp_path):
 @pytest.mark.parametrize("imported", ["odd_words"], indirect=True)
 def test_words_that_only_some_readers_know_are_understood_or_told(imported):
     result, car = imported
-    said = {change.what: f"{change.was} -> {change.became}: {change.why}" for change in result.changes}
+    said = {change.part: f"{change.old} -> {change.new_text}: {change.reason}" for change in result.changes}
     vehicle = result.vehicle
     assert vehicle.spec.drive == "front"
     assert (result.folder / "vehicle.yaml").read_text().count("torques of the plugin")
@@ -215,5 +215,5 @@ def test_controllers_of_the_neighbouring_package_of_the_same_name_count(tmp_path
     result = import_vehicle(traps.controllers_beside(tmp_path / "source"), name="new", folder=tmp_path / "models")
     assert result.vehicle.spec.drive == "front"
     assert "rover_control/config/motors.yaml" in (result.folder / "vehicle.yaml").read_text()
-    told = [change for change in result.changes if change.what.startswith("gains of")]
-    assert [change.was for change in told] == ["p 5, i 0.5, d 0"]
+    told = [change for change in result.changes if change.part.startswith("gains of")]
+    assert [change.old for change in told] == ["p 5, i 0.5, d 0"]

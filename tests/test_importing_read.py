@@ -74,9 +74,9 @@ def test_gazebo_tags_and_transmissions_are_not_dropped(tmp_path):
     assert model.plugins[0].values == {"joint": "axle"}
     assert model.transmissions[0].interfaces == ("velocity",)
     assert model.transmissions[0].reduction == 7.0
-    told = {change.what for change in model.changes}
+    told = {change.part for change in model.changes}
     assert told == {"joint 'axle': colour", "<gazebo reference='wheel'>: <fancy>", "robot 'cart': <spring>"}
-    assert all(change.where.endswith(tuple("0123456789")) for change in model.changes)
+    assert all(change.place.endswith(tuple("0123456789")) for change in model.changes)
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_a_broken_file_gives_a_model_or_one_line(data, tmp_path_factory):
     )
     path = written(tmp_path_factory.mktemp("broken"), text[:begin] + filler + text[end:], name)
     try:
-        told = [change.what for change in read_source(path).changes]
+        told = [change.part for change in read_source(path).changes]
     except ModelError as error:
         told = str(error).splitlines()
         assert len(told) == 1

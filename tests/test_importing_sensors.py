@@ -161,9 +161,9 @@ def test_no_value_of_a_sensor_rejects_the_car(tmp_path, seed):
     except MirdrakeError as error:
         pytest.fail(str(error))
     dropped = {
-        change.where
+        change.place
         for change in car.changes
-        if change.what.startswith("sensor") and change.became == "left out" and change.what.endswith("'")
+        if change.part.startswith("sensor") and change.left_out and change.part.endswith("'")
     }
     assert len(car.mounts) + len(dropped) == 20
 

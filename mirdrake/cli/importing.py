@@ -2,8 +2,6 @@
 
 import argparse
 import sys
-from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +9,7 @@ from mirdrake.cli.common import parse_pairs
 from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
-    from mirdrake.importing.vehicles import Change, ImportPlan, ImportResult
+    from mirdrake.importing.vehicles import ImportPlan, ImportResult
 
 MORE = """\
 Finds the packages around the file, recognises wheels, steering and drive from the kinematics, converts meshes and
@@ -101,6 +99,8 @@ def _add_portrait(folder: Path) -> None:
 
 
 def _print_result(result: "ImportResult") -> None:
+    from mirdrake.importing.changes import Code, count_changes
+
     for warning in result.warnings:
         print(f"warning: {warning}")
     geometry, name = result.vehicle.geometry, result.folder.name
@@ -109,31 +109,23 @@ def _print_result(result: "ImportResult") -> None:
         f"  wheelbase {geometry.wheelbase:.3f} m, track {geometry.front_track:.3f} and {geometry.rear_track:.3f} m, "
         f"wheel radius {geometry.front_wheel_radius:.3f} m, {result.vehicle.spec.drive} drive"
     )
-    print(f"  {_count(result.changes)}; every one is in {shown(result.folder / 'README.md')}")
+    print(f"  {count_changes(result.changes)}; all changes are listed in {shown(result.folder / 'README.md')}")
     for change in result.changes:
-        if change.what.startswith(("sensor '", "suspension")) or "please check" in change.became:
-            print(f"  {_line(change)}")
+        if change.code in (Code.SENSOR, Code.SUSPENSION, Code.UNUSUAL):
+            print(f"  {change.sentence}")
     print(f"next: mirdrake view {name}; mirdrake inspect {name}")
 
 
 def _print_plan(plan: "ImportPlan") -> None:
+    from mirdrake.importing.changes import count_changes
+
     layout = plan.car.layout
     print(f"{shown(plan.folder)}/ would be written")
     print(
         f"  wheelbase {layout.wheelbase:.3f} m, track {layout.tracks[0]:.3f} and {layout.tracks[1]:.3f} m, "
         f"wheel radius {layout.radii[0]:.3f} m, {plan.car.drive} drive, {len(plan.car.mounts)} sensors"
     )
-    print(f"  {_count(plan.changes)}; meshes are converted and checked by the import only")
+    print(f"  {count_changes(plan.changes)}; meshes are only converted and checked by the import itself")
     for change in plan.changes:
-        place = f"{change.where}: " if change.where else ""
-        print(f"  {place}{_line(change)}")
-
-
-def _count(changes: Sequence["Change"]) -> str:
-    kinds = Counter("left out" if change.became == "left out" else "changed" for change in changes)
-    return ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())) or "nothing changed"
-
-
-def _line(change: "Change") -> str:
-    """One change in one line."""
-    return " ".join(f"{change.what}: {change.was} -> {change.became} ({change.why})".split())
+        place = f"{change.place}: " if change.place else ""
+        print(f"  {place}{change.sentence}")

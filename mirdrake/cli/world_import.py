@@ -64,17 +64,18 @@ def _packages(texts: list[str]) -> dict[str, Path]:
 
 
 def _print_result(result: "WorldImport") -> None:
+    from mirdrake.importing.changes import count_changes
+
     print(shown(result.path))
     print(f"  {result.entries} entries")
     for line in result.checks:
         print(f"  check: {line}")
-    rows = Counter((change.what, change.became, change.why) for change in result.changes)
-    for (what, became, why), count in list(rows.items())[:_MOST_LINES]:
+    rows = Counter((change.part, change.new_text, change.reason) for change in result.changes)
+    for (part, new, reason), count in list(rows.items())[:_MOST_LINES]:
         times = f" ({count} times)" if count > 1 else ""
-        print(f"  {' '.join(what.split())}{times}: {became}: {' '.join(why.split())}")
+        print(f"  {' '.join(part.split())}{times}: {new}: {' '.join(reason.split())}")
     if len(rows) > _MOST_LINES:
         print(f"  … {len(rows) - _MOST_LINES} more")
-    kinds = Counter("left out" if change.became == "left out" else "changed" for change in result.changes)
-    counted = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())) or "nothing changed"
-    print(f"  {counted}; every one is in {shown(result.path.with_suffix('.md'))}")
+    counted = count_changes(result.changes)
+    print(f"  {counted}; all changes are listed in {shown(result.path.with_suffix('.md'))}")
     print(f"next: mirdrake world show {shown(result.path)}")

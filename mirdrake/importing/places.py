@@ -2,7 +2,6 @@
 
 import os
 import re
-from dataclasses import replace
 from pathlib import Path
 
 from mirdrake.core.yaml_io import shown
@@ -50,8 +49,14 @@ class Places:
 
     def change(self, change: Change) -> Change:
         """A change whose texts name no folder of this machine."""
-        texts = {key: self.text(getattr(change, key)) for key in ("what", "was", "became", "why")}
-        return replace(change, where=self.short(change.where), **texts)
+        return Change(
+            change.code,
+            self.short(change.place),
+            self.text(change.part),
+            self.text(change.old),
+            None if change.new is None else self.text(change.new),
+            self.text(change.reason),
+        )
 
 
 def _is_package(folder: Path) -> bool:

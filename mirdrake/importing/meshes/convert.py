@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.meshes.convex import CutTime, Hull, Parts, fit_box, fit_cylinder, split_convex
 from mirdrake.importing.meshes.read import (
     Material,
@@ -75,7 +75,7 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
         select_submesh(read, shape.mesh, shape.submesh)
     except SubmeshError as error:
         what = f"mesh {shape.address or shape.mesh}"
-        change = Change(shape.where, what, f"submesh '{shape.submesh}'", WHOLE, error.reason)
+        change = Change(Code.SUBMESH, shape.where, what, f"submesh '{shape.submesh}'", WHOLE, error.reason)
         return replace(shape, submesh=""), [change]
     return shape, []
 
@@ -167,7 +167,7 @@ def convert_collision(
     if shape.kind != "mesh":
         return [shape], []
     pieces, notes = _load(shape)
-    notes = [note for note in notes if not note.was.startswith(("texture", "material"))]
+    notes = [note for note in notes if not note.old.startswith(("texture", "material"))]
     parts = split_convex(np.concatenate([piece.corners for piece in pieces]), time)
     if len(parts.hulls) == 1 and not parts.missing:
         primitive = _as_primitive(shape, parts.hulls[0], notes)
@@ -242,4 +242,4 @@ def _load(shape: Shape) -> tuple[list[Piece], list[Note]]:
 
 def _changes(shape: Shape, role: str, notes: Sequence[Note]) -> list[Change]:
     what = f"{role} mesh {shape.address or shape.mesh}"
-    return [Change(shape.where, what, note.was, note.became, note.why) for note in dict.fromkeys(notes)]
+    return [Change(Code.MESH, shape.where, what, note.old, note.new, note.reason) for note in dict.fromkeys(notes)]

@@ -212,7 +212,7 @@ def _read_library(given: str, folder: TextureFolder, materials: dict[str, Materi
     for name in files:
         path = folder.find(name)
         if path is None:
-            folder.notes.append(Note(f"material file {name}", "left out", "the file is missing"))
+            folder.notes.append(Note(f"material file {name}", None, "the file is missing"))
             continue
         entries: list[tuple[str, dict[str, list[str]]]] = []
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirdrake.core.errors import MissingDependencyError, ModelError, did_you_mean
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class MeshError(ModelError):
 
     def left_out(self, where: str, what: str) -> Change:
         """The line of the report if the shape is left out."""
-        return Change(where, what, str(self.file), "left out", self.reason)
+        return Change(Code.MESH, where, what, str(self.file), None, self.reason)
 
 
 class SubmeshError(MeshError):
@@ -58,9 +58,9 @@ class SubmeshError(MeshError):
 class Note(NamedTuple):
     """Something about a mesh that the report should say."""
 
-    was: str
-    became: str
-    why: str
+    old: str
+    new: str | None
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -342,12 +342,12 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
             with Image.open(BytesIO(found.read_bytes())) as image:
                 return _plain(image, alpha=alpha)
         except Exception as error:  # Pillow's errors are of every kind
-            self.notes.append(Note(f"texture {address}", "left out", f"cannot be read: {error}"))
+            self.notes.append(Note(f"texture {address}", None, f"cannot be read: {error}"))
             return None
 
 
 def _missing(address: str) -> Note:
-    return Note(f"texture {address}", "left out", "the file is missing")
+    return Note(f"texture {address}", None, "the file is missing")
 
 
 def _find_any_case(folder: Path, address: str) -> Path | None:

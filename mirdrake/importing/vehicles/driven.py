@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from math import isfinite
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.vehicles.kinematics import source_name
 from mirdrake.importing.vehicles.model import Plugin, SourceModel
 from mirdrake.vehicles.spec import Drive
@@ -62,7 +62,7 @@ def find_drive(
         return drive, f"imported: plugin, {next(iter(plugged.values()))}", []
     where = source_name(model)
     why = "no transmission, controller or plugin says what drives"
-    return "rear", "", [Change(where, "driven axle", "not said", "rear", why)]
+    return "rear", "", [Change(Code.DRIVE, where, "driven axle", "not said", "rear", why)]
 
 
 def _axle(wheels: Iterable[str]) -> Drive:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from math import isfinite
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.vehicles.limits import driven_wheels
 from mirdrake.importing.vehicles.model import Controller, Joint, Plugin, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
@@ -28,21 +28,22 @@ def say_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]:
     changes: list[Change] = []
     wheels = [wheel.joint for wheel in roles.wheels.values()]
     used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
-    said = {change.what for change in roles.changes if change.became == "fixed at zero"}
+    reported = {change.part for change in roles.changes if change.code is Code.JOINT_FIXED}
     carrying = {joint.name for wheel in wheels for joint in roles.tree.path(wheel.child)}
     for joint in roles.tree.above.values():
         if joint.kind != "fixed" and all(joint is not other for other in (*used, *sprung)):
             what = f"joint '{joint.name}'"
-            if what not in said:
+            if what not in reported:
                 springs = joint.kind == "prismatic" and joint.name in carrying
+                code = Code.SUSPENSION_FIXED if springs else Code.JOINT_FIXED
                 why = _SUSPENSION if springs else _WHY.get(joint.kind, "no joint of a car in mirdrake")
-                changes.append(Change(joint.where, what, _words(joint), "fixed at zero", why))
+                changes.append(Change(code, joint.where, what, _words(joint), "fixed at zero", why))
     for joint in used:
         changes += _of_used(joint, spins=any(joint is other for other in wheels))
     for joint in sprung:
         why = "springs of mirdrake act along the vertical; zero is the position of the loaded car at rest"
         became = "prismatic, along the vertical: suspension"
-        changes.append(Change(joint.where, f"joint '{joint.name}'", _words(joint), became, why))
+        changes.append(Change(Code.JOINT, joint.where, f"joint '{joint.name}'", _words(joint), became, why))
     changes += _actuators(roles, used)
     return changes
 
@@ -73,17 +74,19 @@ def _of_used(joint: Joint, *, spins: bool) -> list[Change]:
     if joint.kind in ("universal", "revolute2"):
         became = "a steering joint, a knuckle and a wheel joint"
         changes.append(
-            Change(joint.where, what, f"{joint.kind}: steers and spins", became, "a joint has one motion here")
+            Change(
+                Code.JOINT, joint.where, what, f"{joint.kind}: steers and spins", became, "a joint has one motion here"
+            )
         )
     elif spins and joint.kind != "continuous":
-        changes.append(Change(joint.where, what, _words(joint), "continuous", "a wheel turns without end"))
+        changes.append(Change(Code.JOINT, joint.where, what, _words(joint), "continuous", "a wheel turns without end"))
     if joint.mimic:
         why = "the steering law sets each wheel's own angle" if not spins else "every wheel turns as the road asks"
-        changes.append(Change(joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", "left out", why))
+        changes.append(Change(Code.JOINT, joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", None, why))
     if joint.damping or joint.friction:
         was = f"damping {joint.damping:.4g} N m s/rad, friction {joint.friction:.4g} N m"
         why = "rolling resistance is that of the tyre" if spins else "the steering servo has its own damping"
-        changes.append(Change(joint.where, f"{what}: losses", was, "left out", why))
+        changes.append(Change(Code.JOINT, joint.where, f"{what}: losses", was, None, why))
     return changes
 
 
@@ -96,16 +99,16 @@ def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
     if missing:
         names = ", ".join(f"'{joint.name}'" for joint in missing)
         why = "every wheel has a brake, so every wheel has an actuator; the steering has two"
-        changes.append(Change(missing[0].where, f"actuators of {names}", "none", "added", why))
+        changes.append(Change(Code.ACTUATOR, missing[0].where, f"actuators of {names}", "none", "added", why))
     for item in model.transmissions:
         if item.reduction != 1.0 and any(item.joint == joint.name for joint in used):
             was = f"{item.reduction:g}"
             why = "torques of mirdrake are those at the joint"
-            changes.append(Change(item.where, f"joint '{item.joint}': reduction", was, "left out", why))
+            changes.append(Change(Code.ACTUATOR, item.where, f"joint '{item.joint}': reduction", was, None, why))
     for plugin in model.plugins:
         what = f"plugin '{plugin.name or plugin.filename}'"
         was = ", ".join([plugin.filename, *_numbers_of(plugin)])
-        changes.append(Change(plugin.where, what, was, "left out", "Gazebo's plugins do not run here"))
+        changes.append(Change(Code.PLUGIN, plugin.where, what, was, None, "Gazebo's plugins do not run here"))
     return changes
 
 
@@ -131,13 +134,13 @@ def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> d
     for part, (gains, controller) in known.items():
         was = ", ".join(f"{key} {value:g}" for key, value in gains.items())
         complete = len(known) == len(found)
-        became = "in variants/imported.yaml" if complete else "left out"
+        became = "in variants/imported.yaml" if complete else None
         why = (
             "estimated gains drive better; these are there for comparison"
             if complete
             else "gains of the rest are missing"
         )
-        changes.append(Change(controller.where, f"gains of {part} ('{controller.name}')", was, became, why))
+        changes.append(Change(Code.GAINS, controller.where, f"gains of {part} ('{controller.name}')", was, became, why))
     if len(known) < len(found):
         return None
     control = {part: _pid(gains) for part, (gains, _) in known.items()}

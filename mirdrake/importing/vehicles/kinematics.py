@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 
@@ -78,14 +78,14 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
         if joint.parent == "world" or joint.kind in FREE:
             if joint.parent == "world" and joint.kind == "fixed":
                 changes.append(
-                    Change(joint.where, what, was, "left out", "the car drives, so it is not fixed to the world")
+                    Change(Code.JOINT, joint.where, what, was, None, "the car drives, so it is not fixed to the world")
                 )
         elif joint.parent not in model.links or joint.child not in model.links:
             lost = joint.parent if joint.parent not in model.links else joint.child
-            changes.append(Change(joint.where, what, was, "left out", f"there is no link '{lost}'"))
+            changes.append(Change(Code.JOINT, joint.where, what, was, None, f"there is no link '{lost}'"))
         elif joint.child in above or joint.kind == "gearbox":
             why = "it closes a loop; a vehicle is a tree of links"
-            changes.append(Change(joint.where, what, was, "left out", why))
+            changes.append(Change(Code.JOINT, joint.where, what, was, None, why))
         else:
             above[joint.child] = joint
     roots = [name for name in model.links if name not in above and name != "world"]
@@ -95,7 +95,9 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
     tree = max(trees, key=lambda tree: len(tree.poses))  # the first of equals
     for name, link in model.links.items():
         if name not in tree.poses and name != "world":
-            changes.append(Change(link.where, f"link '{name}'", "part of the model", "left out", "it hangs on nothing"))
+            changes.append(
+                Change(Code.JOINT, link.where, f"link '{name}'", "part of the model", None, "it hangs on nothing")
+            )
     return tree, changes
 
 

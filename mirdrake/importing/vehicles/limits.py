@@ -6,7 +6,7 @@ Limits of joints and figures of drive plugins count alike: the tightest one acts
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite, pi
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code, unusual
 from mirdrake.importing.vehicles.car import Number
 from mirdrake.importing.vehicles.model import Limits, Link, Surface
 from mirdrake.importing.vehicles.recognise import Roles, Wheel, turns_freely
@@ -67,42 +67,50 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
         if free and 0.0 < reach < pi / 2.0 and 0.0 < outer < pi / 2.0:
             loose.append((reach, joint.where, what, f"{joint.kind}, {was}"))
         elif free:
-            changes.append(Change(joint.where, what, f"{joint.kind}, {was}", "those below", "steering has an end"))
+            changes.append(
+                Change(Code.LIMIT, joint.where, what, f"{joint.kind}, {was}", "those below", "steering has an end")
+            )
         elif not (reach > 0.0 and outer > 0.0):
-            changes.append(Change(joint.where, what, was, "those below", "a wheel that cannot turn to both sides"))
+            changes.append(
+                Change(Code.LIMIT, joint.where, what, was, "those below", "a wheel that cannot turn to both sides")
+            )
         elif reach >= pi / 2.0:
             changes.append(
-                Change(joint.where, what, was, "those below", "beyond a right angle a wheel rolls backwards")
+                Change(
+                    Code.LIMIT, joint.where, what, was, "those below", "beyond a right angle a wheel rolls backwards"
+                )
             )
         else:
             inner.append((reach, joint.where))
             if abs(outer - reach) > 0.01 * reach:
                 why = "limits mean the inner wheel; the outer one follows from the steering law"
-                changes.append(Change(joint.where, what, was, f"±{reach:.4g} rad", why))
+                changes.append(Change(Code.LIMIT, joint.where, what, was, f"±{reach:.4g} rad", why))
     for reach, where, what, was in loose:
         if inner:
-            changes.append(Change(where, what, was, "those below", "steering has an end"))
+            changes.append(Change(Code.LIMIT, where, what, was, "those below", "steering has an end"))
         else:
             why = "steering has an end; a continuous joint has none, but its numbers say where it was meant"
-            changes.append(Change(where, what, was, f"±{reach:.4g} rad", why))
+            changes.append(Change(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why))
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
     stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
     tight = min((item for item in stated if item.value > 0.0), key=lambda item: item.value, default=None)
     if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):
         was = f"±{min(inner)[0]:.4g} rad at the joints" if inner else "none at the joints"
         why = f"{tight.key} of the plugin, taken for the inner wheel"
-        changes.append(Change(tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why))
+        changes.append(Change(Code.LIMIT, tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why))
         changes += _check_usual("steering limit", "rad", tight.value, tight.where, USUAL_LIMIT)
         return Number(tight.value, f"imported: plugin, {tight.where}"), changes
     if not inner:
         text = f"estimated: {STEERING_LIMIT:g} rad, as the Bolt; no usable limit in the source"
         where = roles.steering[0].where
-        changes.append(Change(where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "as the Bolt"))
+        changes.append(Change(Code.LIMIT, where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "as the Bolt"))
         return Number(STEERING_LIMIT, text), changes
     limit, where = min(inner)
     if len(inner) == 2 and abs(inner[0][0] - inner[1][0]) > 0.01 * limit:
         was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
-        changes.append(Change(where, "steering limit", was, f"±{limit:.4g} rad", "a car steers alike to both sides"))
+        changes.append(
+            Change(Code.LIMIT, where, "steering limit", was, f"±{limit:.4g} rad", "a car steers alike to both sides")
+        )
     changes += _check_usual("steering limit", "rad", limit, where, USUAL_LIMIT)
     return Number(limit, f"imported: {where}"), changes
 
@@ -286,10 +294,12 @@ def _believe(
             else f"impossible, meant as no limit; at most {most:.3g} {unit} is possible"
         )
         became = f"{estimate.value:.4g} {unit}: {how}"
-        changes.append(Change(_place(where), what, f"{value:.4g} {unit}", became, why))
+        changes.append(Change(Code.LIMIT, _place(where), what, f"{value:.4g} {unit}", became, why))
     else:
         where = given[0][1]
-        changes.append(Change(where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source"))
+        changes.append(
+            Change(Code.LIMIT, where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source")
+        )
     return estimate
 
 
@@ -297,7 +307,7 @@ def _check_usual(what: str, unit: str, value: float, where: str, usual: tuple[fl
     """A change for a value that is possible but unusual, and kept."""
     if not usual[0] <= value <= usual[1]:
         why = f"unusual: {usual[0]:.3g} to {usual[1]:.3g} {unit} is common"
-        yield Change(_place(where), what, f"{value:.4g} {unit}", "as it was: please check", why)
+        yield unusual(_place(where), what, f"{value:.4g} {unit}", why)
 
 
 def _place(where: str) -> str:
@@ -326,16 +336,18 @@ def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Chang
         if max(good) - min(good) > 1e-3 * mean:
             was = ", ".join(f"{value:g}" for value in good)
             why = "the same along and across, left and right"
-            changes.append(Change(where, what, was, f"{mean:.4g}", why))
+            changes.append(Change(Code.CONTACT, where, what, was, f"{mean:.4g}", why))
         return Number(mean, f"imported: {where}")
     if given:
         where = given[0][1]
         was = ", ".join(dict.fromkeys(f"{value:g}" for value, _ in given))
         why = f"tyres on roads have {low:g} to {high:g}; Gazebo's numbers mean that nothing slips"
-        changes.append(Change(where, what, was, "0.9", why))
+        changes.append(Change(Code.CONTACT, where, what, was, "0.9", why))
     else:
         changes.append(
-            Change(pair[0].joint.where, what, "not said", "0.9", HOW["friction"].removeprefix("estimated: "))
+            Change(
+                Code.CONTACT, pair[0].joint.where, what, "not said", "0.9", HOW["friction"].removeprefix("estimated: ")
+            )
         )
     return Number(0.9, HOW["friction"])
 
@@ -351,14 +363,14 @@ def _say_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Num
             f"modulus {numbers['front_tyre_modulus'].value:.4g} Pa, {numbers['front_tyre_stiffness'].value:.4g} N/m"
         )
         why = "kp and kd belong to Gazebo's contact solver, not to tyres; estimated from the load"
-        changes.append(Change(first.where, "contact stiffness of the tyres", was, became, why))
+        changes.append(Change(Code.CONTACT, first.where, "contact stiffness of the tyres", was, became, why))
     turning = {link.name for link in _wheel_links(roles, wheels)}
     for name in roles.tree.poses:
         link = roles.tree.model.links[name]
         if link.surface is not None and name not in turning and (was := _contact_text(link.surface)):
             became = "that of all bodies: friction 0.5"
             why = "only tyres have a contact of their own"
-            changes.append(Change(link.surface.where, f"link '{name}': contact", was, became, why))
+            changes.append(Change(Code.CONTACT, link.surface.where, f"link '{name}': contact", was, became, why))
 
 
 def _contact_text(surface: Surface) -> str:

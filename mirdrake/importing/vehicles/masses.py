@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code, unusual
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Layout, Mass, Part
 from mirdrake.importing.vehicles.inertia import DENSITY, box_inertia, cylinder_inertia, gather, moments_text, widen
@@ -65,7 +65,7 @@ def gather_masses(
         mass = DENSITY * float(np.prod(edges))
         body.mass = Mass(mass, 0.5 * (bounds[0] + bounds[1]), box_inertia(mass, edges))
         became = f"{mass:.4g} kg: {DENSITY:g} kg/m³ of the box around it"
-        changes.append(Change(where, f"link '{body.name}': mass", "none", became, "what moves needs a mass"))
+        changes.append(Change(Code.MASS, where, f"link '{body.name}': mass", "none", became, "what moves needs a mass"))
     for end, radius, width in zip(("front", "rear"), layout.radii, layout.widths, strict=True):
         pair = (wheels[f"{end}_left"], wheels[f"{end}_right"])
         if max(part.mass.mass for part in pair) <= 0.0:
@@ -73,7 +73,7 @@ def gather_masses(
             _set_wheels(pair, mass, cylinder_inertia(mass, radius=radius, length=width, axis=1))
             at = tree.model.links[pair[0].links[0]].where
             changes.append(
-                Change(at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated like a new vehicle's")
+                Change(Code.MASS, at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated like a new vehicle's")
             )
             continue
         _mirror(f"{end} wheels", pair, tree, changes)
@@ -86,7 +86,7 @@ def gather_masses(
         _set_knuckles(knuckles, mass, layout.radii[0])
         at = tree.model.links[knuckles[0].links[0]].where
         why = "what moves needs a mass; estimated as half a wheel's"
-        changes.append(Change(at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why))
+        changes.append(Change(Code.MASS, at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why))
     else:
         _mirror("steering knuckles", knuckles, tree, changes)
     for end in ("front", "rear"):
@@ -126,7 +126,9 @@ def _weigh_carriers(
     body.mass = Mass(scale * body.mass.mass, body.mass.com, scale * body.mass.inertia)
     became = f"{mass:.4g} kg each, of the body's"
     at = tree.model.links[tree.root].where
-    changes.append(Change(at, f"{end} carriers: mass", "none", became, "half a wheel's; what moves needs a mass"))
+    changes.append(
+        Change(Code.MASS, at, f"{end} carriers: mass", "none", became, "half a wheel's; what moves needs a mass")
+    )
 
 
 def total_mass(parts: list[Part]) -> float:
@@ -181,29 +183,33 @@ def check_balance(
         became = f"{wanted[2]:.4g} m: {COM_HEIGHT:g} of the height"
         why = "below the road" if com[2] <= 0.0 else f"above the car, which is {height:.3g} m high"
         changes.append(
-            Change(where, "centre of mass of the car: height", f"{com[2]:.4g} m above the road", became, why)
+            Change(Code.MASS, where, "centre of mass of the car: height", f"{com[2]:.4g} m above the road", became, why)
         )
     if not 0.05 * layout.wheelbase < com[0] < 0.95 * layout.wheelbase:
         wanted[0] = 0.5 * layout.wheelbase
         was = f"{com[0]:.4g} m ahead of the rear axle"
         why = f"the axles are {layout.wheelbase:.4g} m apart; it would tip over, or hardly load one of them"
-        changes.append(Change(where, "centre of mass of the car: along", was, f"{wanted[0]:.4g} m: midway", why))
+        changes.append(
+            Change(Code.MASS, where, "centre of mass of the car: along", was, f"{wanted[0]:.4g} m: midway", why)
+        )
     if abs(com[1]) > 0.25 * min(layout.tracks):
         wanted[1] = 0.0
         was = f"{com[1]:.4g} m to the left"
-        changes.append(Change(where, "centre of mass of the car: sideways", was, "0 m", "it would nearly tip over"))
+        changes.append(
+            Change(Code.MASS, where, "centre of mass of the car: sideways", was, "0 m", "it would nearly tip over")
+        )
     total = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
     if body.mass.mass < 0.5 * total:
         was = f"{body.mass.mass:.4g} kg of {total:.4g} kg"
         why = "wheels and knuckles are heavier than the body"
-        changes.append(Change(where, "mass of the body", was, "as it was: please check", why))
+        changes.append(unusual(where, "mass of the body", was, why))
     moved = body.mass.com + (wanted - com) * total / body.mass.mass
     body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
     edges = _around(layout, bounds)
     density = total / float(np.prod(edges))
     if edges[0] > 2.0 and density > HEAVY * DENSITY:
         why = f"{density:.0f} kg per m³ around it, cars have about {DENSITY:g}; pounds would be {total * POUND:.0f} kg"
-        changes.append(Change(where, "mass of the car", f"{total:.5g} kg", "as it was: please check", why))
+        changes.append(unusual(where, "mass of the car", f"{total:.5g} kg", why))
     return changes
 
 
@@ -220,7 +226,9 @@ def _doubt(part: Part, volume: float, densities: tuple[float, float], tree: Tree
     if part.mass.mass > 0.0 and not densities[0] <= density <= densities[1]:
         where = tree.model.links[part.links[0]].where
         why = f"{density:.3g} kg per m³ of the space it takes; plausible are {densities[0]:g} to {densities[1]:g}"
-        changes.append(Change(where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "counts as missing", why))
+        changes.append(
+            Change(Code.MASS, where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "counts as missing", why)
+        )
         part.mass = Mass()
 
 
@@ -240,7 +248,7 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: list[Change
     if abs(left.mass - right.mass) > 1e-3 * mean:
         at = tree.model.links[pair[0].links[0]].where
         was = f"{left.mass:.4g} and {right.mass:.4g} kg"
-        changes.append(Change(at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are alike"))
+        changes.append(Change(Code.MASS, at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are alike"))
     pair[0].mass = Mass(mean, com, inertia)
     pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
 
@@ -266,7 +274,7 @@ def _repair_wheel(
     offset = float(np.linalg.norm(mass.com))
     if offset > max(1e-3, 0.02 * radius):
         was = f"{offset:.3g} m from the wheel's centre"
-        changes.append(Change(at, f"{what}: centre of mass", was, "in it", "a wheel is balanced"))
+        changes.append(Change(Code.MASS, at, f"{what}: centre of mass", was, "in it", "a wheel is balanced"))
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
     top = int(order[2])
@@ -274,7 +282,9 @@ def _repair_wheel(
         others = [i for i in range(3) if i != top]
         moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
         was = f"{'xyz'[top]} axis has the largest moment, {moments_text(mass.inertia)}"
-        changes.append(Change(at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel turns about y"))
+        changes.append(
+            Change(Code.INERTIA, at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel turns about y")
+        )
     spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
     relative = spin / (mass.mass * radius**2)
     if not SPIN[0] <= relative <= SPIN[1] or across < 0.5 * spin * (1.0 - 1e-6):
@@ -282,7 +292,7 @@ def _repair_wheel(
         was = f"spin {spin:.4g}, across {across:.4g} kg m²"
         became = f"solid cylinder: spin {inertia[1, 1]:.4g}, across {inertia[0, 0]:.4g} kg m²"
         why = f"spin is {relative:.3g} m r²; wheels have 0.5 to 1"
-        changes.append(Change(at, f"{what}: inertia", was, became, why))
+        changes.append(Change(Code.INERTIA, at, f"{what}: inertia", was, became, why))
     else:
         inertia = np.diag([across, spin, across])
     _set_wheels(pair, mass.mass, inertia)
@@ -298,4 +308,6 @@ def _split(
     _set_knuckles(knuckles, mass, radius)
     at = tree.model.links[wheels[0].links[0]].where
     became = f"wheel of {whole.mass - mass:.4g} kg and steering knuckle of {mass:.4g} kg"
-    changes.append(Change(at, "front wheels: mass", f"{whole.mass:.4g} kg", became, "steering and spin are two joints"))
+    changes.append(
+        Change(Code.MASS, at, "front wheels: mass", f"{whole.mass:.4g} kg", became, "steering and spin are two joints")
+    )

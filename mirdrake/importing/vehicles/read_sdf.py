@@ -13,7 +13,7 @@ import numpy as np
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.colours import Rgba
 from mirdrake.importing.sdf.elements import (
@@ -73,7 +73,7 @@ def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element
         if world is not None:
             became, why = f"model '{moving[0].get('name', '')}'", "the rest of the world is not a vehicle"
             what = f"world '{world.get('name', '')}'"
-            model.changes.append(Change(files.where(world), what, f"{len(world)} elements", became, why))
+            model.changes.append(Change(Code.ELEMENT, files.where(world), what, f"{len(world)} elements", became, why))
         return moving[0]
     if models and not moving:
         names = ", ".join(element.get("name", "") for element in models[:8])
@@ -137,7 +137,9 @@ class _Reader:
             elif child.tag.endswith("linear_spring_damper"):
                 self._springs.append(child)
             elif child.tag not in _WITHOUT_EFFECT:
-                self._change(child, f"model: <{child.tag}>", "…", "left out", "it has no counterpart in mirdrake")
+                self._change(
+                    Code.ELEMENT, child, f"model: <{child.tag}>", "…", None, "it has no counterpart in mirdrake"
+                )
 
     def _add_frame(self, name: str, element: Element, scope: Scope, *, default: str | None = None) -> None:
         """Add the frame of a link, joint or frame; `default` is the base if its pose names none."""
@@ -173,7 +175,7 @@ class _Reader:
         # The parts of a merged model are named as if they were in the including model, but keep their common frame.
         frame = scope.full(f"__merged__{name}")
         self._frames.add(frame, read_placement(inner, element, frame, inside, self._files))
-        self._change(element, f"include '{name}'", "merged", "part of the model", "merge is true")
+        self._change(Code.ELEMENT, element, f"include '{name}'", "merged", "part of the model", "merge is true")
         self._read_model(inner, replace(inside, origin=frame), depth + 1)
 
     # --- links ---
@@ -191,7 +193,7 @@ class _Reader:
                 self._model.sensors.append(read_sensor(child, name, self._files.where, self._model))
             elif child.tag not in _LINK_WITHOUT_EFFECT:
                 what = f"link '{name}': <{child.tag}>"
-                self._change(child, what, "…", "left out", "it has no counterpart in mirdrake")
+                self._change(Code.SHAPE, child, what, "…", None, "it has no counterpart in mirdrake")
         return link
 
     def _read_inertial(self, element: Element | None, name: str) -> Inertial | None:
@@ -232,13 +234,15 @@ class _Reader:
         shape, remark = read.shape, read.remark
         if shape is None or shape.kind == "polyline":
             if read.tag:
-                self._change(element, what, f"<{read.tag}>", "left out", remark or f"<{read.tag}> is not supported")
+                self._change(
+                    Code.SHAPE, element, what, f"<{read.tag}>", None, remark or f"<{read.tag}> is not supported"
+                )
             return None
         if remark and shape.kind == "mesh":
-            became = "left out" if shape.mesh is None else shape.mesh.name
-            self._model.changes.append(Change(where, f"{what} mesh", shape.address, became, remark))
+            became = None if shape.mesh is None else shape.mesh.name
+            self._model.changes.append(Change(Code.MESH, where, f"{what} mesh", shape.address, became, remark))
         elif remark:
-            self._change(element, what, f"<{read.tag}>", shape.kind, remark)
+            self._change(Code.SHAPE, element, what, f"<{read.tag}>", shape.kind, remark)
         shape.X_LG, _ = read_pose(element.find("pose"), self._files, scope.version)
         shape.where = where
         shape.rgba, shape.texture = self._read_material(element.find("material"), scope, what)
@@ -252,10 +256,10 @@ class _Reader:
         if address:
             texture, remark = self._models.resolve(address, folder=scope.folder)
             if remark:
-                became = "left out" if texture is None else texture.name
-                self._change(element, f"{what} texture", address, became, remark)
+                became = None if texture is None else texture.name
+                self._change(Code.MATERIAL, element, f"{what} texture", address, became, remark)
         if script and rgba is None and texture is None:
-            self._change(element, f"{what} material", script, "left out", SCRIPT)
+            self._change(Code.MATERIAL, element, f"{what} material", script, None, SCRIPT)
         return rgba, texture
 
     # --- joints ---
@@ -310,7 +314,9 @@ class _Reader:
             )
             if joint.parent == "world":
                 why = "a vehicle is not fixed to the ground"
-                self._model.changes.append(Change(joint.where, f"joint '{name}'", "to the world", "left out", why))
+                self._model.changes.append(
+                    Change(Code.JOINT, joint.where, f"joint '{name}'", "to the world", None, why)
+                )
                 del self._model.joints[name]
                 continue
             X_MJ = self._frames.pose(name)
@@ -340,8 +346,8 @@ class _Reader:
             step = self._frames.base(step)
         raise ModelError(f"{joint.where}: joint '{joint.name}': link '{name}' does not exist")
 
-    def _change(self, element: Element, what: str, was: str, became: str, why: str) -> None:
-        self._model.changes.append(Change(self._files.where(element), what, was, became, why))
+    def _change(self, code: Code, element: Element, part: str, old: str, new: str | None, reason: str) -> None:
+        self._model.changes.append(Change(code, self._files.where(element), part, old, new, reason))
 
 
 def _end_of(element: Element, tag: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.packages import Packages
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import make_pose, read_number, read_numbers
@@ -97,7 +97,7 @@ def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
 
 def _warning(text: str) -> Change:
     place, _, words = text.partition(": ")
-    return Change(place, "xacro", words, "as xacro understood it", "xacro warned about it")
+    return Change(Code.ELEMENT, place, "xacro", words, "as xacro understood it", "xacro warned about it")
 
 
 class _Reader:
@@ -140,10 +140,12 @@ class _Reader:
                 name = element.get("name", "")
                 hint = next((hint for hint in self._model.hints if hint.startswith(f"<{child.tag}> ")), "")
                 why = hint.partition(") ")[2] or "no URDF reader knows it"
-                self._change(child, f"{kind} '{name}': <{child.tag}>", "…", "left out", why)
+                self._change(Code.ELEMENT, child, f"{kind} '{name}': <{child.tag}>", "…", None, why)
 
-    def _change(self, element: ElementTree.Element, what: str, was: str, became: str, why: str) -> None:
-        self._model.changes.append(Change(self._urdf.where(element), what, was, became, why))
+    def _change(
+        self, code: Code, element: ElementTree.Element, part: str, old: str, new: str | None, reason: str
+    ) -> None:
+        self._model.changes.append(Change(code, self._urdf.where(element), part, old, new, reason))
 
     # --- links ---
 
@@ -203,7 +205,7 @@ class _Reader:
             if inner:
                 yield from self._shapes(inner[0], what)
             else:
-                self._change(element, what, "no geometry", "left out", "there is nothing to see or touch")
+                self._change(Code.SHAPE, element, what, "no geometry", None, "there is nothing to see or touch")
             return
         where, pose = self._urdf.where(element), self._origin(element)
         inside = geometry.find("material")  # where some files have it
@@ -232,7 +234,7 @@ class _Reader:
         if shape.tag == "mesh":
             address = shape.get("filename", "")
             return self.mesh(address, self._scale(shape, where), where, what)
-        self._change(shape, what, f"<{shape.tag}>", "left out", "no such shape is known")
+        self._change(Code.SHAPE, shape, what, f"<{shape.tag}>", None, "no such shape is known")
         return None
 
     def _scale(self, shape: ElementTree.Element, where: str) -> tuple[float, ...]:
@@ -240,7 +242,7 @@ class _Reader:
         text = shape.get("scale")
         if text is not None and len(text.split()) > 3:
             text = " ".join(text.split()[:3])
-            self._change(shape, "<mesh> scale", shape.get("scale", ""), text, "a mesh has three factors")
+            self._change(Code.MESH, shape, "<mesh> scale", shape.get("scale", ""), text, "a mesh has three factors")
         count = 1 if text is not None and len(text.split()) == 1 else 3
         scale = read_numbers(text, count=count, default=[1.0] * 3, where=where, what="<mesh> scale")
         return tuple((np.repeat(scale, 3) if len(scale) == 1 else scale).tolist())
@@ -249,8 +251,8 @@ class _Reader:
         """A mesh with its file; a Change if it is not simply there."""
         path, remark = self._packages.resolve(address, folder=self._folder)
         if remark:
-            became = "left out" if path is None else path.name
-            self._model.changes.append(Change(where, f"{what} mesh", address, became, remark))
+            became = None if path is None else path.name
+            self._model.changes.append(Change(Code.MESH, where, f"{what} mesh", address, became, remark))
         return Shape("mesh", mesh=path, address=address, scale=scale, where=where)  # type: ignore[arg-type]
 
     def _material(
@@ -270,8 +272,8 @@ class _Reader:
         if texture is not None and texture.get("filename"):
             path, remark = self._packages.resolve(texture.get("filename", ""), folder=self._folder)
             if remark:
-                became = "left out" if path is None else path.name
-                self._change(texture, f"{what} texture", texture.get("filename", ""), became, remark)
+                became = None if path is None else path.name
+                self._change(Code.MATERIAL, texture, f"{what} texture", texture.get("filename", ""), became, remark)
         return rgba, path
 
     # --- joints ---
@@ -322,4 +324,4 @@ class _Reader:
             if _SPRING.search(key) and "ref" not in key.lower():
                 joint.stiffness = read_number(text, where=where, what=f"joint '{joint.name}' {key}")
                 continue
-            self._change(element, f"joint '{joint.name}': {key}", text, "left out", "no standard attribute")
+            self._change(Code.ELEMENT, element, f"joint '{joint.name}': {key}", text, None, "no standard attribute")

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.driven import find_drive
 from mirdrake.importing.vehicles.kinematics import Tree, frame_about, make_tree, source_name
@@ -260,13 +260,15 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change])
         if (_middle(front) - _middle(rear))[0] < 0.0:
             why = "the steered axle is taken as the front; nothing says whether the car drives with it ahead"
             places = f"{_names(front)} lies towards -x"
-            changes.append(Change(front[0].joint.where, "direction of travel", places, "towards it", why))
+            changes.append(
+                Change(Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards it", why)
+            )
         return front, rear
     rear, front = sorted(axles, key=lambda axle: _middle(axle)[0])
     for wheel in rear:
         joint = _own(wheel, rear)[-1]
         why = "both axles are steered; mirdrake steers the front one, here that towards +x"
-        changes.append(Change(joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why))
+        changes.append(Change(Code.JOINT_FIXED, joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why))
     return front, rear
 
 
@@ -336,8 +338,10 @@ def _blank_words(tree: Tree, blank: Sequence[Joint]) -> str:
     links = [tree.model.links[name] for joint in blank for name in tree.rigid_with(joint.child, ())]
     lost = [shape.address for link in links for shape in (*link.visuals, *link.collisions) if shape.kind == "mesh"]
     lost = [address for address in dict.fromkeys(lost) if address]
-    told = {change.was: f": {change.why}" for change in tree.model.changes if change.became == "left out"}
-    why = f" (is a mesh missing? {', '.join(address + told.get(address, '') for address in lost[:3])})" if lost else ""
+    reasons = {change.old: f": {change.reason}" for change in tree.model.changes if change.left_out}
+    why = (
+        f" (is a mesh missing? {', '.join(address + reasons.get(address, '') for address in lost[:3])})" if lost else ""
+    )
     return f"; {names} turn{'s' if len(blank) == 1 else ''} like a wheel but nothing round{why}"
 
 

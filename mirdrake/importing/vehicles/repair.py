@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change
-from mirdrake.importing.meshes.convert import WHOLE, with_known_submesh
+from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.meshes.convert import with_known_submesh
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.body_cover import COVERED, LARGEST, body_boxes, plan_cover, usual_bounds
 from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part
@@ -102,9 +102,9 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         licence=_licence(model),
         changes=changes,
         warnings=[
-            f"{change.what}: {change.was} does not exist, so that the whole mesh is used."
+            f"{change.part}: {change.old} does not exist, so that the whole mesh is used."
             for change in changes
-            if change.became == WHOLE
+            if change.code is Code.SUBMESH
         ],
     )
 
@@ -146,13 +146,13 @@ def _make_parts(
     else:
         base = names.link(tree.root)
         why = f"a link '{BASE}' further out has that name already"
-        changes.append(Change(root.where, "name of the base link", tree.root, f"{base} stays", why))
+        changes.append(Change(Code.FRAME, root.where, "name of the base link", tree.root, f"{base} stays", why))
     body = Part(base, tree.rigid_with(tree.root, free), layout.X_MB)
     if not layout.X_MB.IsNearlyEqualTo(RigidTransform(), 1e-6):
         x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-6, 0.0, layout.X_MB.translation())
         was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
         became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
-        changes.append(Change(root.where, "base frame", was, became, "the base frame of mirdrake"))
+        changes.append(Change(Code.FRAME, root.where, "base frame", was, became, "the base frame of mirdrake"))
     knuckles = []
     for side, joint in zip(SIDES, roles.steering, strict=True):
         wheel = roles.wheels[f"front_{side}"]
@@ -216,7 +216,14 @@ def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
     became = f"{length:.3g} x {width:.3g} x {height:.3g} m, estimated from wheelbase, track and wheels"
     where = body.visuals[0].where if body.visuals else ""
     changes.append(
-        Change(where, "size of the body", "no shapes of a size like the car's", became, "masses and air need it")
+        Change(
+            Code.SHAPE,
+            where,
+            "size of the body",
+            "no shapes of a size like the car's",
+            became,
+            "masses and air need it",
+        )
     )
     return lower, upper
 
@@ -267,11 +274,15 @@ def _say_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -> l
             was = ", ".join(_shape_text(shape) for shape in shapes[:4]) + (", …" if len(shapes) > 4 else "")
             became = f"cylinder of radius {layout.radii[rear]:.4g} m, {layout.widths[rear]:.4g} m wide"
             what = f"link '{wheel.joint.child}': collision shapes"
-            changes.append(Change(shapes[0].where, what, was, became, "a tyre is a cylinder about its axis"))
+            changes.append(
+                Change(Code.SHAPE, shapes[0].where, what, was, became, "a tyre is a cylinder about its axis")
+            )
     for part in knuckles:
         for shape in part.collisions:
             what = f"link '{part.name}': collision shape"
-            changes.append(Change(shape.where, what, _shape_text(shape), "left out", "it lies between wheel and body"))
+            changes.append(
+                Change(Code.SHAPE, shape.where, what, _shape_text(shape), None, "it lies between wheel and body")
+            )
         part.collisions.clear()
     return changes
 

@@ -1,12 +1,10 @@
 """README.md of an imported vehicle: dimensions with their origin, every change, and what a person should check."""
 
-import re
 from collections.abc import Iterable
-from itertools import groupby
 
 import numpy as np
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import TABLE_HEAD, Code, rows_by_file, table_cell
 from mirdrake.importing.places import Places
 from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
@@ -14,7 +12,6 @@ from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.vehicles.estimates import HOW
 
 Row = tuple[str, str, str, str]
-_PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
 _ROWS = (
     ("steering_limit", "steering limit of the inner wheel", "rad"),
     ("steering_rate", "steering rate at the road wheel", "rad/s"),
@@ -58,7 +55,8 @@ def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, obje
         "files": [places.file(path) for path in model.files],
         "author": " ".join(model.texts.get("author", "").split()),
         "tables": _tables(car, mass),
-        "groups": _groups(car.changes),
+        "change_head": "\n".join(TABLE_HEAD),
+        "changes": [(file, [row.text for row in rows]) for file, rows in rows_by_file(car.changes)],
         "check_title": "## Please check by hand",
         "to_check": list(_to_check(car)),
     }
@@ -69,7 +67,7 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     com = centre_of_mass(car.body, car.knuckles, car.wheels, layout, car.carriers)
     measured = "imported: measured on links and joints"
     wheels = (car.wheels["front_left"].mass, car.wheels["rear_left"].mass)
-    repaired = {change.what for change in car.changes if "mass" in change.what or "inertia" in change.what}
+    repaired = any(change.code in (Code.MASS, Code.INERTIA) for change in car.changes)
     masses = "imported" + (": see the changes below" if repaired else ": sum of the links")
     dimensions: list[Row] = [
         ("wheelbase", _n(layout.wheelbase), "m", measured),
@@ -87,37 +85,23 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     numbers = [(label, _n(car.numbers[key].value), unit, car.numbers[key].source) for key, label, unit in _ROWS]
     control = [(label, _n(getattr(car.estimates, key)), unit, HOW[key]) for key, label, unit in _CONTROL]
     tables = [("Dimensions and masses", dimensions), ("Limits and contact", numbers), ("Control", control)]
-    return [(title, [tuple(map(_cell, row)) for row in rows]) for title, rows in tables]  # type: ignore[misc]
-
-
-def _groups(changes: Iterable[Change]) -> list[tuple[str, list[tuple[str, ...]]]]:
-    """The changes by file, in the order of lines; equal ones once."""
-
-    def placed(change: Change) -> tuple[str, int, Change]:
-        match = _PLACE.match(change.where)
-        return (match.group(1), int(match.group(2).split("-")[0]), change) if match else (change.where, 0, change)
-
-    rows = sorted((placed(change) for change in dict.fromkeys(changes)), key=lambda row: row[:2])
-    return [
-        (file, [(str(line or ""), *map(_cell, (c.what, c.was, c.became, c.why))) for _, line, c in group])
-        for file, group in groupby(rows, key=lambda row: row[0])
-    ]
+    return [(title, [tuple(map(table_cell, row)) for row in rows]) for title, rows in tables]  # type: ignore[misc]
 
 
 def _to_check(car: Car) -> Iterable[str]:
     """What only a person can know."""
     yield from car.warnings
-    whats = {change.what for change in car.changes}
+    codes = {change.code for change in car.changes}
     yield "Look at it: `mirdrake view` shows whether visuals, collision shapes and frames lie where they belong."
     if not car.drive_source:
         yield "Which axle is driven: the source does not say, rear is assumed; `drive` in vehicle.yaml."
-    if "direction of travel" in whats:
+    if Code.DIRECTION in codes:
         yield "Which end is the front: the steered axle was taken."
-    if any("inertia" in what or "mass" in what for what in whats):
+    if codes & {Code.MASS, Code.INERTIA}:
         yield "Masses, inertias and centre of mass: some were replaced, see below."
     if car.springs is not None:
         yield "Ride height: the car stands at the zero position of its springs; `suspension` in vehicle.yaml."
-    if any("suspension" in change.why for change in car.changes):
+    if Code.SUSPENSION_FIXED in codes:
         yield "Ride height: suspension is held at its zero position."
     estimated = sum(number.source.startswith("estimated") for number in car.numbers.values())
     count = f"{estimated} of {len(car.numbers)} limits and contact numbers, and all gains"
@@ -128,8 +112,3 @@ def _to_check(car: Car) -> Iterable[str]:
 
 def _n(value: float) -> str:
     return f"{float(value) + 0.0:.5g}" if abs(value) > 1e-12 else "0"
-
-
-def _cell(text: str) -> str:
-    """A text that stays in its cell of a table."""
-    return " ".join(str(text).split()).replace("|", "\\|").replace("<", "&lt;")

@@ -27,9 +27,9 @@ class Correction:
     """One corrected value: key of the mount, what the source has, what replaces it, and why."""
 
     key: str
-    was: str
-    became: str
-    why: str
+    old: str
+    new: str
+    reason: str
 
 
 def fit_mount(

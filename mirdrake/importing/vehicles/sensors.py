@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.vehicles.car import Frame
 from mirdrake.importing.vehicles.model import SensorTag, SourceModel
 from mirdrake.importing.vehicles.names import Names
@@ -62,14 +62,16 @@ def make_mounts(
         kind = _kind_of(sensor)
         if kind is None or sensor.link not in places:
             why = "no sensor of mirdrake corresponds to it" if kind is None else f"there is no link '{sensor.link}'"
-            changes.append(Change(sensor.where, what, was, "left out", why))
+            changes.append(Change(Code.SENSOR, sensor.where, what, was, None, why))
             continue
         parent, X_PL = places[sensor.link]
         X_LS = sensor.X_LS
         distance = float(np.linalg.norm(X_LS.translation()))
         if not distance <= REACH:
             why = f"a sensor is at most {REACH:g} m from its link"
-            changes.append(Change(sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why))
+            changes.append(
+                Change(Code.SENSOR, sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why)
+            )
             X_LS = RigidTransform()
         for suffix, mount, X_SC in _Reader(sensor, changes).mounts(kind):
             label = re.sub(r"[^A-Za-z0-9_]+", "_", f"{sensor.name}{suffix}")[:64]
@@ -126,10 +128,10 @@ class _Reader:
         defaults = _CAMERA if "camera" in kind else {}
         fitted, corrections, reason = fit_mount(mount, defaults)
         for item in corrections:
-            self._say(item.key, item.was, item.became, item.why)
+            self._say(item.key, item.old, item.new, item.reason)
         if fitted is None:
             what, was = f"sensor '{self._sensor.name}'", f"type {self._sensor.kind}"
-            self._changes.append(Change(self._sensor.where, what, was, "left out", reason))
+            self._changes.append(Change(Code.SENSOR, self._sensor.where, what, was, None, reason))
             return
         yield suffix, fitted, X_SC
 
@@ -151,7 +153,9 @@ class _Reader:
         return RATES[kind]
 
     def _say(self, part: str, was: str, became: str, why: str) -> None:
-        self._changes.append(Change(self._sensor.where, f"sensor '{self._sensor.name}': {part}", was, became, why))
+        self._changes.append(
+            Change(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}': {part}", was, became, why)
+        )
 
     def _get(self, *keys: str) -> float | None:
         """The first of these values that is a number; of several numbers in one text the first one."""
@@ -231,7 +235,9 @@ class _Reader:
             texts = ("none" if value is None else f"{value:g}" for value in (start, end, near, far))
             was = "{} beams from {} to {} rad, {} to {} m".format(f"{columns:g}", *texts)
             why = "number of beams, angles or range are missing"
-            self._changes.append(Change(self._sensor.where, f"sensor '{self._sensor.name}'", was, "left out", why))
+            self._changes.append(
+                Change(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}'", was, None, why)
+            )
             return None
         single = columns == 1 and rows <= 1
         if rows > 1:

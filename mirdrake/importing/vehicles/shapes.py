@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.meshes.convert import MeshError, convert_collision, convert_visual
 from mirdrake.importing.meshes.convex import CUT_TIME, CutTime
 from mirdrake.importing.shape import Shape
@@ -72,7 +72,9 @@ def _visual(
     """A visual; the same mesh is written once."""
     what = f"link '{part.name}': visual"
     if shape.kind == "plane" or not _is_sound(shape):
-        changes.append(Change(shape.where, what, f"{shape.kind} {shape.size}", "left out", "nothing that can be drawn"))
+        changes.append(
+            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "nothing that can be drawn")
+        )
         return None
     if shape.kind != "mesh":
         return shape
@@ -99,7 +101,7 @@ def _collision(
     what = f"link '{part.name}': collision shape"
     if shape.kind == "plane" or not _is_sound(shape):
         changes.append(
-            Change(shape.where, what, f"{shape.kind} {shape.size}", "left out", "nothing that can be touched")
+            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "nothing that can be touched")
         )
         return []
     if shape.kind == "mesh" and shape.mesh is None:  # told when it was read
@@ -129,16 +131,16 @@ def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape 
     was = f"{shape.kind} from {bottom:.4g} to {top:.4g} m above the road"
     why = "it would carry the car in place of the wheels"
     if top - low < 0.3 * (top - bottom):
-        changes.append(Change(shape.where, what, was, "left out", why))
+        changes.append(Change(Code.SHAPE, shape.where, what, was, None, why))
         return None
     R = shape.X_LG.rotation().matrix()
     if shape.kind == "box" and np.abs(np.abs(R[2]).max() - 1.0) < _LEVEL:
         edge = int(np.argmax(np.abs(R[2])))
         size = list(shape.size)
         size[edge] = top - low
-        changes.append(Change(shape.where, what, was, f"from {low:.4g} m on", why))
+        changes.append(Change(Code.SHAPE, shape.where, what, was, f"from {low:.4g} m on", why))
         return replace(shape, size=tuple(size), X_LG=_raised(shape.X_LG, (low - bottom) / 2.0))
-    changes.append(Change(shape.where, what, was, f"{low - bottom:.4g} m higher", why))
+    changes.append(Change(Code.SHAPE, shape.where, what, was, f"{low - bottom:.4g} m higher", why))
     return replace(shape, X_LG=_raised(shape.X_LG, low - bottom))
 
 
@@ -164,9 +166,11 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
         shown = "a box of the usual size for its wheelbase and track is"
     was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
     body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
-    changes.append(Change(where, what, was, shown.rsplit(" ", 1)[0], "the car would be drawn without its body"))
-    lost = [change for change in reported if change.what == f"link '{body.name}': visual"]
-    reason = f" ({lost[0].was}: {lost[0].why})" if lost else ""
+    changes.append(
+        Change(Code.SHAPE, where, what, was, shown.rsplit(" ", 1)[0], "the car would be drawn without its body")
+    )
+    lost = [change for change in reported if change.part == f"link '{body.name}': visual" and change.left_out]
+    reason = f" ({lost[0].old}: {lost[0].reason})" if lost else ""
     car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
     return changes
 
@@ -187,7 +191,9 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
         size = (car.layout.radii[rear], car.layout.widths[rear])
         wheel.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
         what, why = f"link '{wheel.name}': visuals", "the wheel would not be seen"
-        changes.append(Change(places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why))
+        changes.append(
+            Change(Code.SHAPE, places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why)
+        )
     return changes
 
 
@@ -199,5 +205,7 @@ def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
     became = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, from {lower[2]:.3g} m on"
     where = car.body.visuals[0].where if car.body.visuals else ""
     what = f"link '{car.body.name}': collision shape"
-    changes.append(Change(where, what, was, became, "the box around the body; otherwise it would pass through walls"))
+    changes.append(
+        Change(Code.SHAPE, where, what, was, became, "the box around the body; otherwise it would pass through walls")
+    )
     return Shape("box", tuple(size.tolist()), RigidTransform(0.5 * (lower + upper)), where=where)

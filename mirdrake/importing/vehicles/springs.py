@@ -8,7 +8,7 @@ from math import isfinite, pi, sqrt
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.vehicles.car import Layout, Number, Part, SpringSet
 from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
 from mirdrake.importing.vehicles.model import Joint, SourceModel
@@ -103,7 +103,7 @@ def find_springs(roles: Roles) -> tuple[dict[str, WheelSpring], list[Change]]:
     missing = ", ".join(name.replace("_", " ") for name in WHEELS if name not in found)
     where = next(iter(found.values())).joint.where
     why = f"mirdrake springs all four wheels or none; no joint springs the {missing} wheel by itself"
-    return {}, [Change(where, "suspension", f"{len(found)} of 4 wheels on springs", "left out", why)]
+    return {}, [Change(Code.SUSPENSION, where, "suspension", f"{len(found)} of 4 wheels on springs", None, why)]
 
 
 def _rate(roles: Roles, joint: Joint, wheel: np.ndarray) -> float:
@@ -156,7 +156,7 @@ def make_springs(
     if min(loads.values()) <= 0.0:
         name = min(loads, key=lambda key: loads[key])
         why = f"the {name.replace('_', ' ')} wheel and what moves with it are heavier than its load on the road"
-        return None, [Change(where, "suspension", f"springs at {len(springs)} wheels", "left out", why)]
+        return None, [Change(Code.SUSPENSION, where, "suspension", f"springs at {len(springs)} wheels", None, why)]
     numbers: dict[str, Number] = {}
     changes: list[Change] = []
     for end in ENDS:
@@ -195,7 +195,7 @@ def _fill(
         became = f"{stiffness:.4g} N/m at the wheel: please check"
         why = HOW[f"{end}_stiffness"]
     was = "none" if not given else ", ".join(f"{value:.4g} N/m" for value in given)
-    changes.append(Change(joint.where, what, was, became, why))
+    changes.append(Change(Code.SUSPENSION, joint.where, what, was, became, why))
     damping = [item.joint.damping / item.up**2 for item in pair]
     good = [value for value in damping if isfinite(value) and value > 0.0]
     if good:
@@ -204,7 +204,14 @@ def _fill(
     value = 2.0 * 0.3 * sqrt(stiffness * body_mass)
     numbers[f"{end}_damping"] = Number(value, HOW[f"{end}_damping"])
     changes.append(
-        Change(joint.where, f"suspension: {end} dampers", "none", f"{value:.4g} N s/m", HOW[f"{end}_damping"])
+        Change(
+            Code.SUSPENSION,
+            joint.where,
+            f"suspension: {end} dampers",
+            "none",
+            f"{value:.4g} N s/m",
+            HOW[f"{end}_damping"],
+        )
     )
 
 
@@ -219,7 +226,9 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[
             highs.append(ends[1])
     usual, where = estimates.suspension_travel, springs[0].joint.where
     if not lows:
-        changes.append(Change(where, "suspension: travel", "none", f"±{usual:.3g} m", HOW["suspension_travel"]))
+        changes.append(
+            Change(Code.SUSPENSION, where, "suspension: travel", "none", f"±{usual:.3g} m", HOW["suspension_travel"])
+        )
         return -usual, usual
     low, high = max(lows), min(highs)
     if low < 0.0 < high:
@@ -227,5 +236,7 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[
     half = 0.5 * (min(highs) - min(lows))
     half = half if half > 0.0 else usual
     why = "the zero position is that of the loaded car, between the ends of the travel"
-    changes.append(Change(where, "suspension: travel", f"{low:.3g} … {high:.3g} m", f"±{half:.3g} m", why))
+    changes.append(
+        Change(Code.SUSPENSION, where, "suspension: travel", f"{low:.3g} … {high:.3g} m", f"±{half:.3g} m", why)
+    )
     return -half, half

@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code, unusual
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Layout
 from mirdrake.importing.vehicles.kinematics import Tree, frame_about, source_name
@@ -84,7 +84,9 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     if skew > WORTH_SAYING * wheelbase:
         was = f"{_shown(kingpins[0])} and {_shown(kingpins[1])} m"
         why = "left and right mirror each other"
-        changes.append(Change(roles.steering[0].where, "places of the steering axes", was, _shown(middle), why))
+        changes.append(
+            Change(Code.GEOMETRY, roles.steering[0].where, "places of the steering axes", was, _shown(middle), why)
+        )
     for side, kingpin in zip(SIDES, kingpins, strict=True):
         at = np.array([kingpin[0], kingpin[1], radii[0]])
         parts[f"{side}_knuckle"] = X_MB.multiply(RigidTransform(at))
@@ -115,7 +117,11 @@ def _mean(
     mean = 0.5 * (low + high)
     if high - low > WORTH_SAYING * high:
         was = f"{values[0]:.4g} and {values[1]:.4g} m"
-        changes.append(Change(pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are alike"))
+        changes.append(
+            Change(
+                Code.GEOMETRY, pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are alike"
+            )
+        )
     return mean
 
 
@@ -139,7 +145,7 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -
         if abs(angle) > WORTH_SAYING:
             why = "the zero position of the source is not level with its own wheels"
             was = f"the wheels stand on a plane with {degrees(angle):.3g} degrees of {what}"
-            changes.append(Change(place, "level", was, "turned level", why))
+            changes.append(Change(Code.GEOMETRY, place, "level", was, "turned level", why))
     return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), rear)
 
 
@@ -154,7 +160,7 @@ def _say_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, change
     if distance > WORTH_SAYING * wheelbase:
         what = f"joint '{wheel.joint.name}': place"
         why = "left and right mirror each other"
-        changes.append(Change(wheel.joint.where, what, f"{_shown(shift)} m beside it", "mirrored", why))
+        changes.append(Change(Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m beside it", "mirrored", why))
 
 
 def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> RigidTransform:
@@ -166,38 +172,48 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
     if axis @ R_MB[:, 1] < 0.0:
         axis = -axis
         why = "a positive speed rolls ahead"
-        changes.append(Change(joint.where, f"{what}: sense of the axis", "to the right", "to the left", why))
+        changes.append(
+            Change(Code.GEOMETRY, joint.where, f"{what}: sense of the axis", "to the right", "to the left", why)
+        )
     along, _, up = R_MB.T @ axis
     for name, angle in (("camber", asin(float(up))), ("toe", asin(float(along)))):
         if abs(angle) > WORTH_SAYING:
             was = f"{degrees(angle):.3g} degrees of {name}"
             changes.append(
-                Change(joint.where, f"{what}: axis", was, "lateral", "wheels of mirdrake stand upright and ahead")
+                Change(
+                    Code.GEOMETRY,
+                    joint.where,
+                    f"{what}: axis",
+                    was,
+                    "lateral",
+                    "wheels of mirdrake stand upright and ahead",
+                )
             )
     if wheel.off_axis > max(1e-3, 0.01 * shape.radius):
         was = f"centre {wheel.off_axis:.3g} m beside the joint's axis"
         changes.append(
-            Change(shape.shape.where, f"{what}: {shape.role} shape", was, "centred", "an off-centre wheel hops")
+            Change(
+                Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, "centred", "an off-centre wheel hops"
+            )
         )
     if shape.width_from:
         was = f"sphere of radius {shape.radius:.4g} m"
         became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
-        changes.append(Change(shape.shape.where, f"{what}: {shape.role} shape", was, became, "a tyre has a width"))
+        changes.append(
+            Change(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a tyre has a width")
+        )
     if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
         was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m beside what is seen"
-        changes.append(
-            Change(
-                shape.shape.where, f"{what}: track", was, "as it was: please check", "it rolls on its collision shape"
-            )
-        )
+        changes.append(unusual(shape.shape.where, f"{what}: track", was, "it rolls on its collision shape"))
     if wheel.seen is not None and abs(wheel.seen.radius - shape.radius) > SEEN * shape.radius:
         was = f"radius {shape.radius:.4g} m, looks like {wheel.seen.radius:.4g} m"
-        became = f"{shape.radius:.4g} m: please check"
-        changes.append(Change(shape.shape.where, f"{what}: radius", was, became, "it rolls on its collision shape"))
+        changes.append(unusual(shape.shape.where, f"{what}: radius", was, "it rolls on its collision shape"))
     if shape.role == "visual":
         became = f"cylinder of radius {shape.radius:.4g} m, {shape.width:.4g} m wide"
         why = "the wheel has no round collision shape; this is what the eye sees"
-        changes.append(Change(shape.shape.where, f"{what}: collision shape", "none that is round", became, why))
+        changes.append(
+            Change(Code.SHAPE, shape.shape.where, f"{what}: collision shape", "none that is round", became, why)
+        )
     return frame_about(wheel.point, y=axis, up=R_MB[:, 2])
 
 
@@ -209,12 +225,14 @@ def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: list[Chang
     if up[2] < 0.0:
         up = -up
         why = "a positive angle turns left"
-        changes.append(Change(joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why))
+        changes.append(
+            Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why)
+        )
     lean = acos(min(1.0, float(up[2])))
     if lean > WORTH_SAYING:
         was = f"{degrees(lean):.3g} degrees off the vertical"
         why = "steering axes of mirdrake are vertical; they keep their place on the road"
-        changes.append(Change(joint.where, f"joint '{joint.name}': axis", was, "vertical", why))
+        changes.append(Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': axis", was, "vertical", why))
     point = X_BM.multiply(tree.pose(joint).translation())
     on_road: Vector = (point - up * (point[2] / up[2]))[:2]
     return on_road

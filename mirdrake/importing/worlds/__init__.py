@@ -26,7 +26,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.places import Places
 from mirdrake.importing.sdf.search import Models
 from mirdrake.importing.worlds.convert import Converter
@@ -135,7 +135,7 @@ def _build(
     for sun in world.suns:
         if sun is not (suns[0] if suns else None):
             why = "there is one sun" if sun in suns else "the sun does not shine from below"
-            add(Change(sun.where, f"directional light '{sun.name}'", "…", "left out", why))
+            add(Change(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why))
     say("placing")
     props = place(entries, building)
     overlaps = _overlap_rules(props, where, add)
@@ -169,12 +169,21 @@ def _build(
     first, remark = _free_start(laid, props)
     blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
     for start in blocked:
-        add(Change(where, f"start '{start}'", starts.pop(start), "left out", f"no room for a car of the size of {CAR}"))
+        add(
+            Change(
+                Code.START,
+                where,
+                f"start '{start}'",
+                starts.pop(start),
+                None,
+                f"no room for a car of the size of {CAR}",
+            )
+        )
     if first or blocked:
         laid = write({**first, **starts})
     if first:
-        add(Change(where, "start", remark, ", ".join(f"start '{one}': {keys}" for one, keys in first.items()),
-                   f"a car of the size of {CAR} has room there"))  # fmt: skip
+        became = ", ".join(f"start '{one}': {keys}" for one, keys in first.items())
+        add(Change(Code.START, where, "start", remark, became, f"a car of the size of {CAR} has room there"))
     say("checking")
     found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
     checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
@@ -234,7 +243,7 @@ def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add: Ca
         X = by_name[prop.name].X_WP
         by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, drop]))
     was = f"{len(loose)} up to {highest:.3g} m above the ground: {', '.join(prop.name for prop in loose[:5])}"
-    add(Change(where, "loose things in the air", was, "on the ground", "they would fall"))
+    add(Change(Code.MODEL, where, "loose things in the air", was, "on the ground", "they would fall"))
     return True
 
 
@@ -249,7 +258,9 @@ def _height_rules(props: list[PlacedProp], where: str, add: Callable[[Change], N
     if off:
         named = ", ".join(list(off)[:5]) + (" …" if len(off) > 5 else "")
         why = "fixed things may hang or be buried in the source"
-        add(Change(where, "height of things", f"{len(off)} off the ground: {named}", "allowed by rules", why))
+        add(
+            Change(Code.RULE, where, "height of things", f"{len(off)} off the ground: {named}", "allowed by rules", why)
+        )
     return off if len(off) <= _MOST_PAIRS else {"*": max(off.values())}
 
 
@@ -265,7 +276,16 @@ def _overlap_rules(props: list[PlacedProp], where: str, add: Callable[[Change], 
         return []
     shown_pairs = ", ".join(f"{a} and {b}" for a, b in pairs[:5]) + (" …" if len(pairs) > 5 else "")
     was = f"{len(pairs)} pair{'s' if len(pairs) != 1 else ''}: {shown_pairs}"
-    add(Change(where, "things that overlap", was, "allowed by rules", "things of a world may not overlap otherwise"))
+    add(
+        Change(
+            Code.RULE,
+            where,
+            "things that overlap",
+            was,
+            "allowed by rules",
+            "things of a world may not overlap otherwise",
+        )
+    )
     return pairs if len(pairs) <= _MOST_PAIRS else [("*", "*")]
 
 
@@ -287,7 +307,16 @@ def _widen(ground: GroundText, props: list[PlacedProp], where: str, add: Callabl
     side = 2.0 * float(np.ceil((far + _MARGIN) / 10.0) * 10.0)
     was = "as far as its plane is seen" if ground.size is not None else "400 m x 400 m"
     ground.size = (max(side, ground.size[0]), max(side, ground.size[1])) if ground.size else (side, side)
-    add(Change(where, "ground", was, f"{ground.size[0]:g} m x {ground.size[1]:g} m", "something stands further out"))
+    add(
+        Change(
+            Code.GROUND,
+            where,
+            "ground",
+            was,
+            f"{ground.size[0]:g} m x {ground.size[1]:g} m",
+            "something stands further out",
+        )
+    )
 
 
 def _checks(
@@ -303,7 +332,7 @@ def _checks(
     if converter.lost:
         count = len(converter.lost)
         checks.append(f"{count} fault{'s' if count > 1 else ''} left something out that could be touched: see below.")
-    if any("not measured" in change.why for change in world.changes):
+    if any(change.code is Code.STAND_IN_UNSURE for change in world.changes):
         checks.append("Size and heading of props that stand for models: not all were measured.")
     buried = [prop.name for prop in props if prop.bottom < -0.05]
     if buried:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.entry import Entry, degrees, is_word, number
@@ -56,7 +56,9 @@ class Converter:
         for actor, kind, X, where in world.actors:
             what, known = f"actor '{actor}'", find_known(kind)
             if known is None:
-                self.say(Change(where, what, kind, "left out", "actors do not move here, and its model is unknown"))
+                self.say(
+                    Change(Code.MODEL, where, what, kind, None, "actors do not move here, and its model is unknown")
+                )
                 continue
             x, y, _ = X.translation()
             X_WM = RigidTransform(RollPitchYaw(0.0, 0.0, _yaw(X)), [x, y, self.height])
@@ -67,7 +69,7 @@ class Converter:
             count = len(self._sunk)
             was = f"{count} thing{'s' if count > 1 else ''} up to {1e3 * max(self._sunk):.2g} mm off the ground"
             why = "contacts of Gazebo are soft; what is loose would jump"
-            self.say(Change(f"{world.files[0]}:1", "loose things", was, "on the ground", why))
+            self.say(Change(Code.MODEL, f"{world.files[0]}:1", "loose things", was, "on the ground", why))
         return done
 
     def scenery(self, things: Sequence[Thing]) -> list[str]:
@@ -86,7 +88,7 @@ class Converter:
                 self._folders[key] = (short, RigidTransform())
             short, _ = self._folders[key]
             if not short:
-                self.say(Change(thing.where, what, "visuals", "left out", "none of its meshes can be drawn"))
+                self.say(Change(Code.MODEL, thing.where, what, "visuals", None, "none of its meshes can be drawn"))
                 continue
             X = lowered(thing.X_WM, self.height)
             at = ", ".join(number(value) for value in X.translation())
@@ -105,7 +107,7 @@ class Converter:
             self.starts[name] = lowered(thing.X_WM, self.height)
             was = f"{thing.wheels} turning joints"
             why = "a vehicle, not a prop; mirdrake import vehicle takes it"
-            self.say(Change(thing.where, what, was, f"start '{name}'", why))
+            self.say(Change(Code.START, thing.where, what, was, f"start '{name}'", why))
             return None
         known = self._known_for(thing)
         if known is not None:
@@ -118,14 +120,14 @@ class Converter:
             why = thing.broken[0].partition(": ")[2] if thing.broken else (
                 "it is only seen; nothing of it can be touched" if thing.visuals else "it has no shapes"
             )  # fmt: skip
-            self.say(Change(thing.where, what, thing.kind, "left out", why))
+            self.say(Change(Code.MODEL, thing.where, what, thing.kind, None, why))
             return None
         if not np.isfinite(thing.X_WM.GetAsMatrix34()).all():
-            self.say(Change(thing.where, what, thing.kind, "left out", "its place is no number"))
+            self.say(Change(Code.MODEL, thing.where, what, thing.kind, None, "its place is no number"))
             return None
         if thing.loose and not thing.static:
             was, became = f"{thing.loose} joints that move", "one rigid thing"
-            self.say(Change(thing.where, what, was, became, "props do not have joints"))
+            self.say(Change(Code.MODEL, thing.where, what, was, became, "props do not have joints"))
         return self._primitive(thing) or self._file(thing)
 
     def _known_for(self, thing: Thing) -> Known | None:
@@ -150,7 +152,16 @@ class Converter:
             sides = " x ".join(f"{side:.3g}" for side in prop.size)
             became = f"prop {prop.name}, {sides} m" + (f" for {words} m" if prop.asked is None else "")
         self._set_loose(entry)
-        self.say(Change(thing.where, what, thing.kind, became, f"{why}{about}"))
+        self.say(
+            Change(
+                Code.STAND_IN if known.sure else Code.STAND_IN_UNSURE,
+                thing.where,
+                what,
+                thing.kind,
+                became,
+                f"{why}{about}",
+            )
+        )
         return entry
 
     def _primitive(self, thing: Thing) -> Entry | None:
@@ -173,7 +184,7 @@ class Converter:
         key = key_of(thing)
         what = f"model '{thing.name}'"
         if key in self._empty:
-            self.say(Change(thing.where, what, thing.kind, "left out", self._empty[key]))
+            self.say(Change(Code.MODEL, thing.where, what, thing.kind, None, self._empty[key]))
             return None
         if key not in self._folders:
             short = self._new_folder(thing.kind)
@@ -186,14 +197,14 @@ class Converter:
                 shutil.rmtree(target, ignore_errors=True)
                 self._empty[key] = str(error)
                 self.lost.append(f"{thing.where}: {what}: {error}")
-                self.say(Change(thing.where, what, thing.kind, "left out", str(error)))
+                self.say(Change(Code.MODEL, thing.where, what, thing.kind, None, str(error)))
                 return None
             if np.abs(X_MP.translation()).max() > 5e-5:
                 x, y, z = (number(value) for value in X_MP.translation())
                 why = "a prop's frame is on the ground below the middle of its box"
                 sides = " x ".join(f"{side:.3g}" for side in size)
                 became = f"frame at {x} {y} {z} m in the model, box of {sides} m"
-                self.say(Change(thing.where, what, "frame of the model", became, why))
+                self.say(Change(Code.MODEL, thing.where, what, "frame of the model", became, why))
             self._folders[key] = (short, X_MP)
         short, X_MP = self._folders[key]
         entry = Entry(("file", short), self._new_name(thing.name), lowered(thing.X_WM @ X_MP, self.height), thing)
@@ -217,11 +228,11 @@ class Converter:
             if kind == "walls" and corners is not None:
                 parts = cut_walls(shape, corners, target, name=f"wall_{index}")
                 why = "the hull of walls around a place would fill it"
-                self.say(Change(shape.where, what, "walls", f"{len(parts)} convex parts", why))
+                self.say(Change(Code.MODEL, shape.where, what, "walls", f"{len(parts)} convex parts", why))
                 shapes += parts
             elif kind == "terrain":
                 why = "it is terrain; the ground is a plane, and its hull would bury everything"
-                self.say(Change(shape.where, what, "wide and low", "left out", why))
+                self.say(Change(Code.MODEL, shape.where, what, "wide and low", None, why))
                 self.lost.append(f"{shape.where}: {what}: {why}")
             elif shape.kind == "polyline":
                 shapes += convex_outlines(shape)
@@ -276,7 +287,9 @@ class Converter:
         entry.X_WP = RigidTransform(X.rotation(), [*X.translation()[:2], 0.0])
         if abs(z - self.height) > 1e-3 or crowd.box is not None:
             why += "; on the ground"
-        self.say(Change(crowd.where, f"population '{crowd.name}'", was, entry.layout.partition(":")[0], why))
+        self.say(
+            Change(Code.POPULATION, crowd.where, f"population '{crowd.name}'", was, entry.layout.partition(":")[0], why)
+        )
         return entry
 
     # --- small parts ---
@@ -289,7 +302,9 @@ class Converter:
         sound = thing.mass is not None and 1e-6 < thing.mass < 1e9
         if thing.mass is not None and not sound:
             what = f"model '{thing.name}': mass"
-            self.say(Change(thing.where, what, f"{thing.mass:g} kg", f"{_LOOSE_MASS:g} kg", "no thing has that"))
+            self.say(
+                Change(Code.MODEL, thing.where, what, f"{thing.mass:g} kg", f"{_LOOSE_MASS:g} kg", "no thing has that")
+            )
         if sound or entry.what[0] in {"box", "cylinder", "sphere"}:
             entry.mass = thing.mass if sound else _LOOSE_MASS
         z = float(entry.X_WP.translation()[2])

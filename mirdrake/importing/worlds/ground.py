@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.drivable import (
@@ -96,14 +96,23 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
         else:
             ground.surface = "grass"
             was = f"no plane, but roads at z = {largest.top:.4g} m"
-            say(Change(largest.thing.where, "ground", was, "ground of grass", "a world has a base plane"))
+            say(Change(Code.GROUND, largest.thing.where, "ground", was, "ground of grass", "a world has a base plane"))
     elif world.roads and np.ptp(heights := np.concatenate([road.points[:, 2] for road in world.roads])) < _UNEVEN:
         ground.height = _height(float(np.median(heights)))
         was = f"none; roads at z = {np.median(heights):.4g} m"
-        say(Change(world.roads[0].where, "ground", was, f"ground of {ground.surface}", "a world has a base plane"))
+        say(
+            Change(
+                Code.GROUND,
+                world.roads[0].where,
+                "ground",
+                was,
+                f"ground of {ground.surface}",
+                "a world has a base plane",
+            )
+        )
     else:
         where = str(world.files[0]) + ":1"
-        say(Change(where, "ground", "none", f"{ground.surface} at z = 0", "a world has one"))
+        say(Change(Code.GROUND, where, "ground", "none", f"{ground.surface} at z = 0", "a world has one"))
 
     # Slabs and sheets, what is only seen, and roads; then what stands on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
@@ -119,7 +128,16 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
     if abs(ground.height) > 1e-4:
         where = level[0].where if level else f"{world.files[0]}:1"
         became = f"z = 0, everything {abs(ground.height):.4g} m {'lower' if ground.height > 0.0 else 'higher'}"
-        say(Change(where, "height of the ground", f"z = {ground.height:.4g} m", became, "the ground is at z = 0"))
+        say(
+            Change(
+                Code.GROUND,
+                where,
+                "height of the ground",
+                f"z = {ground.height:.4g} m",
+                became,
+                "the ground is at z = 0",
+            )
+        )
     return ground
 
 
@@ -130,7 +148,14 @@ def _level_planes(world: SourceWorld, say: Callable[[Change], None]) -> list[Pla
         if tilt > _LEVEL:
             why = "the ground is level; a slope of the whole world is ground.slope"
             say(
-                Change(plane.where, f"plane '{plane.name}'", f"tilted by {math.degrees(tilt):.4g} deg", "left out", why)
+                Change(
+                    Code.GROUND,
+                    plane.where,
+                    f"plane '{plane.name}'",
+                    f"tilted by {math.degrees(tilt):.4g} deg",
+                    None,
+                    why,
+                )
             )
         else:
             level.append(plane)
@@ -165,9 +190,9 @@ def _take_floor(ground: GroundText, floor: Surface, say: Callable[[Change], None
     if rect and "yaw" not in rect:
         ground.mu = _mu(thing)
         became = f"ground of {ground.surface}, {ground.size[0]:g} m x {ground.size[1]:g} m"
-        say(Change(thing.where, f"model '{thing.name}'", was, became, "a world has a base plane"))
+        say(Change(Code.GROUND, thing.where, f"model '{thing.name}'", was, became, "a world has a base plane"))
         return
-    say(Change(thing.where, "ground", was, f"ground of {ground.surface}", "a world has a base plane"))
+    say(Change(Code.GROUND, thing.where, "ground", was, f"ground of {ground.surface}", "a world has a base plane"))
     _patches_of(ground, [floor], thing.name, ground.surface, _mu(thing))
 
 
@@ -188,7 +213,7 @@ def _take_base(ground: GroundText, plane: Plane, say: Callable[[Change], None]) 
         why = f"the base plane; a mu of {plane.mu:g} stands for no slip, that of the surface is taken"
     else:
         why = "the base plane; mu is that of the surface"
-    say(Change(plane.where, f"plane '{plane.name}'", was, became, why))
+    say(Change(Code.GROUND, plane.where, f"plane '{plane.name}'", was, became, why))
 
 
 def _rectangle(plane: Plane) -> Array:
@@ -203,7 +228,7 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, say: Callable
     height = float(plane.X_WP.translation()[2]) - ground.height
     what, was = f"plane '{plane.name}'", f"plane {height:.4g} m over the ground"
     if plane.size is None or abs(height) > FLAT:
-        say(Change(plane.where, what, was, "left out", f"'{base.name}' is the ground already"))
+        say(Change(Code.GROUND, plane.where, what, was, None, f"'{base.name}' is the ground already"))
         return
     surface = _surface(plane.words) or ground.surface
     mu = plane.mu if plane.mu is not None and 0.0 < plane.mu <= 2.0 else None
@@ -212,7 +237,7 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, say: Callable
     R = plane.X_WP.rotation().matrix()
     rect = _rect((x, y), plane.size, math.atan2(R[1, 0], R[0, 0]))
     ground.patches.append(_patch(name, rect, surface, mu))
-    say(Change(plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground"))
+    say(Change(Code.GROUND, plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground"))
 
 
 # --- slabs, sheets and what is only seen ----------------------------------------------------------------------------
@@ -226,7 +251,7 @@ def _lay_down(
     for surface in sorted(surfaces, key=lambda one: one.top):
         if surface.top < ground.height - FLAT and world.planes:
             what, was = f"model '{surface.thing.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
-            say(Change(surface.thing.where, what, was, "left out", "it is below the ground plane"))
+            say(Change(Code.GROUND, surface.thing.where, what, was, None, "it is below the ground plane"))
             continue
         mu = _mu(surface.thing) if surface.thing.collisions else ground.mu
         alike.setdefault((_surface_of(surface) or ground.surface, mu), []).append(surface)
@@ -245,7 +270,7 @@ def _lay_down(
                 was, became = f"{was}, rising by {rise:.3g} m", f"{became}, laid flat"
             elif above > FLAT:
                 was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
-            say(Change(first.where, what, was, became, why))
+            say(Change(Code.GROUND, first.where, what, was, became, why))
             if look in {"asphalt", "concrete"} or any(one.width < 0.25 * math.sqrt(one.area) for one in together):
                 roads += [polygon for surface in together for polygon in surface.polygons]
     return roads
@@ -335,7 +360,7 @@ def _take_seen(world: SourceWorld, ground: GroundText, say: Callable[[Change], N
             say(change)
         if not own:
             why = "nothing of it collides in the source"
-            say(Change(thing.where, f"model '{thing.name}'", "only visuals", "only drawn", why))
+            say(Change(Code.GROUND, thing.where, f"model '{thing.name}'", "only visuals", "only drawn", why))
     world.things = things
     return found
 
@@ -355,7 +380,7 @@ def _lower_things(
     if moved:
         was = f"{len(moved)} on a surface up to {max(drop for _, drop in moved):.3g} m above the ground"
         why = "the surfaces below them were laid down"
-        say(Change(f"{world.files[0]}:1", "things on raised ground", was, "lower by as much", why))
+        say(Change(Code.GROUND, f"{world.files[0]}:1", "things on raised ground", was, "lower by as much", why))
 
 
 def _foot(thing: Thing) -> Array:
@@ -386,7 +411,7 @@ def _lay_road(ground: GroundText, road: Road, say: Callable[[Change], None]) -> 
     if route is not None and route.is_road:
         name = _new_track(ground, road.name, route, f", surface: {surface}")
         became = f"track '{name}' of {surface}, {route.track.length:.4g} m long"
-        say(Change(road.where, f"road '{road.name}'", was, became, "its corners are arcs"))
+        say(Change(Code.ROAD, road.where, f"road '{road.name}'", was, became, "its corners are arcs"))
         return
     line = shapely.LineString(road.points[:, :2])
     areas = outline([line.buffer(road.width / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)])
@@ -394,7 +419,11 @@ def _lay_road(ground: GroundText, road: Road, say: Callable[[Change], None]) -> 
     became = f"{len(areas)} patch{'es' if len(areas) != 1 else ''} of {surface}"
     if route is not None:
         became += f", and track '{_new_track(ground, road.name, route, '')}' along its middle"
-    say(Change(road.where, f"road '{road.name}'", was, became, "it crosses itself, or is too wide for its bends"))
+    say(
+        Change(
+            Code.ROAD, road.where, f"road '{road.name}'", was, became, "it crosses itself, or is too wide for its bends"
+        )
+    )
 
 
 def _add_routes(
@@ -416,7 +445,11 @@ def _add_routes(
             name = _new_track(ground, "road", route, ", road: false" if route.is_road else "")
             was = f"{part.area:.4g} m² of roads that hang together"
             became = f"track '{name}' along their middle, {route.track.length:.4g} m long"
-            say(Change(f"{world.files[0]}:1", "centre line of the roads", was, became, "drivers follow a line"))
+            say(
+                Change(
+                    Code.ROAD, f"{world.files[0]}:1", "centre line of the roads", was, became, "drivers follow a line"
+                )
+            )
             longest = route.track.length
     order = sorted(ground.routes, key=lambda name: -ground.routes[name].track.length)
     ground.routes = {name: ground.routes[name] for name in order}

@@ -12,7 +12,7 @@ import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from trimesh import Trimesh
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.meshes.convert import convert_collision
 from mirdrake.importing.meshes.convex import make_hull
 from mirdrake.importing.meshes.read import (
@@ -76,7 +76,7 @@ def write_prop(
         solids.sort(key=lambda solid: -float(np.prod(np.ptp(solid[1], axis=0))))
         why = f"a prop has at most {MOST_SOLIDS} shapes"
         what = f"model '{thing.name}': collisions"
-        say(Change(thing.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
+        say(Change(Code.MESH, thing.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
         solids = solids[:MOST_SOLIDS]
     cloud = np.concatenate([points for _, points in solids])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
@@ -248,7 +248,7 @@ def write_visual(thing: Thing, X_PM: RigidTransform, folder: Path, say: Callable
         written = write_gltf(pieces, folder / "visual.gltf")
         notes += [(thing.where, f"model '{thing.name}': visuals", note) for note in written]
     for where, what, note in dict.fromkeys(notes):
-        say(Change(where, what, note.was, note.became, note.why))
+        say(Change(Code.MESH, where, what, note.old, note.new, note.reason))
     return bool(pieces)
 
 

@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.elements import (
     DEEPEST,
@@ -123,7 +123,7 @@ class ModelReader:
             draft.thing.broken.append(str(error))
             place, _, fault = str(error).partition(": ")
             became = "left out, with all that follows in it"
-            self._say(Change(place, f"model '{draft.thing.name}': a part of it", "…", became, fault))
+            self._say(Change(Code.MODEL, place, f"model '{draft.thing.name}': a part of it", "…", became, fault))
 
     def include(self, element: Element, scope: Scope, *, draft: Draft | None = None) -> None:
         """An ``<include>``; see :meth:`model`."""
@@ -183,7 +183,7 @@ class ModelReader:
             name, number = f"{wanted}_{number}", number + 1
         if name != wanted:
             why = "another one has that name"
-            self._say(Change(where, "name of a model", wanted, name, why))
+            self._say(Change(Code.MODEL, where, "name of a model", wanted, name, why))
         return name
 
     def _one_more(self, where: str) -> None:
@@ -214,10 +214,10 @@ class ModelReader:
                 self._joint(child, scope, draft)
             elif child.tag == "plugin":
                 what = f"model '{draft.thing.name}': <plugin>"
-                self._say(Change(where, what, child.get("filename", ""), "left out", "plugins do not run here"))
+                self._say(Change(Code.SHAPE, where, what, child.get("filename", ""), None, "plugins do not run here"))
             elif child.tag not in _SILENT:
                 what = f"model '{draft.thing.name}': <{child.tag}>"
-                self._say(Change(where, what, "…", "left out", "nothing here corresponds to it"))
+                self._say(Change(Code.SHAPE, where, what, "…", None, "nothing here corresponds to it"))
 
     def _joint(self, element: Element, scope: Scope, draft: Draft) -> None:
         kind = element.get("type", "").strip().lower()
@@ -241,7 +241,9 @@ class ModelReader:
         draft.links.append(full)
         if not thing.static and text_of(element, "kinematic") in {"1", "true"}:
             thing.static = True
-            self._say(Change(where, f"model '{thing.name}'", "kinematic", "static", "nothing moves it here"))
+            self._say(
+                Change(Code.MODEL, where, f"model '{thing.name}'", "kinematic", "static", "nothing moves it here")
+            )
         mass = read_number(element.findtext("inertial/mass"), where=where, what="<mass>")
         if mass is not None:
             thing.mass = (thing.mass or 0.0) + mass
@@ -254,16 +256,18 @@ class ModelReader:
                         thing.broken.append(str(error))
                     place, _, fault = str(error).partition(": ")
                     what = f"model '{thing.name}': {child.tag}"
-                    self._say(Change(place, what, child.get("name", ""), "left out", fault))
+                    self._say(Change(Code.SHAPE, place, what, child.get("name", ""), None, fault))
             elif child.tag == "light":
-                self._say(Change(self._tree.where(child), f"model '{thing.name}': <light>", child.get("name", ""),
-                                 "left out", "lamps do not shine here"))  # fmt: skip
+                what, why = f"model '{thing.name}': <light>", "only the sun is supported"
+                self._say(Change(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why))
             elif child.tag == "sensor":
-                self._say(Change(self._tree.where(child), f"model '{thing.name}': <sensor>", child.get("name", ""),
-                                 "left out", "a prop has no sensors"))  # fmt: skip
+                what, why = f"model '{thing.name}': <sensor>", "a prop has no sensors"
+                self._say(Change(Code.SENSOR, self._tree.where(child), what, child.get("name", ""), None, why))
             elif child.tag not in _SILENT:
                 what = f"model '{thing.name}': <{child.tag}>"
-                self._say(Change(self._tree.where(child), what, "…", "left out", "nothing here corresponds to it"))
+                self._say(
+                    Change(Code.SHAPE, self._tree.where(child), what, "…", None, "nothing here corresponds to it")
+                )
 
     def _shape(self, element: Element, scope: Scope, link: str, draft: Draft) -> None:
         where, thing = self._tree.where(element), draft.thing
@@ -271,12 +275,12 @@ class ModelReader:
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
         for plugin in element.findall("plugin"):
             where_plugin, file = self._tree.where(plugin), plugin.get("filename", "")
-            self._say(Change(where_plugin, f"{what}: <plugin>", file, "left out", "plugins do not run here"))
+            self._say(Change(Code.PLUGIN, where_plugin, f"{what}: <plugin>", file, None, "plugins do not run here"))
         read = read_shape(element, self._tree, self._models, scope.folder, check_sizes=True)
         shape, remark = read.shape, read.remark
         if shape is None:
             if remark:
-                self._say(Change(where, what, element.get("name", ""), "left out", remark))
+                self._say(Change(Code.SHAPE, where, what, element.get("name", ""), None, remark))
             if remark and element.tag == "collision":
                 thing.broken.append(f"{where}: {what}: {remark}")
             return
@@ -296,10 +300,10 @@ class ModelReader:
             thing.sources.append(model_name(shape.address))
             if element.tag == "collision":
                 thing.broken.append(f"{where}: {what}: mesh '{shape.address}': {remark}")
-            thing.missing.append(Change(where, f"{what} mesh", shape.address, "left out", remark))
+            thing.missing.append(Change(Code.MESH, where, f"{what} mesh", shape.address, None, remark))
             return
         if remark:
             found = shape.mesh.name if shape.mesh is not None else shape.kind
-            self._say(Change(where, what, shape.address or element.get("name", ""), found, remark))
+            self._say(Change(Code.MODEL, where, what, shape.address or element.get("name", ""), found, remark))
         placed = _Placed(shape, X, scope.full(relative) if relative else link, link)
         (draft.visuals if element.tag == "visual" else draft.collisions).append(placed)

@@ -13,7 +13,7 @@ import shapely
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.elements import read_pose, text_of, version_of
 from mirdrake.importing.sdf.frames import WORLD, Frame, Frames, Scope
@@ -69,7 +69,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     for extra in worlds[1:]:
         why = "a file becomes one world"
         world.changes.append(
-            Change(tree.where(extra), f"world '{extra.get('name', '')}'", "a second world", "left out", why)
+            Change(Code.ELEMENT, tree.where(extra), f"world '{extra.get('name', '')}'", "a second world", None, why)
         )
     _Reader(world, models, tree, Scope("", WORLD, version, path.parent, (path,))).read(worlds[0])
     return world
@@ -109,12 +109,14 @@ class _Reader:
             if index in own:
                 continue
             if thing.name in self._gone:
-                self._say(thing.where, f"model '{thing.name}'", "deleted in <state>", "left out", "it is gone there")
+                self._say(
+                    Code.MODEL, thing.where, f"model '{thing.name}'", "deleted in <state>", None, "it is gone there"
+                )
             elif not self._planes(thing):
                 self._world.things.append(thing)
 
-    def _say(self, where: str, what: str, was: str, became: str, why: str) -> None:
-        self._world.changes.append(Change(where, what, was, became, why))
+    def _say(self, code: Code, place: str, part: str, old: str, new: str | None, reason: str) -> None:
+        self._world.changes.append(Change(code, place, part, old, new, reason))
 
     def _children(self, element: Element) -> None:
         for child in element:
@@ -134,7 +136,7 @@ class _Reader:
                     )
                 )
             else:
-                self._say(place, f"<{child.tag}>", child.get("name", ""), "left out", fault)
+                self._say(Code.ELEMENT, place, f"<{child.tag}>", child.get("name", ""), None, fault)
 
     def _known_child(self, child: Element, where: str) -> None:
         tag, name = child.tag, child.get("name", "")
@@ -174,17 +176,24 @@ class _Reader:
         elif tag == "gravity" or (tag == "physics" and child.find("gravity") is not None):
             self._gravity(child if tag == "gravity" else child.find("gravity"), where)
             if tag == "physics":
-                self._say(where, "<physics>", name, "left out", _WHY["physics"])
+                self._say(Code.ELEMENT, where, "<physics>", name, None, _WHY["physics"])
         else:
             was = child.get("filename", "") or name or child.get("type", "")
-            self._say(where, f"<{tag}>", was, "left out", _WHY.get(tag, "nothing here corresponds to it"))
+            self._say(Code.ELEMENT, where, f"<{tag}>", was, None, _WHY.get(tag, "nothing here corresponds to it"))
 
     def _gravity(self, element: Element | None, where: str) -> None:
         text = element.text if element is not None else None
         value = read_numbers(text, count=3, default=[0, 0, -9.81], where=where, what="<gravity>")
         if not np.allclose(value, [0.0, 0.0, -9.81], atol=0.03):
             was = " ".join(f"{part:g}" for part in value)
-            self._say(where, "<gravity>", f"{was} m/s²", "9.81 m/s² downwards", "worlds of mirdrake are on the earth")
+            self._say(
+                Code.ELEMENT,
+                where,
+                "<gravity>",
+                f"{was} m/s²",
+                "9.81 m/s² downwards",
+                "worlds of mirdrake are on the earth",
+            )
 
     def _actor(self, child: Element, where: str) -> None:
         pose = child.find("pose")
@@ -216,9 +225,16 @@ class _Reader:
                 moved += self._state_of(child, "")
             except ModelError as error:
                 place, _, fault = str(error).partition(": ")
-                self._say(place, "<state> of a model", child.get("name", ""), "left out", fault)
+                self._say(Code.MODEL, place, "<state> of a model", child.get("name", ""), None, fault)
         why = "poses of a saved world win"
-        self._say(self._tree.where(state), "<state>", f"{len(state.findall('model'))} models", f"{moved} moved", why)
+        self._say(
+            Code.ELEMENT,
+            self._tree.where(state),
+            "<state>",
+            f"{len(state.findall('model'))} models",
+            f"{moved} moved",
+            why,
+        )
 
     def _state_of(self, element: Element, prefix: str, depth: int = 0) -> int:
         """Poses of one model, those nested in it and their links; how many models moved."""
@@ -239,7 +255,12 @@ class _Reader:
             if (a, b, c) != (1.0, 1.0, 1.0):
                 self._scales[name] = (a, b, c)
                 self._say(
-                    where, f"model '{name}': scale", f"{a:g} {b:g} {c:g}", "applied to its shapes", "it is in <state>"
+                    Code.MODEL,
+                    where,
+                    f"model '{name}': scale",
+                    f"{a:g} {b:g} {c:g}",
+                    "applied to its shapes",
+                    "it is in <state>",
                 )
         for child in element:
             inner = f"{name}::{child.get('name', '')}"
@@ -300,7 +321,7 @@ class _Reader:
             X = self._frames.pose(frame)
         except ModelError as error:
             place, _, fault = str(error).partition(": ")
-            self._say(place, f"{kind} light '{name}'", "…", "left out", fault)
+            self._say(Code.LIGHT, place, f"{kind} light '{name}'", "…", None, fault)
             return
         self._world.suns.append(Sun(name, X.rotation().multiply(direction), where))
 

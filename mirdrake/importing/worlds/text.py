@@ -3,18 +3,15 @@
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import TABLE_HEAD, Change, rows_by_file, table_cell
 from mirdrake.importing.places import Places
 from mirdrake.importing.worlds.entry import Entry, degrees, number
 from mirdrake.importing.worlds.ground import GroundText
 from mirdrake.importing.worlds.model import Sun
-
-_PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
 
 
 def world_text(
@@ -104,7 +101,7 @@ def report_text(
     """
     lines = [f"# Import of {name}", "", "Read were " + ", ".join(f"`{places.file(path)}`" for path in files) + ".", ""]
     if checks:
-        lines += ["## Please check", "", *(f"- {_cell(check)}" for check in checks), ""]
+        lines += ["## Please check", "", *(f"- {table_cell(check)}" for check in checks), ""]
     if entries:
         lines += [
             "## What stands in the world",
@@ -121,45 +118,21 @@ def report_text(
             source = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]} ({len(names)})"
             here = entry.name + ("[]" if entry.layout else "")
             row = (source, places.short(entry.thing.where), here, what)
-            lines.append("| " + " | ".join(map(_cell, row)) + " |")
+            lines.append("| " + " | ".join(map(table_cell, row)) + " |")
         lines.append("")
     lines += ["## What was changed or left out", ""]
     if not changes:
         lines += ["Nothing.", ""]
-    for file, group in groupby(_sorted(changes), key=lambda row: row[0]):
+    for file, rows in rows_by_file(changes, merge=True):
         lines += [
-            f"### {_cell(file) or 'the whole'}",
+            f"### {table_cell(file) or 'No place in the source'}",
             "",
-            "| line | what | was | became | why |",
-            "| --- | --- | --- | --- | --- |",
+            *TABLE_HEAD,
+            *(row.text for row in rows),
+            "",
         ]
-        for _, line, change, count in group:
-            times = f" ({count} times)" if count > 1 else ""
-            cells = (str(line or ""), change.what + times, change.was, change.became, change.why)
-            lines.append("| " + " | ".join(map(_cell, cells)) + " |")
-        lines.append("")
     return "\n".join(lines)
-
-
-def _sorted(changes: Sequence[Change]) -> list[tuple[str, int, Change, int]]:
-    """Changes by file and line, with how many there are; those that differ in what there was alone stand once."""
-    rows: dict[tuple[str, ...], tuple[str, int, Change, int]] = {}
-    for change in changes:
-        match = _PLACE.match(change.where)
-        file, line = (match.group(1), int(match.group(2).split("-")[0])) if match else (change.where, 0)
-        key = (file, change.what, change.became, change.why)
-        if key in rows:
-            first = rows[key]
-            rows[key] = (*first[:3], first[3] + 1)
-        else:
-            rows[key] = (file, line, change, 1)
-    return sorted(rows.values(), key=lambda row: row[:2])
 
 
 def _plain(text: str) -> str:
     return re.sub(r"[\x00-\x1f]", " ", text)
-
-
-def _cell(text: str) -> str:
-    """A text that stays in its cell of a table."""
-    return " ".join(str(text).split()).replace("|", "\\|").replace("<", "&lt;")
