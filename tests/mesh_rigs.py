@@ -1,4 +1,4 @@
-"""Small mesh files in the formats of ROS and Gazebo, and a camera that looks at what came out."""
+"""Small mesh files in the formats of ROS and Gazebo, and a camera for the results."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""Recognising a car by how it moves, repairing what no car can have, and driving what comes out."""
+"""Import of vehicles: recognition by motion, correction of impossible values, and drives of the result."""
 
 from math import cos, pi, sin, tan
 from typing import Any
@@ -94,7 +94,7 @@ def roles_of(model, drive=None):
     return {name: wheel.joint.name for name, wheel in roles.wheels.items()}, roles
 
 
-def mend(model, drive="rear"):
+def repaired(model, drive="rear"):
     return repair(model, recognise(model, drive), name="car")
 
 
@@ -102,7 +102,7 @@ def lines(thing):
     return [f"{c.part} | {c.old} | {c.new_text} | {c.reason}" for c in thing.changes]
 
 
-def said(thing, *words):
+def reports(thing, *words):
     return any(all(word in line for word in words) for line in lines(thing))
 
 
@@ -112,14 +112,14 @@ EXPECTED = {"front_left": "j1a", "front_right": "j1b", "rear_left": "j2a", "rear
 # --- recognising -------------------------------------------------------------------------------------------------
 
 
-def test_wheels_and_steering_are_known_by_how_they_move():
+def test_wheels_and_steering_are_recognised_by_their_motion():
     wheels, roles = roles_of(car())
     assert wheels == EXPECTED
     assert [joint.name for joint in roles.steering] == ["ka", "kb"]
 
 
 @pytest.mark.parametrize("yaw", [pi, pi / 2, -2.0])
-def test_the_steered_axle_is_ahead_whichever_way_the_source_looks(yaw):
+def test_the_steered_axle_is_the_front_for_any_heading_of_the_source(yaw):
     # yaw turns the whole car below a new root: the left side stays left
     model = car()
     add(
@@ -130,7 +130,7 @@ def test_the_steered_axle_is_ahead_whichever_way_the_source_looks(yaw):
     wheels, roles = roles_of(model)
     assert wheels == EXPECTED
     assert any(change.part == "direction of travel" for change in roles.changes) == (cos(yaw) < 0)
-    layout = mend(model).layout
+    layout = repaired(model).layout
     assert layout.wheelbase == pytest.approx(WHEELBASE)
     assert layout.X_MB.rotation().matrix()[:2, 0] == pytest.approx([cos(yaw), sin(yaw)])
 
@@ -153,7 +153,7 @@ def test_a_joint_that_steers_and_spins_becomes_a_knuckle_and_a_wheel(kind):
         add(model, Joint(joint.name, kind, "chassis", joint.child, place, axis=Z, axis2=Y, limits=Limits(-0.5, 0.5)))
     wheels, _ = roles_of(model)
     assert wheels == EXPECTED
-    result = mend(model)
+    result = repaired(model)
     # a quarter of the wheel's 20 kg is the knuckle's
     assert result.knuckles[0].mass.mass == pytest.approx(5.0)
     assert result.wheels["front_left"].mass.mass == pytest.approx(15.0)
@@ -163,7 +163,7 @@ def test_a_joint_that_steers_and_spins_becomes_a_knuckle_and_a_wheel(kind):
     assert result.layout.kingpin_track == pytest.approx(TRACK)
 
 
-def test_suspension_between_body_and_wheel_is_held_and_its_numbers_are_kept():
+def test_suspension_joints_are_fixed_and_their_values_reported():
     model = car()
     for letter in "ab":
         spring = Joint(f"s{letter}", "prismatic", "chassis", f"slide_{letter}", model.joints[f"k{letter}"].X_PJ, axis=Z)
@@ -175,9 +175,9 @@ def test_suspension_between_body_and_wheel_is_held_and_its_numbers_are_kept():
         model.joints[f"j2{letter}"].parent = arm.child
         add(model, Link(arm.child), arm)
     assert roles_of(model)[0] == EXPECTED
-    result = mend(model)
-    assert said(result, "joint 'sa'", "3152 N/m", "fixed at zero")
-    assert said(result, "joint 'tb'", "fixed at zero")
+    result = repaired(model)
+    assert reports(result, "joint 'sa'", "3152 N/m", "fixed at zero")
+    assert reports(result, "joint 'tb'", "fixed at zero")
     assert result.layout.wheelbase == pytest.approx(WHEELBASE)
 
 
@@ -193,7 +193,7 @@ def test_of_two_steered_axles_the_rear_one_is_fixed():
         "joint 'rka'",
         "joint 'rkb'",
     ]
-    assert len([line for line in lines(mend(model)) if "'rka'" in line]) == 1
+    assert len([line for line in lines(repaired(model)) if "'rka'" in line]) == 1
 
 
 def test_rear_wheels_below_the_cage_of_a_differential_are_still_two_wheels():
@@ -204,9 +204,9 @@ def test_rear_wheels_below_the_cage_of_a_differential_are_still_two_wheels():
         model.joints[f"j2{letter}"] = axle(f"j2{letter}", "cage", f"w2{letter}", 0.0, sign * TRACK / 2, 0.0)
     wheels, _ = roles_of(model)
     assert wheels == EXPECTED
-    result = mend(model)
+    result = repaired(model)
     assert result.body.mass.mass == pytest.approx(BODY + 3.0)
-    assert said(result, "joint 'cage_joint'", "fixed at zero")
+    assert reports(result, "joint 'cage_joint'", "fixed at zero")
 
 
 # --- what is no car ----------------------------------------------------------------------------------------------
@@ -310,13 +310,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("build", "found"), REFUSED.values(), ids=REFUSED)
-def test_what_is_no_car_is_refused_with_what_it_is(build, found):
+def test_other_vehicles_are_rejected_with_their_kind(build, found):
     with pytest.raises(ModelError, match=found) as caught:
         recognise(build())
     assert "\n" not in str(caught.value)
 
 
-def test_a_wheel_whose_mesh_is_lost_is_named():
+def test_wheels_with_missing_meshes_are_named():
     model = car()
     model.links["w2b"].collisions = [Shape("mesh", address="meshes/wheel.stl")]
     with pytest.raises(ModelError, match=r"3 wheels .*; 'j2b' turns like a wheel .* meshes/wheel\.stl"):
@@ -360,7 +360,7 @@ def test_steering_joints_that_cannot_be_used_are_named_with_the_reason(change, r
     assert "\n" not in str(caught.value)
 
 
-def test_steering_joints_without_a_wheel_below_and_wheels_that_are_fixed_are_named():
+def test_steering_joints_without_wheels_and_fixed_wheels_are_named():
     model = skid_steer()
     add(model, Link("column"), kingpin("steering_wheel_joint", "chassis", "column", 0.0, 0.0, 0.5))
     with pytest.raises(ModelError, match="'steering_wheel_joint' carries no wheel"):
@@ -371,7 +371,7 @@ def test_steering_joints_without_a_wheel_below_and_wheels_that_are_fixed_are_nam
         recognise(model)
 
 
-def test_transmissions_say_what_is_driven_and_the_caller_knows_better():
+def test_transmissions_decide_the_driven_axle_unless_the_user_does():
     model = car()
     model.transmissions = [Transmission(name, ("velocity",), where="car.urdf:9") for name in ("j1a", "j1b")]
     model.transmissions += [Transmission(name, ("position",)) for name in ("ka", "kb")]
@@ -379,7 +379,7 @@ def test_transmissions_say_what_is_driven_and_the_caller_knows_better():
     assert recognise(model, "all").drive == "all"
 
 
-def test_a_controller_says_it_where_all_wheels_have_transmissions():
+def test_controllers_decide_the_driven_axle_if_all_wheels_have_transmissions():
     model = car()
     model.transmissions = [Transmission(name, ("effort",)) for name in EXPECTED.values()]
     assert recognise(model).drive == "all"
@@ -388,7 +388,7 @@ def test_a_controller_says_it_where_all_wheels_have_transmissions():
     assert recognise(model).drive == "rear"
 
 
-def test_a_plugin_that_names_one_axle_drives_it():
+def test_a_plugin_drives_the_axle_that_it_names():
     model = car()
     model.plugins = [
         Plugin("drive", "libackermann_drive.so", {"left_joint": "j1a", "right_joint": "j1b", "steer": "ka"})
@@ -412,7 +412,7 @@ def test_a_plugin_of_four_driven_wheels_drives_both_axles():
 
 
 @pytest.mark.parametrize(("front", "back", "drive"), [("800", "0", "front"), ("0", "300.5", "rear"), ("4", "4", "all")])
-def test_torques_of_a_plugin_say_what_is_driven(front, back, drive):
+def test_torques_of_a_plugin_decide_the_driven_axle(front, back, drive):
     model = car()
     values = {"front_left_wheel": "j1a", "front_torque": front, "back_torque": back, "back_brake_torque": "7"}
     values |= {"front_steer_torque": "6", "feedback_torque": "5"}
@@ -421,7 +421,7 @@ def test_torques_of_a_plugin_say_what_is_driven(front, back, drive):
     assert (roles.drive, roles.drive_source) == (drive, "imported: torques of the plugin, car.urdf:90")
 
 
-def test_rear_wheels_are_taken_as_driven_if_nobody_says_anything():
+def test_rear_wheels_are_driven_if_the_source_states_nothing():
     _, roles = roles_of(car())
     assert roles.drive == "rear"
     assert any(change.part == "driven axle" for change in roles.changes)
@@ -430,60 +430,60 @@ def test_rear_wheels_are_taken_as_driven_if_nobody_says_anything():
 # --- straightening -----------------------------------------------------------------------------------------------
 
 
-def test_base_frame_lies_on_the_road_below_the_rear_axle():
-    layout = mend(car()).layout
+def test_the_base_frame_is_on_the_road_below_the_rear_axle():
+    layout = repaired(car()).layout
     assert layout.X_MB.translation() == pytest.approx([-WHEELBASE / 2, 0.0, -RADIUS])
     assert layout.kingpin_track == pytest.approx(TRACK - 2 * KINGPIN)
     assert (layout.tracks, layout.radii, layout.widths) == ((TRACK, TRACK), (RADIUS, RADIUS), (WIDTH, WIDTH))
 
 
-def test_axes_that_point_the_wrong_way_are_turned_round_and_limits_with_them():
+def test_reversed_axes_and_their_limits_are_corrected():
     model = car()
     model.joints["j1a"].axis = -Y
     model.joints["ka"].axis = -Z
     model.joints["ka"].limits = Limits(-0.6, 0.5, 1000.0, 0.5)  # about -z: 0.6 to the left, the inner wheel
     model.joints["kb"].limits = Limits(-0.6, 0.5, 1000.0, 0.5)  # 0.6 to the right, the inner wheel
-    result = mend(model)
-    assert said(result, "joint 'j1a': sense of the axis", "to the left")
-    assert said(result, "joint 'ka': sense of the axis", "upwards")
+    result = repaired(model)
+    assert reports(result, "joint 'j1a': sense of the axis", "to the left")
+    assert reports(result, "joint 'ka': sense of the axis", "upwards")
     assert result.numbers["steering_limit"].value == 0.6
     assert result.steering_joints == ("ka", "kb")
 
 
-def test_leaning_kingpins_and_camber_are_straightened_and_said_in_degrees():
+def test_inclined_steering_axes_and_camber_are_removed_and_reported_in_degrees():
     model = car()
     for letter, sign in (("a", 1), ("b", -1)):
         lean = np.radians(10.0)
         model.joints[f"k{letter}"].axis = np.array([0.0, -sign * sin(lean), cos(lean)])
         camber = np.radians(2.0)
         model.joints[f"j2{letter}"].axis = np.array([0.0, cos(camber), sign * sin(camber)])
-    result = mend(model)
-    assert said(result, "joint 'ka': axis", "10 degrees off the vertical", "vertical")
-    assert said(result, "joint 'j2a': axis", "2 degrees of camber")
+    result = repaired(model)
+    assert reports(result, "joint 'ka': axis", "10 degrees off the vertical", "vertical")
+    assert reports(result, "joint 'j2a': axis", "2 degrees of camber")
     # the axis meets the road further out, by the radius times the tangent of the lean
     assert result.layout.kingpin_track == pytest.approx(
         TRACK - 2 * KINGPIN + 2 * RADIUS * tan(np.radians(10)), abs=1e-3
     )
 
 
-def test_a_wheel_six_millimetres_off_is_mirrored_and_one_twelve_centimetres_off_is_refused():
+def test_a_wheel_that_is_6_mm_off_is_mirrored_and_one_that_is_12_cm_off_is_rejected():
     model = car()
     model.joints["j2a"].X_PJ = at(-WHEELBASE / 2 + 0.006, TRACK / 2, 0.0)
-    result = mend(model)
-    assert said(result, "joint 'j2a': place", "mirrored")
+    result = repaired(model)
+    assert reports(result, "joint 'j2a': place", "mirrored")
     model.joints["j2a"].X_PJ = at(-WHEELBASE / 2 + 0.12, TRACK / 2, 0.0)
     with pytest.raises(ModelError, match=r"'j2a' is 0\.06 0 0 m beside"):
-        mend(model)
+        repaired(model)
 
 
 def test_wheels_of_an_axle_that_differ_by_a_percent_get_the_mean_radius():
     model = car()
     model.links["w2a"] = wheel_link("w2a", RADIUS * 1.01)
-    result = mend(model)
+    result = repaired(model)
     assert result.layout.radii == (RADIUS, pytest.approx(RADIUS * 1.005))
     model.links["w2a"] = wheel_link("w2a", RADIUS * 1.2)
     with pytest.raises(ModelError, match="radii of the rear wheels"):
-        mend(model)
+        repaired(model)
 
 
 def test_larger_rear_wheels_stand_on_the_same_road():
@@ -491,17 +491,17 @@ def test_larger_rear_wheels_stand_on_the_same_road():
     for letter, sign in (("a", 1), ("b", -1)):
         model.links[f"w2{letter}"] = wheel_link(f"w2{letter}", 0.36)
         model.joints[f"j2{letter}"].X_PJ = at(-WHEELBASE / 2, sign * TRACK / 2, 0.06)
-    layout = mend(model).layout
+    layout = repaired(model).layout
     assert layout.radii == (RADIUS, 0.36)
     assert layout.X_MB.rotation().IsNearlyIdentity(1e-9)
 
 
-def test_a_source_that_does_not_stand_level_is_turned_level():
+def test_a_source_that_is_not_level_is_rotated():
     model = car()
     for letter, sign in (("a", 1), ("b", -1)):  # front wheels 26 mm higher: asin(0.026 / 2.6) = 0.01 rad
         model.joints[f"k{letter}"].X_PJ = at(WHEELBASE / 2, sign * (TRACK / 2 - KINGPIN), 0.026)
-    result = mend(model)
-    assert said(result, "level", "0.573 degrees of pitch")
+    result = repaired(model)
+    assert reports(result, "level", "0.573 degrees of pitch")
     assert result.layout.wheelbase == pytest.approx(np.hypot(WHEELBASE, 0.026))
 
 
@@ -510,20 +510,20 @@ def test_a_ball_for_a_wheel_becomes_a_cylinder_and_an_off_centre_shape_is_centre
     for name in ("w2a", "w2b"):
         model.links[name].collisions = [Shape("sphere", (RADIUS,))]
     model.links["w1a"].collisions[0].X_LG = RigidTransform(LIE, [0.0, 0.0, 0.01])
-    result = mend(model)
+    result = repaired(model)
     assert result.layout.widths[1] == pytest.approx(0.4 * 2 * RADIUS)
-    assert said(result, "joint 'j2a'", "sphere of radius 0.3 m", "0.24 m wide")
-    assert said(result, "joint 'j1a'", "0.01 m beside the joint's axis", "centred")
+    assert reports(result, "joint 'j2a'", "sphere of radius 0.3 m", "0.24 m wide")
+    assert reports(result, "joint 'j1a'", "0.01 m beside the joint's axis", "centred")
 
 
-def test_a_wheel_without_round_collision_shape_is_measured_by_eye():
+def test_a_wheel_without_round_collision_shape_is_measured_on_its_visual():
     model = car()
     for name in ("w2a", "w2b"):
         link = model.links[name]
         link.visuals, link.collisions = link.collisions, []
-    result = mend(model)
+    result = repaired(model)
     assert result.layout.radii[1] == RADIUS
-    assert said(result, "joint 'j2a': collision shape", "none that is round")
+    assert reports(result, "joint 'j2a': collision shape", "none that is round")
 
 
 def test_a_root_link_that_lies_on_its_side_in_the_model_is_turned_up():
@@ -537,23 +537,23 @@ def test_a_root_link_that_lies_on_its_side_in_the_model_is_turned_up():
             joint.X_PJ = turn @ joint.X_PJ
     wheels, _ = roles_of(model)
     assert wheels == EXPECTED
-    assert mend(model).layout.X_MB.translation() == pytest.approx([-WHEELBASE / 2, 0.0, 1.0 - RADIUS])
+    assert repaired(model).layout.X_MB.translation() == pytest.approx([-WHEELBASE / 2, 0.0, 1.0 - RADIUS])
 
 
-def test_a_wheel_that_looks_larger_than_it_rolls_is_mentioned():
+def test_different_radii_of_visual_and_collision_shape_are_reported():
     model = car()
     shape = model.links["w2a"].collisions[0]
     model.links["w2a"].visuals = [Shape("cylinder", (0.356, WIDTH), shape.X_LG)]
-    result = mend(model)
+    result = repaired(model)
     assert result.layout.radii[1] == RADIUS
-    assert said(result, "joint 'j2a': radius", "looks like 0.356 m", "please check")
+    assert reports(result, "joint 'j2a': radius", "looks like 0.356 m", "please check")
 
 
 # --- masses ------------------------------------------------------------------------------------------------------
 
 
-def test_masses_of_a_sound_car_are_kept():
-    result = mend(car())
+def test_plausible_masses_are_kept():
+    result = repaired(car())
     assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB)
     com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
     # body midway 0.2 m above the axles, two hubs in front: (1400 x 1.3 + 60 x 2.6) / 1500 and 0.3 + 0.2 x 1400 / 1500
@@ -574,11 +574,11 @@ IMPOSSIBLE = {
 
 
 @pytest.mark.parametrize(("why", "inertia"), IMPOSSIBLE.items(), ids=IMPOSSIBLE)
-def test_an_inertia_that_no_such_body_has_becomes_that_of_its_box(why, inertia):
+def test_an_impossible_inertia_becomes_that_of_the_bounding_box(why, inertia):
     model = car()
     model.links["chassis"].inertial.inertia = inertia
-    result = mend(model)
-    assert said(result, "link 'chassis': inertia", why)
+    result = repaired(model)
+    assert reports(result, "link 'chassis': inertia", why)
     assert result.body.mass.inertia == pytest.approx(BOX)
 
 
@@ -588,8 +588,8 @@ def test_moments_of_exchanged_axes_go_to_the_axes_that_the_shapes_have(order):
     model = car()
     own = box_tensor(BODY, 4.0, 1.5, 1.2)
     model.links["chassis"].inertial.inertia = own[np.ix_(order, order)]
-    result = mend(model)
-    assert said(result, "link 'chassis': inertia along x, y, z", "outside of the link's shapes")
+    result = repaired(model)
+    assert reports(result, "link 'chassis': inertia along x, y, z", "outside of the link's shapes")
     moments = np.diag(result.body.mass.inertia)
     assert moments[0] < min(moments[1:])  # least about the long axis
     assert sorted(moments) == pytest.approx(sorted(np.diag(own)))
@@ -600,8 +600,8 @@ def test_moments_that_fit_the_shapes_or_no_order_of_axes_are_kept(scale):
     model = car()
     own = scale * box_tensor(BODY, 4.0, 1.5, 1.2)
     model.links["chassis"].inertial.inertia = own
-    result = mend(model)
-    assert not said(result, "link 'chassis': inertia along x, y, z", "")
+    result = repaired(model)
+    assert not reports(result, "link 'chassis': inertia along x, y, z", "")
     assert result.body.mass.inertia == pytest.approx(own)
 
 
@@ -611,7 +611,7 @@ def test_the_parts_of_a_body_add_up_about_their_common_centre():
         model, Link("battery", Inertial(600.0, RigidTransform(), box_tensor(600.0, 1.0, 1.0, 0.2)), where="car.urdf:80")
     )
     add(model, Joint("mount", "fixed", "chassis", "battery", at(0.5, 0.0, -0.1)))
-    mass = mend(model).body.mass
+    mass = repaired(model).body.mass
     # centre: 1400 at (0, 0.2), 600 at (0.5, -0.1) in x, z; reduced mass 1400 x 600 / 2000 = 420
     assert mass.mass == 2000.0
     assert mass.com == pytest.approx([WHEELBASE / 2 + 0.15, 0.0, RADIUS + 0.11])
@@ -625,62 +625,62 @@ def test_spin_inertia_in_the_wrong_slot_goes_to_the_wheel_axis():
     spin, across = WHEEL * RADIUS**2 / 2, 0.5
     for name in ("w2a", "w2b"):
         model.links[name].inertial.inertia = np.diag([across, across, spin])
-    result = mend(model)
+    result = repaired(model)
     assert np.diag(result.wheels["rear_left"].mass.inertia) == pytest.approx([across, spin, across])
-    assert said(result, "rear wheels: inertia", "z axis")
+    assert reports(result, "rear wheels: inertia", "z axis")
 
 
-def test_wheels_forty_times_too_lazy_become_solid_cylinders():
+def test_wheels_with_40_times_the_inertia_become_solid_cylinders():
     model = car()
     for name in ("w2a", "w2b"):
         model.links[name].inertial.inertia = 40 * wheel_tensor()
-    result = mend(model)
+    result = repaired(model)
     assert result.wheels["rear_left"].mass.inertia == pytest.approx(wheel_tensor())
 
 
-def test_what_moves_without_mass_gets_an_estimate():
+def test_moving_links_without_mass_get_an_estimate():
     model = car()
     for name, link in model.links.items():
         if name != "chassis":
             link.inertial = None
-    result = mend(model)
+    result = repaired(model)
     # 283 kg per m³ of wheel cylinder, at most 2.5 % of the body: pi x 0.09 x 0.2 x 283 = 16.0
     assert result.wheels["front_left"].mass.mass == pytest.approx(16.0, abs=0.01)
     assert result.knuckles[0].mass.mass == pytest.approx(8.0, abs=0.01)
     model.links["chassis"].inertial = None
-    assert mend(model).body.mass.mass == pytest.approx(140 * 4.0 * 1.1 * 0.6)
+    assert repaired(model).body.mass.mass == pytest.approx(140 * 4.0 * 1.1 * 0.6)
 
 
-def test_a_wheel_of_a_thousand_tonnes_weighs_as_much_as_the_other_one():
+def test_a_wheel_of_impossible_mass_gets_that_of_the_other_one():
     model = car()
     model.links["w2b"].inertial.mass = 1e6
-    result = mend(model)
-    assert said(result, "link 'w2b': mass", "1e+06 kg", "counts as missing")
+    result = repaired(model)
+    assert reports(result, "link 'w2b': mass", "1e+06 kg", "treated as missing")
     assert [result.wheels[name].mass.mass for name in ("rear_left", "rear_right")] == [WHEEL, WHEEL]
 
 
-def test_a_centre_of_mass_far_outside_its_link_is_put_into_it():
+def test_a_centre_of_mass_far_outside_of_its_link_is_moved_into_it():
     model = car()
     model.links["hub_a"].inertial.X_LI = at(0.0, 40.0, 0.0)
-    result = mend(model)
-    assert said(result, "link 'hub_a': centre of mass", "40 m from there")
+    result = repaired(model)
+    assert reports(result, "link 'hub_a': centre of mass", "40 m from there")
     assert result.knuckles[0].mass.com == pytest.approx(np.zeros(3))
 
 
 @pytest.mark.parametrize(("place", "what"), [((0.0, 0.0, -0.8), "below the road"), ((0, 0, 3), "above the car")])
-def test_a_centre_of_mass_outside_the_car_is_put_at_a_third_of_its_height(place, what):
+def test_a_centre_of_mass_outside_of_the_car_is_moved_to_a_third_of_its_height(place, what):
     model = car()
     model.links["chassis"].inertial.X_LI = at(*place)
-    result = mend(model)
+    result = repaired(model)
     com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
     assert com[2] == pytest.approx(0.35 * 0.9)  # the box ends 0.6 m above the axles
-    assert said(result, "centre of mass of the car: height", what)
+    assert reports(result, "centre of mass of the car: height", what)
 
 
-def test_a_centre_of_mass_ahead_of_the_front_axle_is_put_midway():
+def test_a_centre_of_mass_ahead_of_the_front_axle_is_moved_between_the_axles():
     model = car()
     model.links["chassis"].inertial.X_LI = at(1.5, 0.0, 0.2)
-    result = mend(model)
+    result = repaired(model)
     com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
     assert com[0] == pytest.approx(WHEELBASE / 2)
 
@@ -712,7 +712,7 @@ def corrupt(model, chance):
         joint.axis = np.roll([value, 0.0, 1.0], spot)
 
 
-def test_two_hundred_spoilt_cars_become_sound_ones_or_are_refused_in_one_line():
+def test_200_damaged_cars_are_repaired_or_rejected_in_one_line():
     cars = 0
     for seed in range(200):
         chance = np.random.default_rng(seed)
@@ -721,7 +721,7 @@ def test_two_hundred_spoilt_cars_become_sound_ones_or_are_refused_in_one_line():
             corrupt(model, chance)
         refused: ModelError | None = None
         try:
-            result = mend(model)
+            result = repaired(model)
         except ModelError as error:
             refused = error
         if refused is not None:
@@ -745,15 +745,15 @@ def test_steering_without_usable_limits_gets_those_of_the_other_side_or_of_the_b
     model = car()
     model.joints["kb"].kind = "continuous"
     model.joints["ka"].limits = Limits(-0.7, 0.7, 1000.0, 0.5)
-    assert mend(model).numbers["steering_limit"].value == 0.7
+    assert repaired(model).numbers["steering_limit"].value == 0.7
     model.joints["ka"].kind = "continuous"  # now both: the numbers are better than none
-    assert mend(model).numbers["steering_limit"].value == 0.6
-    assert said(mend(model), "joint 'ka': limits", "±0.7 rad")
+    assert repaired(model).numbers["steering_limit"].value == 0.6
+    assert reports(repaired(model), "joint 'ka': limits", "±0.7 rad")
     for name in ("ka", "kb"):
         model.joints[name].kind, model.joints[name].limits = "revolute", Limits(0.0, 0.0, 0.0, 0.0)
-    result = mend(model)
+    result = repaired(model)
     assert result.numbers["steering_limit"].value == 0.6
-    assert said(result, "joint 'ka': limits", "0 … 0 rad")
+    assert reports(result, "joint 'ka': limits", "0 … 0 rad")
 
 
 def test_the_steering_limit_of_a_plugin_counts_where_the_joints_have_none():
@@ -761,10 +761,10 @@ def test_the_steering_limit_of_a_plugin_counts_where_the_joints_have_none():
     for name in ("ka", "kb"):
         model.joints[name].kind, model.joints[name].limits = "continuous", Limits()
     model.plugins.append(Plugin("drive", "libdrive.so", {"max_steer": "0.45", "max_speed": "9"}, "car.urdf:80"))
-    result = mend(model)
+    result = repaired(model)
     assert result.numbers["steering_limit"].value == 0.45
     assert result.numbers["steering_limit"].source == "imported: plugin, car.urdf:80"
-    assert said(result, "plugin 'drive'", "max_steer 0.45, max_speed 9")
+    assert reports(result, "plugin 'drive'", "max_steer 0.45, max_speed 9")
 
 
 @pytest.mark.parametrize("nonsense", [0.0, -1.0, float("nan"), float("inf"), 1e9])
@@ -772,7 +772,7 @@ def test_limits_that_mean_no_limit_are_estimated(nonsense):
     model = car()
     for joint in model.joints.values():
         joint.limits = Limits(joint.limits.lower, joint.limits.upper, nonsense, nonsense)
-    numbers = mend(model).numbers
+    numbers = repaired(model).numbers
     # 1500 kg: half the weight as thrust at the wheels; 0.8 wheel loads at a radius; 0.16 m/s over the radius
     assert numbers["max_torque"].value == pytest.approx(0.5 * 1500 * 9.80665 * RADIUS)
     assert numbers["steering_effort"].value == pytest.approx(0.8 * 1500 * 9.80665 / 4 * RADIUS)
@@ -784,7 +784,7 @@ def test_plausible_limits_of_the_source_are_kept_with_their_place():
     model = car()
     for name in ("j2a", "j2b"):
         model.joints[name].limits = Limits(effort=900.0, velocity=90.0)
-    numbers = mend(model).numbers
+    numbers = repaired(model).numbers
     assert numbers["max_torque"].value == 1800.0
     assert numbers["wheel_speed_limit"].value == 90.0
     assert numbers["wheel_speed_limit"].source == "imported: car.urdf:60"
@@ -797,12 +797,12 @@ PRIUS = {
 }  # fmt: skip
 
 
-def test_figures_of_a_drive_plugin_replace_estimates_and_beat_wider_limits_of_joints():
+def test_figures_of_a_drive_plugin_replace_estimates_and_wider_joint_limits():
     model = car()
     for name in ("j1a", "j1b", "j2a", "j2b"):
         model.joints[name].limits = Limits(effort=1e7, velocity=1e6)
     model.plugins.append(Plugin("drive", "libPriusHybridPlugin.so", PRIUS, "car.urdf:80"))
-    numbers = mend(model, drive=None).numbers
+    numbers = repaired(model, drive=None).numbers
     assert recognise(model).drive == "front"
     assert {key: numbers[key].value for key in ("steering_limit", "max_torque", "brake_torque")} == pytest.approx(
         {"steering_limit": 0.55, "max_torque": 2 * 859.4, "brake_torque": 2 * (1031.28 + 687.52)}
@@ -835,7 +835,7 @@ def test_figures_of_a_drive_plugin_replace_estimates_and_beat_wider_limits_of_jo
 def test_figures_of_common_plugins_are_understood(values, key, value):
     model = car()
     model.plugins.append(Plugin("drive", "libdrive.so", values, "car.urdf:80"))
-    assert mend(model).numbers[key].value == pytest.approx(value)
+    assert repaired(model).numbers[key].value == pytest.approx(value)
 
 
 @pytest.mark.parametrize("factor", [0.02, 0.5, 6.0, 30.0])
@@ -844,9 +844,9 @@ def test_an_unusual_limit_is_kept_with_a_warning_and_only_an_impossible_one_repl
     model = car()
     for name in ("j2a", "j2b"):
         model.joints[name].limits = Limits(effort=factor * share)
-    result = mend(model)
+    result = repaired(model)
     assert result.numbers["max_torque"].value == pytest.approx(2 * factor * share)
-    assert said(result, "torque of a driven wheel", "please check") == (factor != 0.5)
+    assert reports(result, "torque of a driven wheel", "please check") == (factor != 0.5)
 
 
 @pytest.mark.parametrize(("mu", "became"), [(10000.0, 0.9), (0.0, 0.9), (0.6, 0.6), (1.75, 1.75)])
@@ -854,10 +854,10 @@ def test_friction_of_a_tyre_is_kept_and_that_of_a_solver_is_not(mu, became):
     model = car()
     for name in ("w2a", "w2b"):
         model.links[name].surface = Surface(mu, mu, 1e7, 1.0, where="car.urdf:90")
-    result = mend(model)
+    result = repaired(model)
     assert result.numbers["rear_friction"].value == became
-    assert said(result, "friction of the rear tyres") == (mu != became)
-    assert said(result, "contact stiffness of the tyres", "kp 1e+07 N/m")
+    assert reports(result, "friction of the rear tyres") == (mu != became)
+    assert reports(result, "contact stiffness of the tyres", "kp 1e+07 N/m")
 
 
 # --- end to end --------------------------------------------------------------------------------------------------
@@ -975,7 +975,7 @@ def test_the_folder_is_that_of_any_vehicle(driven):
         assert load_vehicle(str(result.folder), arguments={"drive": drive_axle}).spec.drive == drive_axle
 
 
-def test_every_change_stands_in_the_readme_by_file_and_line(driven):
+def test_the_readme_lists_every_change_by_file_and_line(driven):
     result, _ = driven
     readme = (result.folder / "README.md").read_text()
     assert "### car.urdf" in readme
@@ -994,12 +994,12 @@ def test_dimensions_are_those_of_the_source(driven):
     assert (geometry.steering_limit, geometry.steering_rate) == (0.6, 1.0)
 
 
-def test_a_body_that_drags_on_the_road_is_lifted_and_one_without_shape_gets_a_box(tmp_path, same_process):
+def test_collision_shapes_of_the_body_are_raised_above_the_road_and_a_missing_one_becomes_a_box(tmp_path, same_process):
     box = '<geometry><box size="4 1.1 1.2"/></geometry>'  # from 5 cm below the road on
     result = import_vehicle(write(tmp_path / "a", body=f"<collision>{box}</collision>"), folder=tmp_path / "a")
-    assert said(result, "collision shape", "from -0.05 to 1.15 m", "from 0.052 m on")  # 0.02 of the wheelbase
+    assert reports(result, "collision shape", "from -0.05 to 1.15 m", "from 0.052 m on")  # 0.02 of the wheelbase
     result = import_vehicle(write(tmp_path / "b", body=f"<visual>{box}</visual>"), folder=tmp_path / "b")
-    assert said(result, "collision shape", "none", "from 0.135 m on")  # the estimated clearance, 0.45 radii
+    assert reports(result, "collision shape", "none", "from 0.135 m on")  # the estimated clearance, 0.45 radii
     assert abs(drive(result, [{"time": 0, "speed": 0}], 3.0)["ego.vz"].iloc[-1]) < 1e-3
 
 
@@ -1034,15 +1034,15 @@ UNSEEN = {
 
 @pytest.mark.parametrize("unseen", UNSEEN)
 @pytest.mark.parametrize("solid", ["", FULL, SMALL])
-def test_a_body_that_would_not_be_seen_looks_like_its_collision_shapes_or_a_box(tmp_path, same_process, unseen, solid):
+def test_a_body_without_visuals_is_drawn_by_its_collision_shapes_or_a_box(tmp_path, same_process, unseen, solid):
     source = write(tmp_path / "source", body=UNSEEN[unseen] + solid + " ")
     result = import_vehicle(source, folder=tmp_path)
     (warning,) = result.warnings
     assert "no visual shape that can be used" in warning
     assert ("its collision shapes are drawn" in warning) == (solid == FULL)
-    assert said(result, "collision shape", "box") == (solid != FULL)
+    assert reports(result, "collision shape", "box") == (solid != FULL)
     if solid == SMALL:
-        assert said(result, "collision shape", "1 shapes that cover 2 % of wheelbase x track")
+        assert reports(result, "collision shape", "1 shapes that cover 2 % of wheelbase x track")
     readme = (result.folder / "README.md").read_text()
     assert readme.partition("1. ")[2].startswith(warning)
     boxes = outline_boxes(result)
@@ -1070,10 +1070,10 @@ def frame_of_tubes():
 
 
 @pytest.mark.parametrize("seen", [shape_text("visual", box_text(3, 0.8, 0.5)), frame_of_tubes()])
-def test_a_body_or_a_frame_that_is_seen_is_left_as_it_is(tmp_path, same_process, seen):
+def test_a_visible_body_or_frame_is_unchanged(tmp_path, same_process, seen):
     result = import_vehicle(write(tmp_path / "source", body=seen + SMALL), folder=tmp_path)
     assert result.warnings == ()
-    assert not said(result, "link 'base_link': visuals")
+    assert not reports(result, "link 'base_link': visuals")
 
 
 @pytest.mark.parametrize(("code", "words"), [(0, ""), (2, "a portrait needs EGL"), (-11, ""), (None, "")])
@@ -1115,8 +1115,8 @@ def test_gazebo_sensors_become_mounts_and_the_rest_is_reported(tmp_path, same_pr
     assert (mounts["eye"].width, mounts["eye"].near, mounts["eye"].noise) == (800, 0.02, 0.007)
     assert (mounts["flat"].beams, mounts["flat"].far) == (180, 80.0)
     assert (mounts["round"].rows, mounts["round"].vertical_end) == (20, 0.326)
-    assert said(result, "sensor 'bumper'", "contact", "left out")
-    assert said(result, "sensor 'imu': rate", "100 Hz")
+    assert reports(result, "sensor 'bumper'", "contact", "left out")
+    assert reports(result, "sensor 'imu': rate", "100 Hz")
     # camera at 1 m ahead of the middle, 0.4 above the chassis, which is 0.55 m above the road
     assert 'name="eye_mount_joint"' in result.vehicle.urdf
     assert 'xyz="2.3 0 0.95"' in result.vehicle.urdf
@@ -1164,7 +1164,7 @@ def test_nothing_is_written_when_an_import_fails(tmp_path):
         import_vehicle(source, folder=tmp_path, drive="left")  # type: ignore[arg-type]
 
 
-def test_a_folder_that_does_not_load_is_reported_in_one_line_and_taken_away(tmp_path, monkeypatch):
+def test_a_folder_that_does_not_load_is_an_error_of_one_line_and_is_removed(tmp_path, monkeypatch):
     monkeypatch.setattr("mirdrake.importing.vehicles.write._geometry", lambda shape: '<box size="0 0 0"/>')
     with pytest.raises(ModelError, match="does not load: ") as caught:
         import_vehicle(write(tmp_path / "source"), folder=tmp_path / "models")
@@ -1204,14 +1204,14 @@ def test_a_dry_run_reports_changes_and_rejections_and_writes_nothing(tmp_path, c
     assert main(["import", "vehicle", "source/car.urdf", "--dry-run"]) == 0
     out = capsys.readouterr().out
     assert "would be written" in out
-    assert "car.urdf:31: sensor 'bumper': type contact -> left out (no sensor of mirdrake corresponds to it)" in out
+    assert "car.urdf:31: sensor 'bumper': type contact -> left out (mirdrake has no such sensor)" in out
     (tmp_path / "source" / "car.urdf").write_text(urdf().replace("continuous", "fixed"))
     assert main(["import", "vehicle", "source/car.urdf", "--dry-run"]) == 2
     assert "no road wheels" in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"source"}
 
 
-def test_left_out_sensors_stand_in_the_terminal_and_in_the_readme(tmp_path, capsys, same_process):
+def test_left_out_sensors_are_in_the_terminal_and_in_the_readme(tmp_path, capsys, same_process):
     source = write(tmp_path / "source", extra=SENSORS.replace("<min>1.5</min>", "<min>80</min>"))
     assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
     assert "sensor 'flat': type ray -> left out (near (80 m) should be below far (80 m))" in capsys.readouterr().out
@@ -1252,7 +1252,7 @@ def sprung(dialect: str, kind: str = "prismatic"):
 
 @pytest.mark.parametrize("dialect", ["joint", "controller", "plugin"])
 def test_springs_of_the_source_become_the_suspension(dialect):
-    result = mend(sprung(dialect))
+    result = repaired(sprung(dialect))
     springs = result.springs
     assert springs is not None
     for end in ("front", "rear"):
@@ -1261,21 +1261,21 @@ def test_springs_of_the_source_become_the_suspension(dialect):
     assert (springs.rebound, springs.bump) == pytest.approx((-0.08, 0.12))
     assert set(result.spring_joints.values()) == {"s_ka", "s_kb", "s_j2a", "s_j2b"}
     assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
-    assert not said(result, "s_ka", "fixed at zero")
+    assert not reports(result, "s_ka", "fixed at zero")
 
 
 @pytest.mark.parametrize("dialect", ["none", "damper only"])
 def test_a_stiffness_that_the_source_lacks_is_estimated_by_the_ride_frequency(dialect):
-    result = mend(sprung(dialect))
+    result = repaired(sprung(dialect))
     assert result.springs is not None
     numbers = result.springs.numbers
     assert numbers["front_stiffness"].value == pytest.approx(result.estimates.front_stiffness)
-    assert said(result, "suspension: front springs", "none", "ride frequency 1.25 Hz")
+    assert reports(result, "suspension: front springs", "none", "ride frequency 1.25 Hz")
     assert (numbers["rear_damping"].value == C) == (dialect == "damper only")
 
 
 def test_a_swing_arm_with_a_spring_becomes_a_vertical_spring_of_the_same_rate_at_the_wheel():
-    result = mend(sprung("joint", kind="revolute"))
+    result = repaired(sprung("joint", kind="revolute"))
     assert result.springs is not None
     assert result.springs.numbers["rear_stiffness"].value == pytest.approx(K / 0.5**2)
     assert (result.springs.rebound, result.springs.bump) == pytest.approx((-0.04, 0.06))
@@ -1287,7 +1287,7 @@ def test_an_impossible_stiffness_is_estimated(stiffness):
     for joint in model.joints.values():
         if joint.kind == "prismatic":
             joint.stiffness = stiffness
-    result = mend(model)
+    result = repaired(model)
     assert result.springs is not None
     assert result.springs.numbers["front_stiffness"].source.startswith("estimated: ride frequency")
 
@@ -1297,18 +1297,18 @@ def test_springs_that_carry_nothing_or_not_all_wheels_are_left_out_with_the_reas
     model.links["chassis"].inertial = Inertial(BODY, at(1.5, 0.0, 0.2), box_tensor(BODY, 4.0, 1.5, 1.2))
     for name in ("c_j2a", "c_j2b"):
         model.links[name].inertial = Inertial(500.0, RigidTransform(), np.diag([50.0, 50.0, 50.0]))
-    result = mend(model)
+    result = repaired(model)
     assert result.springs is None
-    assert said(result, "suspension", "left out", "heavier than its load on the road")
+    assert reports(result, "suspension", "left out", "heavier than its wheel load")
     model = sprung("joint")
     for name in ("s_j2a", "s_j2b"):
         model.joints[name].kind = "fixed"
-    result = mend(model)
+    result = repaired(model)
     assert result.springs is None
-    assert said(result, "suspension", "2 of 4 wheels on springs", "rear left, rear right")
+    assert reports(result, "suspension", "2 of 4 wheels on springs", "rear left, rear right")
 
 
-def test_a_sprung_car_is_written_and_stands_on_its_springs(tmp_path, same_process):
+def test_a_car_with_springs_rests_on_them(tmp_path, same_process):
     slide = (
         '<link name="c_{0}"/><joint name="s_{0}" type="prismatic"><parent link="chassis"/><child link="c_{0}"/>'
         '<axis xyz="0 0 -1"/><limit lower="-0.1" upper="0.1" effort="0" velocity="1"/></joint>'

@@ -1,4 +1,4 @@
-"""Meshes of packages come out where Gazebo shows them, with their colours, and collide as solids."""
+"""Converted meshes have the pose and colours of Gazebo, and collision geometry."""
 
 import base64
 import json
@@ -95,7 +95,7 @@ def test_a_wheel_lying_across_has_its_radius_along_x_and_z():
     assert np.isinf(mesh_bounds(Shape("plane"))[1]).all()
 
 
-def test_collada_counts_its_unit_and_its_nodes_but_not_its_up_axis(tmp_path):
+def test_unit_and_nodes_of_collada_are_applied_and_its_up_axis_is_not(tmp_path):
     for up in ("Z_UP", "Y_UP", "X_UP"):
         path = write_dae(tmp_path / f"{up}.dae", unit="0.01", up=up, matrix="<translate>0 0 100</translate>")
         low, high = mesh_bounds(mesh(path, scale=(2.0, 2.0, 2.0)))
@@ -177,10 +177,10 @@ def test_ply_and_glb_are_read_along_the_axes_of_the_file(tmp_path):
         assert mesh_bounds(mesh(path))[1] == pytest.approx([1, 2, 3])
         written, changes, _ = converted(mesh(path), tmp_path, kind)
         assert gltf_bounds(written)[1] == pytest.approx([1, 2, 3])
-        assert any("do not turn glTF" in change.reason for change in changes) == (kind != "ply")
+        assert any("do not rotate glTF" in change.reason for change in changes) == (kind != "ply")
 
 
-def test_a_mirrored_mesh_keeps_its_outside_outside(tmp_path):
+def test_a_mirrored_mesh_keeps_its_outside(tmp_path):
     path = write_stl(tmp_path / "m.stl", box((0, 0, 0), (1, 2, 3)))
     written, changes, _ = converted(mesh(path, scale=(1.0, -1.0, 1.0)), tmp_path)
     mirrored = trimesh.load_mesh(written.mesh, merge_primitives=True)
@@ -226,7 +226,7 @@ def transparent(mode, color, factor):
         (transparent("A_ONE", "1 1 1 1", "0"), 1.0),
     ],
 )
-def test_opacity_of_collada_is_gazebos_and_never_nothing(tmp_path, written, opacity):
+def test_opacity_of_collada_is_that_of_gazebo_and_never_zero(tmp_path, written, opacity):
     path = write_dae(tmp_path / "t.dae", transparent=written)
     _, changes, document = converted(mesh(path), tmp_path)
     material = document["materials"][0]
@@ -248,7 +248,7 @@ def test_textures_are_found_although_the_path_is_of_another_machine(tmp_path, pi
         assert written.mode == "RGB"  # its alpha is not used: opaque
 
 
-def test_a_missing_texture_leaves_grey_and_a_line_in_the_report(tmp_path):
+def test_a_missing_texture_becomes_grey_and_is_reported(tmp_path):
     path = write_dae(tmp_path / "t.dae", looks=[("skin", TEXTURED)], picture="gone.png")
     _, (change,), document = converted(mesh(path), tmp_path)
     assert "images" not in document
@@ -290,11 +290,11 @@ LINES = '<lines count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 
         ("half.dae", b"<COLLADA><asset>", "cannot be read as DAE"),
         ("noise.stl", b"\x01\x02\x03" * 10, "has no triangle"),
         ("pointer.dae", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n", "git lfs pull"),
-        ("tree.blend", b"BLENDER", "has no known format"),
+        ("tree.blend", b"BLENDER", "has an unknown format"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\nl 1 2\n", "points.obj"),
     ],
 )
-def test_a_mesh_of_no_use_is_refused_with_its_name_and_the_reason(tmp_path, name, content, reason):
+def test_an_unusable_mesh_is_rejected_with_its_name_and_the_reason(tmp_path, name, content, reason):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     for call in (
@@ -311,7 +311,7 @@ def test_a_mesh_of_no_use_is_refused_with_its_name_and_the_reason(tmp_path, name
     assert not (tmp_path / "meshes").exists()
 
 
-def test_an_address_that_leads_nowhere_and_a_scale_of_zero_are_refused(tmp_path):
+def test_unknown_addresses_and_scales_of_zero_are_rejected(tmp_path):
     with pytest.raises(MeshError, match=r"package://no/x\.dae: leads to no file"):
         mesh_bounds(Shape("mesh", address="package://no/x.dae"))
     path = write_stl(tmp_path / "s.stl", box((0, 0, 0), (1, 1, 1)))
@@ -319,7 +319,7 @@ def test_an_address_that_leads_nowhere_and_a_scale_of_zero_are_refused(tmp_path)
         convert_visual(mesh(path, scale=(1.0, 0.0, 1.0)), tmp_path, name="n")
 
 
-def test_lines_beside_triangles_are_passed_over_and_lines_alone_refused(tmp_path):
+def test_lines_are_ignored_beside_triangles_and_rejected_alone(tmp_path):
     assert mesh_bounds(mesh(write_dae(tmp_path / "a.dae", extra=LINES)))[1] == pytest.approx([1, 1, 1])
     text = write_dae(tmp_path / "b.dae", extra=LINES).read_text()
     start, end = text.index("<polylist"), text.index("</polylist>") + len("</polylist>")
@@ -350,7 +350,7 @@ def parts_volume(shapes):
     return [trimesh.load_mesh(shape.mesh).volume for shape in shapes]
 
 
-def test_an_l_becomes_two_convex_parts_without_the_room_between_its_legs(tmp_path):
+def test_an_l_shape_becomes_two_convex_parts(tmp_path):
     pytest.importorskip("coacd")
     path = write_stl(tmp_path / "l.stl", corner_solid())
     shapes, (change,) = convert_collision(mesh(path, X_LG=RigidTransform([0, 0, 1])), tmp_path, name="l")
@@ -373,7 +373,7 @@ def test_without_coacd_the_l_becomes_its_hull_and_the_report_says_how_much_that_
     assert "coacd is not installed" in change.reason
 
 
-def test_a_hole_in_the_surface_is_closed_before_cutting_and_a_torn_surface_becomes_its_hull(tmp_path):
+def test_holes_are_closed_before_the_decomposition_and_a_surface_with_gaps_becomes_its_hull(tmp_path):
     pytest.importorskip("coacd")
     open_end = corner_solid()[1:]  # without a triangle of its upper side
     shapes, (change,) = convert_collision(mesh(write_stl(tmp_path / "o.stl", open_end)), tmp_path, name="o")
@@ -387,7 +387,7 @@ def test_a_hole_in_the_surface_is_closed_before_cutting_and_a_torn_surface_becom
 
 
 @pytest.mark.parametrize("end", [-9, "late"])
-def test_a_surface_that_cannot_be_cut_in_time_becomes_its_hull(tmp_path, monkeypatch, end):
+def test_a_surface_becomes_its_hull_at_the_time_limit(tmp_path, monkeypatch, end):
     def run(command, **_):
         if end == "late":
             raise subprocess.TimeoutExpired(command, 200)
@@ -397,10 +397,10 @@ def test_a_surface_that_cannot_be_cut_in_time_becomes_its_hull(tmp_path, monkeyp
     monkeypatch.setattr(subprocess, "run", run)
     (hull,), (change,) = convert_collision(mesh(write_stl(tmp_path / "l.stl", corner_solid())), tmp_path, name="l")
     assert parts_volume([hull]) == [pytest.approx(2.0625, rel=1e-5)]
-    assert "time" in change.reason or "200 s" in change.reason
+    assert "too long" in change.reason or "200 s" in change.reason
 
 
-def test_bodies_apart_become_one_convex_part_each_without_any_library(tmp_path, monkeypatch):
+def test_separate_convex_bodies_become_one_part_each(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "coacd", None)
     legs = [box((x, y, 0), (x + 0.1, y + 0.1, 0.99)) for x in (0, 0.9) for y in (0, 0.9)]
     path = write_stl(tmp_path / "t.stl", np.concatenate([box((0, 0, 1), (1, 1, 1.1)), *legs]))
@@ -442,7 +442,7 @@ def test_a_convex_mesh_becomes_one_part_and_a_flat_one_a_plate(tmp_path):
     assert sorted(plate.size) == pytest.approx([0.001, 1.0, 1.0], rel=1e-3)
 
 
-def test_a_primitive_passes_unchanged(tmp_path):
+def test_primitives_are_unchanged(tmp_path):
     shape = Shape("box", (1.0, 1.0, 1.0))
     assert convert_visual(shape, tmp_path, name="n") == (shape, [])
     assert convert_collision(shape, tmp_path, name="n") == ([shape], [])
@@ -683,7 +683,7 @@ def _own_cache(tmp_path_factory, monkeypatch):
 
 
 @pytest.mark.parametrize("text", ["import time\ntime.sleep(1000)\n", "while True: pass\n"])
-def test_a_library_that_hangs_is_killed_when_the_time_of_the_vehicle_is_used_up(tmp_path, monkeypatch, text):
+def test_a_decomposition_that_hangs_is_killed_at_the_time_limit(tmp_path, monkeypatch, text):
     hanging_library(tmp_path / "lib", monkeypatch, text)
     path = write_stl(tmp_path / "l.stl", corner_solid())
     time = CutTime(1.0)
@@ -691,7 +691,7 @@ def test_a_library_that_hangs_is_killed_when_the_time_of_the_vehicle_is_used_up(
     for number in range(3):  # the second and third are not begun
         (hull,), (change,) = convert_collision(mesh(path), tmp_path, name=f"l{number}", time=time)
         assert parts_volume([hull]) == [pytest.approx(2.0625, rel=1e-5)]
-        assert "the time for cutting meshes into convex parts, 1 s, is used up" in change.reason
+        assert "the time for convex decomposition, 1 s, is used up" in change.reason
     assert monotonic() - start < 5.0
     assert time.left <= 0.0
 

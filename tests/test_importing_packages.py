@@ -1,4 +1,4 @@
-"""Packages with the traps of real ones become cars that stand, drive and show, or are refused with a reason."""
+"""Packages with the faults of real ones are imported as cars that drive, or rejected with a reason."""
 
 from collections.abc import Callable
 from math import tan
@@ -134,7 +134,7 @@ def test_a_camera_beside_it_sees_it(imported):
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_no_car_or_cannot_be_read_is_refused_in_one_line_and_nothing_is_written(name, tmp_path):
+def test_other_vehicles_and_unreadable_files_are_rejected_in_one_line_and_nothing_is_written(name, tmp_path):
     write, word = BAD[name]
     main = write(tmp_path / "source")
     (tmp_path / "models").mkdir()
@@ -146,7 +146,7 @@ def test_what_is_no_car_or_cannot_be_read_is_refused_in_one_line_and_nothing_is_
 
 
 @pytest.mark.parametrize(("how", "words"), [("missing", ""), ("archive", "tar.gz"), ("pointer", "git lfs")])
-def test_a_picture_that_is_not_there_is_left_out_and_the_report_says_why(how, words, tmp_path):
+def test_a_missing_picture_is_left_out_with_the_reason(how, words, tmp_path):
     main = traps.lost_meshes(tmp_path / "source", how=how)
     result = import_vehicle(main, name="new", folder=tmp_path / "models")
     lines = [f"{change.part} {change.old} {change.new_text} {change.reason}" for change in result.changes]
@@ -173,7 +173,7 @@ def test_springs_of_the_source_are_those_of_the_vehicle(imported):
 
 
 @pytest.mark.parametrize("imported", ["loose_limits", "shocks", "uneven_steering", "ball_wheels"], indirect=True)
-def test_every_repair_stands_in_the_report_with_its_place(imported):
+def test_the_report_lists_every_repair_with_its_place(imported):
     result, _ = imported
     assert result.changes
     assert all(change.part and change.reason for change in result.changes)
@@ -190,7 +190,7 @@ def test_the_same_package_gives_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("imported", ["odd_words"], indirect=True)
-def test_words_that_only_some_readers_know_are_understood_or_told(imported):
+def test_elements_of_other_dialects_are_read_or_reported(imported):
     result, car = imported
     said = {change.part: f"{change.old} -> {change.new_text}: {change.reason}" for change in result.changes}
     vehicle = result.vehicle

@@ -1,4 +1,4 @@
-"""Reading of URDF, xacro and SDF files of other simulators: everything is there, or it is told that it is not."""
+"""Reading of URDF, xacro and SDF files: every element is read or reported."""
 
 import tarfile
 from math import pi
@@ -49,7 +49,7 @@ def written(folder, text, name="cart.urdf"):
     return path
 
 
-def test_a_urdf_is_read_as_it_stands(tmp_path):
+def test_a_urdf_is_read_unchanged(tmp_path):
     model = read_source(written(tmp_path, URDF))
     body, axle = model.links["body"], model.joints["axle"]
     assert body.inertial is not None
@@ -86,13 +86,13 @@ def test_gazebo_tags_and_transmissions_are_not_dropped(tmp_path):
         ('xyz="1 2 3"', 'xyz="1 2"', "<origin> xyz '1 2' should be 3 finite numbers"),
         ('child link="wheel"', 'child link="whel"', "child link 'whel' does not exist"),
         ('type="continuous"', 'type="contiuous"', "of type 'contiuous'"),
-        ('<link name="wheel"/>', '<link name="wheel"/><link name="wheel"/>', "link 'wheel' again"),
+        ('<link name="wheel"/>', '<link name="wheel"/><link name="wheel"/>', "link 'wheel' is defined twice"),
         ('axis xyz="0 2 0"', 'axis xyz="0 0 0"', "its axis has no direction"),
         ("</robot>", "", "not valid XML"),
         ("<robot ", "<vehicle ", "not valid XML"),
     ],
 )
-def test_what_makes_no_sense_is_told_with_its_line(tmp_path, old, new, words):
+def test_invalid_values_are_errors_with_their_line(tmp_path, old, new, words):
     assert old in URDF
     with pytest.raises(ModelError) as caught:
         read_source(written(tmp_path, URDF.replace(old, new)))
@@ -101,7 +101,7 @@ def test_what_makes_no_sense_is_told_with_its_line(tmp_path, old, new, words):
     assert "\n" not in str(caught.value)
 
 
-def test_all_arguments_without_default_are_asked_for_at_once(tmp_path):
+def test_all_arguments_without_default_are_reported_at_once(tmp_path):
     text = (
         '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:arg name="width"/>\n'
         '<xacro:arg name="side"/>\n<xacro:arg name="colour" default="red"/>\n'
@@ -133,7 +133,7 @@ def test_packages_are_found_by_their_name_and_by_their_folder(tmp_path):
     assert Packages(tmp_path / "x.urdf", {"car_description": tmp_path / "y"}).find("car_description") == tmp_path / "y"
 
 
-def test_a_mesh_is_found_with_other_capitals_or_elsewhere_or_it_is_told_where_it_hides(tmp_path):
+def test_meshes_are_found_with_other_case_or_in_other_folders_and_archives_are_reported(tmp_path):
     root = tmp_path / "car"
     written(root, "<package><name>car</name></package>", "package.xml")
     written(root / "Meshes", "solid", "Wheel.STL")
@@ -146,17 +146,20 @@ def test_a_mesh_is_found_with_other_capitals_or_elsewhere_or_it_is_told_where_it
     def resolve(address):
         return packages.resolve(address, folder=root / "urdf")
 
-    assert resolve("package://car/meshes/wheel.stl") == (root / "Meshes/Wheel.STL", "found with other capitals")
+    assert resolve("package://car/meshes/wheel.stl") == (
+        root / "Meshes/Wheel.STL",
+        "found with different upper and lower case",
+    )
     path, remark = resolve("package://car/meshes/hood.stl")
     assert path == root / "other/hood.stl"
     assert "in other/" in remark
     assert resolve("package://car/meshes2/door.dae")[0] is None
     assert "git lfs pull" in resolve("package://car/meshes2/door.dae")[1]
-    assert resolve("package://car/meshes/seat.dae") == (None, "packed in all.tar.xz: unpack it and import again")
+    assert resolve("package://car/meshes/seat.dae") == (None, "packed in all.tar.xz; unpack it and import again")
     assert resolve("../other/hood.stl") == (root / "other/hood.stl", "")
     assert resolve("package://track/x.dae") == (
         None,
-        "package 'track' is not here; give its folder with --package track=DIR",
+        "package 'track' is not found; give its folder with --package track=DIR",
     )
     assert resolve("http://example.org/x.dae")[0] is None
 
@@ -169,7 +172,7 @@ def sdf(tmp_path, body, *, version="1.7", name="cart"):
     return written(tmp_path, text, "model.sdf")
 
 
-def test_poses_count_from_the_frames_that_they_name(tmp_path):
+def test_poses_are_relative_to_the_frames_that_they_name(tmp_path):
     body = f"""
     <link name='body'><pose>1 0 0 0 0 {pi / 2}</pose></link>
     <frame name='hook' attached_to='body'><pose>2 0 0 0 0 0</pose></frame>
@@ -227,7 +230,7 @@ def test_nested_models_and_includes_keep_their_place(tmp_path):
         ("<mujoco/>", "is not SDF"),
     ],
 )
-def test_sdf_files_that_are_no_vehicle_are_refused(tmp_path, text, words):
+def test_sdf_files_without_a_vehicle_are_rejected(tmp_path, text, words):
     with pytest.raises(ModelError) as caught:
         read_source(written(tmp_path, text, "model.sdf"))
     assert words in str(caught.value)
@@ -261,7 +264,7 @@ SDF = """<sdf version='1.7'><model name='cart'><link name='body'><pose>1 0 0 0 0
 
 @settings(max_examples=150, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_a_broken_file_gives_a_model_or_one_line(data, tmp_path_factory):
+def test_a_damaged_file_gives_a_model_or_an_error_of_one_line(data, tmp_path_factory):
     text, name = data.draw(st.sampled_from([(URDF, "cart.urdf"), (SDF, "cart.sdf")]))
     begin = data.draw(st.integers(0, len(text) - 1))
     end = data.draw(st.integers(begin, min(len(text), begin + 30)))
@@ -325,7 +328,7 @@ def test_tags_of_xacro_without_prefix_are_named_and_other_unknown_elements_are_n
         recognise(model)
 
 
-def test_an_expression_that_nobody_expanded_is_named_in_the_rejection(tmp_path):
+def test_unexpanded_expressions_are_named_in_the_rejection(tmp_path):
     path = tmp_path / "model.sdf"
     inertial = "<inertial><mass>${mass}</mass></inertial>"
     path.write_text(f'<sdf version="1.6"><model name="m"><link name="a">{inertial}</link></model></sdf>')

@@ -1,4 +1,4 @@
-"""Sensors of Gazebo files, sound ones and nonsense, become mounts that the schema of sensors.yaml allows."""
+"""Gazebo sensors, valid and invalid ones, become mounts that the schema of sensors.yaml allows."""
 
 from math import pi, radians
 from random import Random
@@ -12,7 +12,7 @@ from mirdrake.importing.vehicles.read import read_source
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
 from mirdrake.vehicles.mounts import LaserScannerMount, SensorsSpec
-from tests.test_importing import said, write
+from tests.test_importing import reports, write
 
 
 def car_with(folder, extra: str) -> Car:
@@ -60,7 +60,7 @@ def test_a_value_with_one_meaning_is_corrected_and_reported(tmp_path, extra, exp
     car = car_with(tmp_path, extra)
     mount = car.mounts["laser"]
     assert {key: mount[key] for key in expected} == pytest.approx(expected)
-    assert said(car, "sensor 'laser'") == (expected.get("end_angle") != 6.28319)
+    assert reports(car, "sensor 'laser'") == (expected.get("end_angle") != 6.28319)
 
 
 @pytest.mark.parametrize("digits", range(2, 12))
@@ -79,14 +79,14 @@ def test_a_full_turn_rounded_to_any_number_of_digits_is_a_full_turn(digits):
         (laser(near="3", far="3"), "near (3 m) should be below far (3 m)"),
         (laser(samples="0"), "number of beams, angles or range are missing"),
         (laser(first="-1e9"), "start_angle: Input should be greater than or equal to -6.3"),
-        (laser(kind="contact"), "no sensor of mirdrake corresponds to it"),
+        (laser(kind="contact"), "mirdrake has no such sensor"),
         (laser().replace("chassis", "nowhere"), "there is no link 'nowhere'"),
     ],
 )
 def test_a_sensor_without_a_correction_is_left_out_with_the_reason(tmp_path, extra, reason):
     car = car_with(tmp_path, extra)
     assert not car.mounts
-    assert said(car, "sensor 'laser'", "left out", reason)
+    assert reports(car, "sensor 'laser'", "left out", reason)
 
 
 # --- nonsense by seed --------------------------------------------------------------------------------------------
@@ -232,27 +232,27 @@ def test_plugins_of_sensors_become_sensors_on_their_link(tmp_path, extra, expect
         key: pytest.approx(value) if isinstance(value, float) else value for key, value in expected.items()
     }
     assert [frame.parent for frame in car.mount_frames] == ["hub_l"]
-    assert not said(car, "plugin 'unit'", "Gazebo's plugins do not run here")
+    assert not reports(car, "plugin 'unit'", "Gazebo plugins are not executed")
 
 
-def test_a_plugin_without_a_link_sits_on_the_root_and_one_with_an_unknown_link_is_left_out(tmp_path):
+def test_a_sensor_plugin_without_a_link_is_at_the_root_and_one_with_an_unknown_link_is_left_out(tmp_path):
     for inside in ("", "<frameId>a_label</frameId>"):
         car = car_with(tmp_path, plugin("libhector_gazebo_ros_imu.so", inside))
         assert [frame.parent for frame in car.mount_frames] == [car.base]
     car = car_with(tmp_path, plugin("libhector_gazebo_ros_imu.so", "<bodyName>gone</bodyName>"))
     assert not car.mounts
-    assert said(car, "sensor 'unit'", "left out", "there is no link 'gone'")
+    assert reports(car, "sensor 'unit'", "left out", "there is no link 'gone'")
 
 
 @pytest.mark.parametrize(
     ("file", "reason"),
     [
-        ("libgazebo_ros_p3d.so", "ground truth, not a sensor"),
-        ("libhector_gazebo_ros_magnetic.so", "no sensor of mirdrake"),
-        ("gz-sim-imu-system", "Gazebo's plugins do not run here"),
+        ("libgazebo_ros_p3d.so", "ground truth is not a sensor"),
+        ("libhector_gazebo_ros_magnetic.so", "mirdrake has no such sensor"),
+        ("gz-sim-imu-system", "Gazebo plugins are not executed"),
     ],
 )
 def test_other_plugins_are_reported_and_do_not_become_sensors(tmp_path, file, reason):
     car = car_with(tmp_path, plugin(file, "", name="gz::sim::systems::Imu"))
     assert not car.mounts
-    assert said(car, "plugin", "left out", reason)
+    assert reports(car, "plugin", "left out", reason)

@@ -1,4 +1,4 @@
-"""Worlds of Gazebo become world files that stand where the source does, and nothing is dropped without a word."""
+"""Imported Gazebo worlds have the objects of the source at the same poses, and report all differences."""
 
 import random
 import re
@@ -62,7 +62,7 @@ def placed(world):
     return {prop.name: prop for prop in world.props}
 
 
-def told(result, what):
+def changes_of(result, what):
     """Changes whose part has that text in it."""
     return [change for change in result.changes if what in change.part]
 
@@ -103,7 +103,7 @@ def same_shape(one, other):
 
 
 @pytest.mark.parametrize("trap", [traps.nested, traps.tilted])
-def test_solids_stand_where_drake_reads_them(tmp_path, trap):
+def test_collision_geometry_has_the_poses_of_drake(tmp_path, trap):
     path = trap(tmp_path)
     expected = drake_solids(path.rename(path.with_suffix(".sdf")))
     path = trap(tmp_path)
@@ -119,7 +119,7 @@ def test_solids_stand_where_drake_reads_them(tmp_path, trap):
         assert any(at), f"{shape} at {X_WG.translation()}"
 
 
-def test_poses_of_a_saved_world_win(tmp_path):
+def test_poses_of_a_saved_world_take_precedence(tmp_path):
     result, world = imported(traps.saved(tmp_path), tmp_path / "worlds")
     props = placed(world)
     assert set(props) == {"crate", "slab", "late"}
@@ -128,9 +128,9 @@ def test_poses_of_a_saved_world_win(tmp_path):
     assert not props["crate"].static
     np.testing.assert_allclose(box_of(props["slab"]), [9.0, -1.5, 0.0, 11.0, 1.5, 1.0], atol=MILLIMETRE)
     np.testing.assert_allclose(props["late"].X_WP.translation(), [-9.0, 0.0, 0.0], atol=MILLIMETRE)
-    assert told(result, "model 'gone'")[0].left_out
-    assert told(result, "model 'slab': scale")
-    assert told(result, "loose things")  # the crate had sunk by 1 mm
+    assert changes_of(result, "model 'gone'")[0].left_out
+    assert changes_of(result, "model 'slab': scale")
+    assert changes_of(result, "loose objects")  # the crate had sunk by 1 mm
 
 
 def test_included_models_with_meshes(tmp_path):
@@ -152,7 +152,7 @@ def test_included_models_with_meshes(tmp_path):
     under = shapely.box(-1.5, 7.9, 1.5, 8.1)
     low = [s for s in props["gate_one"].prop.solids if s.corners[:, 2].min() < 1.0]
     assert all(not under.intersects(shapely.MultiPoint(s.corners[:, :2] + [0.0, 8.0]).convex_hull) for s in low)
-    assert told(result, "name of a model")[0].new == "crate_0"
+    assert changes_of(result, "name of a model")[0].new == "crate_0"
     names = {path.name for path in result.path.parent.glob("trap/props/crate/*")}
     assert {"prop.yaml", "visual.gltf"} <= names
 
@@ -169,10 +169,10 @@ def test_ground_floors_and_roads(tmp_path):
     assert float(world.mu(20.01, 0.0)) == pytest.approx(0.9)  # the lot ends at x = 20 m
     street = world.tracks["main_street"].area
     np.testing.assert_allclose(street.bounds, [0.0, -33.0, 40.0, -27.0], atol=2.0 * MILLIMETRE)
-    assert told(result, "ramp_plane")[0].left_out
+    assert changes_of(result, "ramp_plane")[0].left_out
 
 
-def test_ground_that_only_roads_tell_of(tmp_path):
+def test_the_ground_height_follows_from_roads_if_there_is_no_plane(tmp_path):
     result, world = imported(traps.outlines(tmp_path), tmp_path / "worlds")
     props = placed(world)
     ell = shapely.Polygon([(10, 20), (30, 20), (30, 28), (18, 28), (18, 40), (10, 40)])
@@ -181,10 +181,10 @@ def test_ground_that_only_roads_tell_of(tmp_path):
         assert shapely.hausdorff_distance(props[name].footprint, area) < MILLIMETRE, name
         assert props[name].footprint.symmetric_difference(area).area < 0.01, name
         assert (props[name].bottom, props[name].top) == (pytest.approx(0.0, abs=1e-3), pytest.approx(6.0, abs=1e-3))
-    assert told(result, "height of the ground")[0].new == "z = 0, everything 5 m lower"
+    assert changes_of(result, "height of the ground")[0].new == "z = 0, everything 5 m lower"
 
 
-def test_walls_are_not_filled_and_terrain_is_said(tmp_path):
+def test_rooms_within_walls_stay_free_and_terrain_is_reported(tmp_path):
     result, world = imported(traps.meshes(tmp_path), tmp_path / "worlds")
     props = placed(world)
     assert set(props) == {"maze", "room"}
@@ -196,7 +196,7 @@ def test_walls_are_not_filled_and_terrain_is_said(tmp_path):
     X = RigidTransform(RollPitchYaw(0.0, 0.0, 0.4), [5.0, 5.0, 0.0])
     for corner in ([-2.0, -2.0, 0.0], [2.0, 2.0, 0.0], [1.95, 0.0, 0.0]):
         assert props["room"].footprint.distance(shapely.Point((X @ np.array(corner))[:2])) < MILLIMETRE
-    assert told(result, "model 'hills'")
+    assert changes_of(result, "model 'hills'")
     assert any("could be touched" in check for check in result.checks)
     assert {patch.name for patch in world.patches} == {"asphalt_road"}
     with pytest.raises(ModelError, match="terrain"):
@@ -217,8 +217,8 @@ def test_populations(tmp_path):
     np.testing.assert_allclose(places["row"], [(-20.0, y) for y in (-5, -3, -1, 1, 3)], atol=1e-6)
     assert np.all(np.abs(places["loose"] - [20.0, -20.0]) <= [4.0, 3.0])
     assert np.all(np.hypot(*(places["round"] + 20.0).T) <= 5.0)
-    assert len(told(result, "population")) == 4
-    assert "1 to 5000" in told(result, "model 'empty'")[0].reason
+    assert len(changes_of(result, "population")) == 4
+    assert "1 to 5000" in changes_of(result, "model 'empty'")[0].reason
 
 
 def test_populations_of_the_old_form(tmp_path):
@@ -239,22 +239,22 @@ def test_populations_of_the_old_form(tmp_path):
 # --- nothing is dropped without a word ----------------------------------------------------------------------------
 
 
-def test_everything_without_a_place_is_told(tmp_path):
+def test_elements_without_counterpart_are_reported(tmp_path):
     result, world = imported(traps.leftovers(tmp_path), tmp_path / "worlds")
     parts = [f"<{tag}>" for tag in ("gravity", "physics", "scene", "gui", "wind", "spherical_coordinates", "plugin",
                                     "magnetic_field", "audio")]  # fmt: skip
     parts += ["light 'lamp'", "light 'moon'", "actor 'walker'", "model 'hills'", "model 'ghost'", "model 'robot'"]
     report = result.path.with_suffix(".md").read_text()
     for part in parts:
-        assert told(result, part), part
+        assert changes_of(result, part), part
         assert part.replace("<", "&lt;") in report, part
     assert world.starts["robot"].yaw == pytest.approx(np.pi, abs=1e-4)
     assert (world.starts["robot"].x, world.starts["robot"].y) == (-4.0, 3.0)
     assert set(placed(world)) == {"walker"}
-    assert "m/s²" in told(result, "gravity")[0].old
+    assert "m/s²" in changes_of(result, "gravity")[0].old
 
 
-def test_each_element_of_a_rich_world_is_an_entry_or_told(tmp_path):
+def test_each_element_of_a_rich_world_is_an_entry_or_reported(tmp_path):
     path = traps.rich(tmp_path)
     result, world = imported(path, tmp_path / "out")
     names = {prop.name.partition("[")[0] for prop in world.props}
@@ -262,13 +262,13 @@ def test_each_element_of_a_rich_world_is_an_entry_or_told(tmp_path):
     expected = {"gate", "construction_cone", "crate", "leaning", "block", "block_post", "walker", "can"}
     assert names == expected | {"floor", "street"}
     for part in ("model 'gone'", "light 'lamp'", "<plugin>", "model 'construction_cone'", "road 'street'", "<state>"):
-        assert told(result, part), part
+        assert changes_of(result, part), part
     assert all(re.fullmatch(r"\S+:\d+", change.place) for change in result.changes)
     assert str(tmp_path) not in result.path.with_suffix(".md").read_text() + result.world_text
 
 
 @pytest.mark.parametrize("fault", traps.broken())
-def test_a_broken_model_is_left_out_with_its_reason(tmp_path, fault):
+def test_a_faulty_model_is_left_out_with_the_reason(tmp_path, fault):
     inside, word = traps.broken()[fault]
     path = traps.world(tmp_path, inside + traps.model("sound", pose="20 0 0.5 0 0 0"))
     result, world = imported(path, tmp_path / "worlds")
@@ -283,12 +283,12 @@ def test_a_broken_model_is_left_out_with_its_reason(tmp_path, fault):
     assert not (tmp_path / "strict").exists()
 
 
-def test_a_part_of_a_model_that_cannot_be_read_is_told(tmp_path):
+def test_unreadable_parts_of_a_model_are_reported(tmp_path):
     bad = '<link name="other"><pose>x</pose></link>'
     path = traps.world(tmp_path, traps.model("half", pose="5 0 0.5 0 0 0", extra=bad))
     result, world = imported(path, tmp_path / "worlds")
     assert set(placed(world)) == {"half"}
-    assert "with all that follows" in told(result, "model 'half'")[0].new
+    assert "with all its following elements" in changes_of(result, "model 'half'")[0].new
 
 
 def test_names_that_yaml_reads_as_something_else(tmp_path):
@@ -307,11 +307,11 @@ def test_planes_of_odd_sizes_are_the_usual_ground(tmp_path, size):
 # --- models that are not at hand ----------------------------------------------------------------------------------
 
 
-def test_missing_models_are_told_with_what_was_searched(tmp_path, monkeypatch):
+def test_missing_models_are_reported_with_the_searched_folders(tmp_path, monkeypatch):
     path = traps.world(tmp_path, traps.include("model://no_such_thing"))
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
     result, _ = imported(path, tmp_path / "worlds")
-    why = told(result, "model 'no_such_thing'")[0].reason
+    why = changes_of(result, "model 'no_such_thing'")[0].reason
     for part in ("GAZEBO_MODEL_PATH (not set)", "GZ_SIM_RESOURCE_PATH (2 folders)", "beside and above the file",
                  "--package no_such_thing=DIR"):  # fmt: skip
         assert part in why
@@ -341,8 +341,8 @@ REFUSED = {
     "no XML": ("mirdrake: world/1\n", "not valid XML"),
     "unclosed": ("<sdf version='1.6'><world name='w'>", "not valid XML"),
     "empty": ("", "not valid XML"),
-    "no world": ("<sdf version='1.6'><model name='m'/></sdf>", "import vehicle takes vehicles"),
-    "robot": ("<robot name='r'/>", "holds no world"),
+    "no world": ("<sdf version='1.6'><model name='m'/></sdf>", "use mirdrake import vehicle"),
+    "robot": ("<robot name='r'/>", "contains no world"),
     "xacro": (
         "<sdf version='1.6' xmlns:xacro='x'><world name='w'><xacro:include filename='a'/></world></sdf>",
         "render the file first",
@@ -352,7 +352,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refusals_are_one_line_and_write_nothing(tmp_path, case):
+def test_rejections_are_one_line_and_write_nothing(tmp_path, case):
     text, words = REFUSED[case]
     path = tmp_path / "bad.world"
     path.write_text(text)
@@ -429,7 +429,7 @@ def damage(text, chance):
 
 
 @pytest.mark.parametrize("block", range(5))
-def test_a_damaged_world_is_a_world_or_one_line(tmp_path, block):
+def test_a_damaged_world_gives_a_world_or_an_error_of_one_line(tmp_path, block):
     path = traps.rich(tmp_path)
     whole = path.read_text(encoding="utf-8")
     outcome: Counter[str] = Counter()
@@ -454,7 +454,7 @@ def test_a_damaged_world_is_a_world_or_one_line(tmp_path, block):
 
 
 @pytest.mark.parametrize("gap", [8.0, 10.0, 14.0, 18.0])
-def test_a_start_on_a_road_has_room_to_drive_off(tmp_path, gap):
+def test_the_road_ahead_of_a_start_is_free(tmp_path, gap):
     """Of places between obstacles on a road and an open stretch behind them, the start is on the open stretch."""
     boxes = "".join(
         f"<model name='b{index}'><static>true</static><pose>{x} 0 0.5 0 0 0</pose><link name='l'><collision name='c'>"
@@ -510,7 +510,7 @@ def test_a_circuit_of_slabs_is_a_road_at_any_height(tmp_path, height, with_plane
     start = next(iter(world.starts.values()))
     assert start.track is not None
     if height > 0.05 and not seen_only and with_plane:
-        assert any("lower" in change.new for change in told(result, "straight"))
+        assert any("lower" in change.new for change in changes_of(result, "straight"))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -576,7 +576,7 @@ def test_what_is_above_the_ground_stays_an_obstacle(tmp_path):
     assert {patch.name for patch in world.patches} == {"road"}
 
 
-def test_what_is_only_seen_is_drawn(tmp_path):
+def test_visual_only_objects_are_drawn(tmp_path):
     inside = (
         '<model name="tree"><static>1</static><pose>8 3 0 0 0 0.5</pose><link name="l"><visual name="v">'
         "<pose>0 0 2 0 0 0</pose><geometry><sphere><radius>1</radius></sphere></geometry></visual></link></model>"
@@ -587,7 +587,7 @@ def test_what_is_only_seen_is_drawn(tmp_path):
     assert mesh.at == pytest.approx((8.0, 3.0, 0.003))
     assert (result.path.parent / mesh.file).is_file()
     assert [item.name for item in scenery(world)][-1] == "world/scenery.0"
-    assert told(result, "tree")[0].new == "only drawn"
+    assert changes_of(result, "tree")[0].new == "visual only"
     lock_text(world)
 
 
@@ -672,7 +672,7 @@ def test_models_of_fuel_come_from_its_cache(tmp_path, monkeypatch):
     assert world.props[0].prop.size[2] == pytest.approx(10.0)
 
 
-def test_flat_and_tiny_meshes_leave_no_words_of_libraries(tmp_path):
+def test_flat_and_tiny_meshes_give_no_messages_of_libraries(tmp_path):
     for seed, points in enumerate(
         (
             [[0, 0, 0]] * 4,
@@ -731,10 +731,10 @@ def test_blocked_starts_of_the_source_are_left_out(tmp_path):
     result, world = imported(traps.world(tmp_path, robot + traps.model("wall", size="4 4 2", pose="0 0 1 0 0 0")),
                              tmp_path / "worlds")  # fmt: skip
     assert list(world.starts) == ["free"]
-    assert told(result, "start 'car'")[0].left_out
+    assert changes_of(result, "start 'car'")[0].left_out
 
 
-def test_loose_things_in_the_air_are_put_down(tmp_path):
+def test_loose_objects_above_the_ground_are_lowered(tmp_path):
     inside = traps.model("box", pose="5 5 3 0 0 0", static=False) + traps.model("lamp", pose="9 5 6 0 0 0")
     result, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
     assert placed(world)["box"].bottom == pytest.approx(0.0, abs=1e-6)
@@ -742,7 +742,7 @@ def test_loose_things_in_the_air_are_put_down(tmp_path):
     assert not any("world check" in line for line in result.checks)
 
 
-def test_a_world_that_ends_the_solver_is_found(tmp_path, monkeypatch):
+def test_a_world_that_makes_the_solver_fail_is_found(tmp_path, monkeypatch):
     _, world = imported(traps.world(tmp_path, traps.model("crate", pose="9 0 0.5 0 0 0", static=False)), tmp_path / "w")
     assert not first_steps_of.find_first_step_fault(world, (), "bolt")
     for program, words in (
@@ -796,12 +796,12 @@ def test_command_options(tmp_path, command, capsys):
     ("arguments", "words"),
     [
         (["nowhere.world"], "nowhere.world"),
-        (["a.world", "--package", "thing"], "expected NAME=DIR"),
+        (["a.world", "--package", "thing"], "expected NAME="),
         (["a.world", "--package", "thing=/no/such/folder"], "no such folder"),
         (["a.world", "--name", "no name"], "no name"),
     ],
 )
-def test_command_refuses_in_one_line(tmp_path, monkeypatch, command, capsys, arguments, words):
+def test_command_errors_are_one_line(tmp_path, monkeypatch, command, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)
     traps.world(tmp_path, "", file="a.world")
     assert command(*arguments) == 2

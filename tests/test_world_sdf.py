@@ -1,4 +1,4 @@
-"""SDF worlds: what Drake reads from the file is the world that was written."""
+"""SDF worlds: Drake reads the world that was written."""
 
 import io
 import re
@@ -117,9 +117,7 @@ def _numbers(shape: Shape) -> list[float]:
     return [float(x) for x in np.concatenate((points.min(axis=0), points.max(axis=0), [hull.centroid()[2]]))]
 
 
-def test_what_can_be_knocked_over_weighs_what_it_does_in_mirdrake(
-    world: World, export: SdfExport, loaded: tuple[Any, ...]
-) -> None:
+def test_loose_props_have_their_mass(world: World, export: SdfExport, loaded: tuple[Any, ...]) -> None:
     plant = loaded[0]
     own = MultibodyPlant(0.001)
     scene_graph = SceneGraph()
@@ -148,7 +146,7 @@ def test_the_ground_is_a_box_with_the_friction_of_the_road(world: World, loaded:
     assert not any(isinstance(inspector.GetShape(g), HalfSpace) for g in inspector.GetAllGeometryIds(Role.kProximity))
 
 
-def test_what_the_file_cannot_say_is_told_and_stands_in_it(export: SdfExport) -> None:
+def test_what_sdf_cannot_express_is_reported_and_in_a_comment(export: SdfExport) -> None:
     assert export.left_out == (
         "friction 0.7 beside the tracks (the ground has 0.9 everywhere)",
         "friction 0.2 of patch 'patch_0'",
@@ -175,7 +173,7 @@ def test_the_file_names_meshes_beside_it_and_no_other_file(export: SdfExport) ->
             assert f"{name.rpartition('/')[0]}/{material}" in export.files
 
 
-def test_meshes_stand_upright_and_have_the_size_of_the_prop(world: World, export: SdfExport) -> None:
+def test_meshes_are_upright_and_have_the_size_of_the_prop(world: World, export: SdfExport) -> None:
     tree = ElementTree.fromstring(export.files["shop.sdf"]).find("world")
     assert tree is not None
     for placed in world.props:
@@ -254,7 +252,7 @@ def test_a_textured_mesh_keeps_its_picture(tmp_path: Path) -> None:
     _load(export, tmp_path / "out")
 
 
-def test_a_mesh_that_has_gone_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_missing_mesh_is_an_error_of_one_line(tmp_path: Path) -> None:
     mesh = tmp_path / "rock.obj"
     mesh.write_text(trimesh.creation.box().export(file_type="obj", include_texture=False), encoding="utf-8")
     path = tmp_path / "w.yaml"

@@ -1,4 +1,4 @@
-"""Small ROS and Gazebo packages with the traps of real ones; all of our own making, written where a test wants them.
+"""Small ROS and Gazebo packages with the faults of real ones, written by the tests.
 
 Each function writes one package below a folder and returns its main file. Lengths are metres, masses kilograms.
 """

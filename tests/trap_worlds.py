@@ -1,4 +1,4 @@
-"""Small Gazebo worlds with the traps of real ones; all of our own making, written where a test wants them.
+"""Small Gazebo worlds with the faults of real ones, written by the tests.
 
 Each function writes one world below a folder and returns its file. Lengths are metres, angles radians.
 """

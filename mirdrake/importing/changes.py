@@ -86,7 +86,7 @@ class Change:
 
     @property
     def left_out(self) -> bool:
-        """Whether the part has no counterpart in what was written."""
+        """Whether the part has no counterpart in the result."""
         return self.new is None
 
     @property

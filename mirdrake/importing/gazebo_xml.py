@@ -65,7 +65,7 @@ def read_gazebo_xml(path: Path) -> XmlDocument:
 
 
 def _strict(data: bytes) -> bytes:
-    """The same document as XML that the standard allows, line by line.
+    """Return the same document as valid XML, with the same lines.
 
     tinyxml2 accepts, and files of Gazebo have: ``--`` within comments, anything before the declaration or a second
     declaration, encodings that are wrong or unknown, ``&`` that begins no entity, ``<`` within attributes, control

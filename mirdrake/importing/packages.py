@@ -1,8 +1,8 @@
-"""Where the packages and models lie that a file refers to, without ROS.
+"""Search for the packages and models that a file refers to, without ROS.
 
-A package is a folder with a package.xml, a model one with a model.config; both are looked for by the name in that file
-and by the name of the folder, in the folders above the file that asks and a few levels below each. The search is
-bounded: it never walks a whole disk.
+A package is a folder with a package.xml, a model a folder with a model.config. Both are found by the name in that file
+and by the name of the folder, in the folders above the file and a few levels below each. The number of folders is
+limited.
 """
 
 import os
@@ -28,7 +28,7 @@ class Packages:
 
     Args:
         start: the file.
-        given: package name -> folder, from the user; they win.
+        given: package name -> folder, from the user; they take precedence.
     """
 
     def __init__(self, start: Path, given: Mapping[str, Path] | None = None) -> None:
@@ -39,7 +39,7 @@ class Packages:
         self.used: dict[str, Path] = {}
 
     def find(self, name: str) -> Path | None:
-        """The folder of a package or model; None if it is not to be found."""
+        """Return the folder of a package or model; None if it is not found."""
         while name not in self._known:
             above = next(self._levels, None)
             if above is None:
@@ -49,7 +49,7 @@ class Packages:
         return self._known[name]
 
     def own(self) -> tuple[str, Path]:
-        """Name and folder of the package that the file itself belongs to; its own folder if to none."""
+        """Return name and folder of the package of the file; the folder of the file if it has none."""
         for folder in list(self._start.parents)[:LEVELS_UP]:
             names = _names_of(folder)
             if names:
@@ -58,7 +58,7 @@ class Packages:
         return self._start.parent.name, self._start.parent
 
     def beside(self) -> list[Path]:
-        """Packages beside the own one and called like it: ``car_control`` is beside ``car_description``."""
+        """Return sibling packages with the same prefix: ``car_control`` for ``car_description``."""
         name, folder = self.own()
         start = _SUFFIX.sub("", name)
         found = []
@@ -69,7 +69,7 @@ class Packages:
         return found
 
     def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
-        """The file of an address, and a remark if it was not simply there.
+        """Return the file of an address, and a remark if it is missing or not at its address.
 
         Args:
             address: package://, model://, file:// or a path.
@@ -83,7 +83,7 @@ class Packages:
         if "://" in text:
             scheme, _, rest = text.partition("://")
             if scheme not in {"package", "model", "file"}:
-                return None, f"{scheme}:// is not understood; only package://, model:// and file:// are"
+                return None, f"{scheme}:// is not supported; only package://, model:// and file:// are"
             if scheme == "file":
                 path = Path(rest)
             else:
@@ -91,7 +91,7 @@ class Packages:
                 found = self.find(name)
                 if found is None:
                     kind = "package" if scheme == "package" else "model"
-                    return None, f"{kind} '{name}' is not here; give its folder with --package {name}=DIR"
+                    return None, f"{kind} '{name}' is not found; give its folder with --package {name}=DIR"
                 root, path = found, found / inner
         else:
             path = Path(text)
@@ -102,22 +102,22 @@ class Packages:
         return self._nearly(path, root)
 
     def _nearly(self, path: Path, root: Path) -> tuple[Path | None, str]:
-        """A file that was probably meant, or why there is none."""
+        """Return the file that is probably meant, or the reason why there is none."""
         other = _any_case(path)
         if other is not None:
-            return (None, _POINTER_TEXT) if _is_pointer(other) else (other, "found with other capitals")
+            return (None, _POINTER_TEXT) if _is_pointer(other) else (other, "found with different upper and lower case")
         same = [found for found in _files(root) if found.name.lower() == path.name.lower()]
         if len(same) == 1:
-            return same[0], f"not at its address, but there is one of that name in {same[0].parent.name}/"
+            return same[0], f"not at its address; used is the file of that name in {same[0].parent.name}/"
         for archive in _files(root):
             if archive.name.lower().endswith(_ARCHIVES) and _holds(archive, path.name):
-                return None, f"packed in {archive.name}: unpack it and import again"
+                return None, f"packed in {archive.name}; unpack it and import again"
         return None, "no such file"
 
     # --- the search ---
 
     def _folders_above(self) -> Iterator[Path]:
-        """Folders to look below, nearest first; never the root of the disk."""
+        """Yield the folders to search, nearest first; never the root of the disk."""
         for folder in list(self._start.parents)[:LEVELS_UP]:
             if folder.parent == folder:
                 return
@@ -137,11 +137,11 @@ class Packages:
             level = following
 
 
-_POINTER_TEXT = "only a pointer of Git LFS: fetch the file with git lfs pull and import again"
+_POINTER_TEXT = "only a Git LFS pointer; fetch the file with git lfs pull and import again"
 
 
 def _names_of(folder: Path) -> list[str]:
-    """Names of a folder as package or model: that in its file first, then its own; none if it is neither."""
+    """Return the names of a package or model folder, that of its file first; none if it is neither."""
     for file in ("package.xml", "model.config"):
         path = folder / file
         try:
@@ -166,7 +166,7 @@ def _folders_in(folder: Path) -> list[Path]:
 
 
 def _files(root: Path) -> Iterator[Path]:
-    """Files below a package's folder, a bounded number of them."""
+    """Yield files below a package folder, from at most 4000 folders."""
     waiting, count = [root], 0
     while waiting and count < MOST_FOLDERS:
         folder = waiting.pop()
@@ -179,7 +179,7 @@ def _files(root: Path) -> Iterator[Path]:
 
 
 def _any_case(path: Path) -> Path | None:
-    """The file whose path differs in capitals only."""
+    """Return the file whose path differs in upper and lower case only."""
     known = path
     while not known.exists() and known.parent != known:
         known = known.parent
@@ -203,7 +203,7 @@ def _is_pointer(path: Path) -> bool:
 
 
 def _holds(archive: Path, name: str) -> bool:
-    """Whether an archive has a file of that name."""
+    """Return whether an archive contains a file of a name."""
     try:
         if archive.suffix == ".zip":
             with zipfile.ZipFile(archive) as packed:

@@ -1,4 +1,4 @@
-"""Places in source files as a report names them: from the package on, wherever that lies on this machine."""
+"""Places in source files relative to their package, as reports name them."""
 
 import os
 import re
@@ -16,7 +16,7 @@ class Places:
     """Short names for the files of a model.
 
     Args:
-        main: the file that was read first.
+        main: the main file.
     """
 
     def __init__(self, main: Path) -> None:
@@ -24,14 +24,14 @@ class Places:
         self._above = str(self._root.parent) + os.sep
 
     def short(self, place: str) -> str:
-        """``file`` or ``file:line`` from the package on."""
+        """Return ``file`` or ``file:line`` relative to the package."""
         match = _LINE.match(place)
         assert match is not None, "it matches everything"
         file, line = match.groups()
         return f"{self.file(Path(file))}{line}" if file and os.path.exists(file) else self.text(place)
 
     def file(self, path: Path) -> str:
-        """A file from the package on; from its own package on if that is another one."""
+        """Return a file relative to the main package, else to its own package."""
         full = Path(os.path.abspath(path))
         for root in (self._root, _package(full)):
             if full.is_relative_to(root):
@@ -40,7 +40,7 @@ class Places:
         return full.name
 
     def text(self, text: str) -> str:
-        """A text without the folders above the package."""
+        """Return a text without the folders above the package."""
         start = self._above if _is_package(self._root) else str(self._root) + os.sep
         for prefix in (start, shown(Path(start)) + os.sep):
             if len(prefix) > 2:
@@ -48,7 +48,7 @@ class Places:
         return text
 
     def change(self, change: Change) -> Change:
-        """A change whose texts name no folder of this machine."""
+        """Return a change without absolute folders in its texts."""
         return Change(
             change.code,
             self.short(change.place),
@@ -64,6 +64,6 @@ def _is_package(folder: Path) -> bool:
 
 
 def _package(file: Path) -> Path:
-    """The package around a file, or the file's folder."""
+    """Return the package folder of a file, else the folder of the file."""
     folder = Path(os.path.abspath(file)).parent
     return next((above for above in (folder, *list(folder.parents)[:_LEVELS]) if _is_package(above)), folder)

@@ -18,11 +18,11 @@ class Shape:
         kind: box, cylinder (axis z), sphere, capsule (axis z), ellipsoid, plane or mesh.
         size: box: three edges; cylinder and capsule: radius, length; sphere: radius; ellipsoid: three half axes [m].
         X_LG: pose in its link.
-        mesh: resolved file of a mesh; None if the address leads nowhere.
+        mesh: resolved file of a mesh; None if there is no such file.
         address: of the mesh, as written.
         scale: of the mesh, three factors.
-        submesh: name of the part of the mesh that is meant; "" for all.
-        center: the part is moved to the origin, by the middle of its bounds.
+        submesh: name of the part of the mesh; "" for all.
+        center: whether the part is moved so that the centre of its bounding box is the origin.
         rgba: colour; None if the source has none.
         texture: picture file; None if there is none.
         where: ``file:line``.

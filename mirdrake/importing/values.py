@@ -13,7 +13,7 @@ from mirdrake.importing.shape import Vector
 
 
 def read_numbers(text: str | None, *, count: int, default: Sequence[float], where: str, what: str) -> Vector:
-    """Numbers from a text; `default` where there is none.
+    """Return numbers from a text; `default` if there is no text.
 
     Raises:
         ModelError: not so many finite numbers.
@@ -31,7 +31,7 @@ def read_numbers(text: str | None, *, count: int, default: Sequence[float], wher
 
 
 def read_number(text: str | None, *, where: str, what: str) -> float | None:
-    """A number that may be infinite, or None where there is none.
+    """Return a number, which may be infinite; None if there is no text.
 
     Raises:
         ModelError: it is no number.
@@ -48,7 +48,7 @@ def read_number(text: str | None, *, where: str, what: str) -> float | None:
 
 
 def _template(text: str) -> str:
-    """What to do about an expression that some program should have replaced."""
+    """Return advice for an expression that a template program should have replaced."""
     for mark, name in (("${", "xacro"), ("$(", "xacro"), ("<%", "ERB"), ("{{", "Jinja"), ("@(", "Empy")):
         if mark in text:
             return f"; it is an expression of {name} that was not expanded: give the expanded file"
@@ -56,12 +56,12 @@ def _template(text: str) -> str:
 
 
 def make_pose(xyz: Sequence[float] | Vector, rpy: Sequence[float] | Vector) -> RigidTransform:
-    """A pose from place [m] and roll, pitch, yaw [rad]."""
+    """Return a pose from position [m] and roll, pitch, yaw [rad]."""
     return RigidTransform(RollPitchYaw(*[float(angle) for angle in rpy]), [float(value) for value in xyz])
 
 
 def leaves(element: Element, prefix: str = "") -> dict[str, str]:
-    """Texts and attributes of all elements below one, by dotted path; the second of a kind is ``tag[2]``."""
+    """Return texts and attributes of all elements below one by dotted path; repeated tags are ``tag[2]``."""
     found: dict[str, str] = {}
     count: Counter[str] = Counter()
     for child in element:

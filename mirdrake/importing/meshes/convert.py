@@ -1,8 +1,8 @@
-"""Meshes of a package as Drake reads them: visuals as glTF, collisions as boxes, cylinders and convex OBJ parts.
+"""Meshes of a package in formats of Drake: visuals as glTF, collisions as boxes, cylinders and convex OBJ parts.
 
-Drake draws .obj and .gltf with its cameras and collides only .obj, .vtk and .gltf, always by the convex hull. COLLADA
-needs pycollada, cutting into convex parts coacd, making large meshes smaller fast-simplification: the extra ``import``.
-How units and axes are taken says :mod:`mirdrake.importing.meshes.read`.
+Drake's cameras render .obj and .gltf; its collision geometry is the convex hull of an .obj, .vtk or .gltf file. The
+extra ``import`` has the packages for COLLADA (pycollada), convex decomposition (coacd) and simplification
+(fast-simplification). :mod:`mirdrake.importing.meshes.read` defines units and axes.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ _MOST_EXCESS = 100.0  # hull over mesh; beyond it the mesh is a sheet, and the r
 
 
 def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
-    """The corners [m] of the smallest box along the axes of the link that holds a shape.
+    """Return the corners [m] of the bounding box of a shape along the axes of its link.
 
     Args:
         shape: a primitive, or a mesh in any format; its unit, nodes, submesh, scale and pose are applied.
@@ -61,7 +61,7 @@ def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
 
 
 def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
-    """The shape with its whole mesh where the mesh has no submesh of the name given, and the change to report.
+    """Return a shape whose submesh exists: the whole mesh instead of an unknown submesh, and the change.
 
     A body that is drawn with more than its submesh is noticed; one that is not drawn is lost.
     """
@@ -145,10 +145,10 @@ def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, lis
 def convert_collision(
     shape: Shape, folder: Path, *, name: str, time: CutTime | None = None
 ) -> tuple[list[Shape], list[Change]]:
-    """A collision mesh as a box, a cylinder or at most 16 convex parts; a primitive stays as it is.
+    """Return a collision mesh as a box, a cylinder or at most 16 convex parts; primitives are unchanged.
 
     A mesh that fills a box to 97 % or a cylinder to 93 % becomes that one. A mesh that is convex becomes one part
-    with at most 128 corners. Anything else is cut into convex parts; how much room these take beyond the mesh is said
+    with at most 128 corners. Anything else is decomposed into convex parts; the volume that they add is reported
     in the change.
 
     Args:
@@ -219,7 +219,7 @@ def _parts_note(shape: Shape, parts: Parts) -> Note:
 
 
 def _load(shape: Shape) -> tuple[list[Piece], list[Note]]:
-    """Triangles of a mesh in the shape's frame: submesh chosen, scale applied."""
+    """Return the triangles of a mesh in the frame of the shape, with submesh and scale applied."""
     if shape.mesh is None:
         raise MeshError(shape.address or "without address", "leads to no file")
     read = read_mesh(shape.mesh)

@@ -1,9 +1,9 @@
-"""Solids as a few convex parts. Drake collides a mesh by its convex hull, so that a hollow one needs several."""
+"""Convex decomposition of meshes: Drake uses the convex hull of a mesh, so a concave one needs several parts."""
 
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from io import BytesIO
@@ -51,7 +51,7 @@ CUT_TIME = 60.0
 
 
 class CutTime:
-    """Time for cutting meshes into convex parts.
+    """Time for the convex decomposition of meshes.
 
     Attributes:
         limit: at the beginning [s].
@@ -79,7 +79,7 @@ class Parts:
         hulls: the parts.
         whole: the hull of all.
         volume: of the mesh itself [m³]; None if it is not closed.
-        missing: why it was not cut, or "".
+        missing: why it was not decomposed, or "".
     """
 
     hulls: tuple[Hull, ...]
@@ -89,7 +89,7 @@ class Parts:
 
 
 def make_hull(points: Array) -> Hull:
-    """The convex hull of points [m]; points in a plane or on a line become a plate or a rod of 1 mm."""
+    """Return the convex hull of points [m]; points in a plane or on a line become a plate or rod of 1 mm."""
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
@@ -134,7 +134,7 @@ def _lowest_first(face: list[int]) -> list[int]:
 
 
 def _fewer(corners: Array) -> Array:
-    """Those corners that are outermost in evenly spread directions (Fibonacci lattice on the sphere)."""
+    """Return the outermost corners in evenly distributed directions (Fibonacci lattice on the sphere)."""
     step = np.arange(CORNER_LIMIT) + 0.5
     height, turn = 1.0 - 2.0 * step / CORNER_LIMIT, np.pi * (1.0 + 5.0**0.5) * step
     radius = np.sqrt(1.0 - height**2)
@@ -147,7 +147,7 @@ def _fewer(corners: Array) -> Array:
 
 
 def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
-    """Convex parts of triangles.
+    """Return the convex parts of a mesh.
 
     Bodies that hang together are looked at one by one. Those that are convex (no triangle lies deeper in the hull than
     2 % of its size) become their hull; the others are cut by CoACD (Wei et al., ACM Trans. Graph. 41(4), 2022), if it
@@ -172,7 +172,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
     extent = float(np.ptp(points, axis=0).max())
     groups = [group for group in groups if np.ptp(points[np.unique(group)], axis=0).max() > 1e-3 * extent]
     if len(groups) > _BODIES:
-        return Parts((whole,), whole, volume, f"{len(groups)} separate bodies are too many to cut")
+        return Parts((whole,), whole, volume, f"{len(groups)} separate bodies are too many for convex decomposition")
     if len(groups) > PART_LIMIT:
         groups = [np.concatenate(groups)]
     hulls: list[Hull] = []
@@ -193,7 +193,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
 
 
 def is_convex(points: Array, faces: NDArray[np.int64], hull: Hull) -> bool:
-    """Whether the middles of all triangles lie at most 2 % of its size below the surface of the hull."""
+    """Return whether the centres of all triangles are at most 2 % of the size below the surface of the hull."""
     a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1)
@@ -209,7 +209,7 @@ def is_convex(points: Array, faces: NDArray[np.int64], hull: Hull) -> bool:
 
 
 def _volume(points: Array, faces: NDArray[np.int64]) -> float | None:
-    """Volume of a closed surface [m³]; None if an edge has not just two triangles that run along it both ways."""
+    """Return the volume of a closed surface [m³]; None if the surface is not closed."""
     edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]))
     forth = np.sort(edges[:, 0] * len(points) + edges[:, 1])
     back = np.sort(edges[:, 1] * len(points) + edges[:, 0])
@@ -229,11 +229,11 @@ def _bodies(count: int, faces: NDArray[np.int64]) -> NDArray[Any]:
 
 def _cut(points: Array, faces: NDArray[np.int64], *, limit: int, time: CutTime) -> tuple[list[Hull], str]:
     if find_spec("coacd") is None:
-        return [], "coacd is not installed, so that it could not be cut into convex parts"
+        return [], "coacd is not installed; install it for convex decomposition"
     used, index = np.unique(faces, return_inverse=True)
     corners, triangles = _close(points[used], index.reshape(-1, 3))
     if _volume(corners, triangles) is None:
-        return [], "its surface has gaps, so that it could not be cut into convex parts"
+        return [], "its surface has gaps; convex decomposition needs a closed surface"
     if len(triangles) > _FACES:
         fewer = _simplified(corners, triangles)
         corners, triangles = fewer if _volume(*fewer) is not None else (corners, triangles)
@@ -250,15 +250,15 @@ def _cut(points: Array, faces: NDArray[np.int64], *, limit: int, time: CutTime) 
             return [], missing
         parts = _parts_in(content)
         if parts is None:
-            return [], "it could not be cut into convex parts in reasonable time: its surface may run through itself"
+            return [], "convex decomposition took too long; the surface may intersect itself"
         _store(entry, content)
     hulls = [make_hull(part) for part in parts if len(part) > 3]
     return [hull for hull in hulls if hull.volume > 0.0], ""
 
 
 def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]:
-    """What the process that cuts answers, and why it does not; it is killed when its time is up."""
-    used_up = f"the time for cutting meshes into convex parts, {time.limit:g} s, is used up"
+    """Return the output of the decomposition process, or the reason why there is none."""
+    used_up = f"the time for convex decomposition, {time.limit:g} s, is used up"
     if seconds <= 0.0:
         return b"", used_up
     script = Path(__file__).with_name("cut.py")
@@ -266,7 +266,7 @@ def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]
     try:
         done = subprocess.run([sys.executable, "-P", str(script)], input=message, capture_output=True, timeout=seconds)
     except subprocess.TimeoutExpired:
-        late = f"cutting it into convex parts took more than {10 * SECONDS} s"
+        late = f"convex decomposition took more than {10 * SECONDS} s"
         return b"", used_up if seconds < 10 * SECONDS else late
     finally:
         time.left -= monotonic() - start
@@ -274,16 +274,16 @@ def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]
     return (done.stdout[first:], "") if done.returncode == 0 and first >= 0 else (b"", "")
 
 
-def _cache_entry(corners: Array, triangles: NDArray[np.int64], how: dict[str, Any]) -> Path:
-    """The file for the parts of a surface: its name is the hash of everything that they depend on."""
+def _cache_entry(corners: Array, triangles: NDArray[np.int64], how: Mapping[str, float]) -> Path:
+    """Return the cache file of a decomposition; its name is the hash of all inputs."""
     version = installed_version("coacd")
-    text = json.dumps([1, version, how, settings(how["bodies"]), corners.shape, triangles.shape], sort_keys=True)
+    text = json.dumps([1, version, how, settings(int(how["bodies"])), corners.shape, triangles.shape], sort_keys=True)
     arrays = np.ascontiguousarray(corners, dtype="<f8"), np.ascontiguousarray(triangles, dtype="<i8")
     return cache_folder("convex") / f"{digest(text, *(array.tobytes() for array in arrays))}.npz"
 
 
 def _load_parts(entry: Path) -> list[Array] | None:
-    """Parts from the cache; None if there are none or the file is damaged."""
+    """Return the parts of a cache file; None if it is missing or damaged."""
     try:
         return _parts_in(entry.read_bytes())
     except OSError:
@@ -342,7 +342,7 @@ def _close(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.i
 
 
 def fit_box(hull: Hull) -> tuple[tuple[float, float, float], RigidTransform] | None:
-    """Edges [m] and pose of a box that the hull nearly fills (97 %); None if there is none."""
+    """Return edges [m] and pose of a box that the hull fills to 97 %; None if there is none."""
     for R in _frames(hull):
         turned = hull.points @ R
         low, high = turned.min(axis=0), turned.max(axis=0)
@@ -353,7 +353,7 @@ def fit_box(hull: Hull) -> tuple[tuple[float, float, float], RigidTransform] | N
 
 
 def fit_cylinder(hull: Hull) -> tuple[tuple[float, float], RigidTransform] | None:
-    """Radius, length [m] and pose of a cylinder (axis z) that the hull nearly fills (93 %); None if there is none."""
+    """Return radius, length [m] and pose of a cylinder (axis z) that the hull fills to 93 %; None if there is none."""
     for R in _frames(hull):
         turned = hull.points @ R
         for axis in (0, 1, 2):
@@ -371,7 +371,7 @@ def fit_cylinder(hull: Hull) -> tuple[tuple[float, float], RigidTransform] | Non
 
 
 def _frames(hull: Hull) -> Sequence[Array]:
-    """Axes that a box or a cylinder might have: the mesh's own, and the principal ones of the hull's surface."""
+    """Return candidate axes of a box or cylinder: those of the mesh, and the principal axes of the hull's surface."""
     a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     middle = (a + b + c) / 3.0

@@ -1,12 +1,11 @@
-"""Cuts a closed surface into convex parts with CoACD, in a process of its own: run as a script, arrays in and out.
+"""Decompose a closed surface into convex parts with CoACD, in a separate process: a script with arrays in and out.
 
-CoACD can take minutes over a surface that runs through itself, and no Python signal reaches it there.
+CoACD can take minutes for a surface that intersects itself, and Python signals do not interrupt it.
 """
 
 import io
 import signal
 import sys
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,8 @@ SECONDS = 20
 """Processor time after which the process ends."""
 
 
-def settings(bodies: int) -> dict[str, Any]:
-    """Settings of CoACD for a surface of so many bodies; several, which may overlap, are joined first."""
+def settings(bodies: int) -> dict[str, str | int]:
+    """Return the CoACD settings for a surface of a number of bodies; several bodies are merged first."""
     if bodies == 1:
         return {"preprocess_mode": "off", "mcts_nodes": 20, "mcts_iterations": 60, "mcts_max_depth": 3,
                 "resolution": 1000}  # fmt: skip
@@ -41,8 +40,8 @@ def main() -> None:
     limit, concavity, how = int(given["limit"]), float(given["concavity"]), settings(int(given["bodies"]))
     parts = coacd.run_coacd(solid, threshold=concavity, max_convex_hull=limit, seed=0, **how)
     answer = io.BytesIO()
-    arrays: dict[str, Any] = {f"part_{number}": np.asarray(points) for number, (points, _) in enumerate(parts)}
-    np.savez(answer, **arrays)
+    arrays = {f"part_{number}": np.asarray(points) for number, (points, _) in enumerate(parts)}
+    np.savez(answer, **arrays)  # type: ignore[arg-type]
     sys.stdout.buffer.write(answer.getvalue())
 
 

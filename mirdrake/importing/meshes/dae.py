@@ -1,6 +1,6 @@
-"""COLLADA files as triangles, the way Gazebo takes them; needs pycollada."""
+"""COLLADA files as triangles, read as by Gazebo; needs pycollada."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -17,7 +17,7 @@ _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # ITU-R BT.709-4, as COLL
 
 
 def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
-    """All triangles of the document's scene, its unit applied, its up axis not; see :mod:`.mesh_read`.
+    """Yield all triangles of the scene; its unit is applied, its up axis is not (see :mod:`.read`).
 
     Args:
         document: as pycollada has it, its faults passed over.
@@ -26,10 +26,16 @@ def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
     root = document.xmlnode.getroot()
     scale = _unit(root)
     if scale != 1.0:
-        folder.notes.append(Note(f"unit of {scale:g} m", "metres", "the file says <unit>"))
+        folder.notes.append(Note(f"unit of {scale:g} m", "metres", "unit of the file"))
     axis = next((e.text or "" for e in root.iter() if _tag(e) == "up_axis"), "").strip()
     if axis and axis != "Z_UP":
-        folder.notes.append(Note(f"up axis {axis}", "axes as in the file", "Gazebo and RViz do not turn COLLADA files"))
+        folder.notes.append(
+            Note(
+                f"up axis {axis}",
+                "axes as in the file",
+                "as in Gazebo and RViz, which ignore the up axis of COLLADA files",
+            )
+        )
     reader = _Reader(folder)
     matrix = np.diag([scale, scale, scale, 1.0])
     if document.scene is not None and document.scene.nodes:
@@ -41,7 +47,7 @@ def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
 
 
 def _matrix(node: Node) -> Array:
-    """The transformation of a node; unlike pycollada's it takes axes of rotations of any length."""
+    """Return the transformation of a node; unlike in pycollada, rotation axes may have any length."""
     matrix = np.eye(4)
     for step in node.transforms:
         own = np.asarray(step.matrix, dtype=float)
@@ -90,10 +96,12 @@ class _Reader:
             for child in node.children:
                 yield from self.walk(child, matrix @ _matrix(inner), names + own)
 
-    def _bound(self, bindings: Any) -> dict[str, Any]:
+    def _bound(self, bindings: Any) -> Mapping[str, Any]:
         return {binding.symbol: binding.target for binding in bindings}
 
-    def geometry(self, geometry: Any, bound: dict[str, Any], matrix: Array, names: tuple[str, ...]) -> Iterator[Piece]:
+    def geometry(
+        self, geometry: Any, bound: Mapping[str, Any], matrix: Array, names: tuple[str, ...]
+    ) -> Iterator[Piece]:
         own = tuple(str(word) for word in (geometry.name, geometry.id) if word)
         for given in geometry.primitives:
             triangles = given.triangleset() if isinstance(given, Polylist) else given  # Polygons is a Polylist
@@ -137,7 +145,7 @@ class _Reader:
         return Material(name, (*_color(diffuse)[:3], opacity), None, glow)
 
     def _opacity(self, name: str, effect: Any) -> float:
-        """As Gazebo: without the attribute ``opaque`` a material is opaque, whatever the numbers say."""
+        """Return the opacity as Gazebo computes it: 1 for a material without the attribute ``opaque``."""
         node = next((e for e in effect.xmlnode.iter() if _tag(e) == "transparent"), None)
         if node is None or node.get("opaque") is None or isinstance(effect.transparent, Map):
             return 1.0
@@ -155,7 +163,11 @@ class _Reader:
             opacity = (float(color[3]) if len(color) > 3 else 1.0) * factor
         if not opacity >= INVISIBLE:
             self.folder.notes.append(
-                Note(f"material {name} invisible", "opaque", "some exporters write transparency the wrong way round")
+                Note(
+                    f"material {name} invisible",
+                    "opaque",
+                    "some exporters write opacity and transparency the wrong way round",
+                )
             )
             return 1.0
         return min(opacity, 1.0)

@@ -39,7 +39,7 @@ class _Content:
 
 
 def read_obj(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
-    """All faces of an OBJ file as triangles.
+    """Yield the faces of an OBJ file as triangles.
 
     A piece has the names of its object and its groups, whichever material splits them. A new object ends the groups
     of the one before.
@@ -80,14 +80,14 @@ def _piece(part: _Part, points: Array, uv: Array, normals: Array, material: Mate
 
 
 def _take(table: Array, index: NDArray[np.int64]) -> Array:
-    """Rows of a table; not a number where the file has no such row."""
+    """Return rows of a table; NaN for rows that do not exist."""
     padded = np.concatenate((table, np.full((1, table.shape[1]), np.nan)))
     rows: Array = padded[np.where((index >= 0) & (index < len(table)), index, len(table))]
     return rows
 
 
 def _table(rows: list[list[float]], width: int) -> Array:
-    """Rows of different lengths as an array, filled up with what is not a number."""
+    """Return rows of different lengths as an array padded with NaN."""
     if rows and all(len(row) == len(rows[0]) for row in rows):
         known = np.array(rows, dtype=float)[:, :width]
         return np.pad(known, ((0, 0), (0, width - known.shape[1])), constant_values=np.nan)
@@ -137,12 +137,12 @@ def _read_lines(text: str) -> _Content:
 
 
 def _names(target: str, groups: Sequence[str]) -> tuple[str, ...]:
-    """What a submesh may be called by: its object, each of its groups, or all groups of the line."""
+    """Return the names by which a submesh can be selected: object, each group, all groups of the line."""
     return tuple(dict.fromkeys(name for name in (target, *groups) if name))
 
 
 def _rest(line: str) -> str:
-    """The line after its first word; names may contain spaces."""
+    """Return the line after its first word; names may contain spaces."""
     return " ".join(line.split()[1:])
 
 
@@ -155,7 +155,7 @@ def _floats(words: Sequence[str], *, colour: bool) -> list[float]:
 
 
 def _corner(word: str, content: _Content) -> Corner:
-    """``position/texture/normal``; from 1 on, or backwards from the last one read with a negative number."""
+    """Return the indices of ``position/texture/normal``; they count from 1, or backwards if negative."""
     parts = (*word.split("/"), "", "")[:3]
     counts = (len(content.points), len(content.uv), len(content.normals))
     values = []
@@ -188,7 +188,7 @@ def _triangulate(polygons: list[tuple[_Part, list[Corner]]], points: Array) -> N
 
 
 def _triangles_inside(place: Array, normal: Array) -> list[tuple[int, int, int]]:
-    """Corners of triangles that fill a polygon which is not convex; none if it runs through itself."""
+    """Return the triangles of a concave polygon by their corners; none if it intersects itself."""
     along = place[np.argmax(np.linalg.norm(place, axis=1))]
     x = along - normal * float(along @ normal) / float(normal @ normal)
     flat = np.column_stack((place @ x, place @ np.cross(normal, x) / np.linalg.norm(normal)))
@@ -230,7 +230,7 @@ def _material(name: str, values: dict[str, list[str]], folder: TextureFolder) ->
     if opacity is None:
         opacity = _number(values.get("tr"), lambda value: 1.0 - value)
     if opacity is not None and opacity < INVISIBLE:
-        why = "some exporters write transparency the wrong way round"
+        why = "some exporters write opacity and transparency the wrong way round"
         folder.notes.append(Note(f"material {name} invisible", "opaque", why))
         opacity = 1.0
     alpha = min(1.0 if opacity is None else opacity, 1.0)
@@ -256,7 +256,7 @@ def _color(words: list[str] | None) -> tuple[float, float, float] | None:
 
 
 def _texture_address(words: list[str]) -> str:
-    """The file of a texture line, behind its options; its name may have spaces."""
+    """Return the file name of a texture line without its options; it may contain spaces."""
     at = 0
     while at < len(words) and words[at] in _OPTION_VALUES:
         option = words[at]

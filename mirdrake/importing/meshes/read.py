@@ -1,7 +1,7 @@
 """Mesh files of ROS and Gazebo packages as triangles with materials.
 
-Units and axes are Gazebo's. Of a COLLADA file the unit counts and the up axis does not: the axes of the file are the
-axes of the link, whatever ``<up_axis>`` says (gazebo-classic: common/ColladaLoader.cc reads ``<unit meter>`` only, and
+Units and axes are those of Gazebo. The unit of a COLLADA file is applied, its up axis is not: the axes of the file are
+the axes of the link (gazebo-classic: common/ColladaLoader.cc reads ``<unit meter>`` only, and
 its issue 1305 asks for the axis; rviz: mesh_loader.cpp leaves out the root transform in which assimp hides the axis,
 and reads the unit itself; gz-common: AssimpLoader.cc drops the root's rotation). A glTF file keeps its axes too
 (gz-common adds no rotation), although the format calls y up and Drake would turn it. All other formats are in metres.
@@ -28,14 +28,14 @@ Array = NDArray[np.float64]
 
 FORMATS = ("dae", "stl", "obj", "gltf", "glb", "ply")
 INVISIBLE = 0.01
-"""Opacity below which a material is taken for one whose transparency is written the wrong way round."""
+"""Opacity below which opacity and transparency of a material are assumed to be exchanged."""
 
 _FAR = 1e9  # in the file's unit, beyond which a coordinate is taken for a broken number
 EXTRA = "pip install 'mirdrake[import]'"
 
 
 class MeshError(ModelError):
-    """A mesh cannot be used; the caller may refuse the model or leave the shape out.
+    """A mesh cannot be used; the caller may reject the model or leave the shape out.
 
     Attributes:
         file: the mesh.
@@ -47,16 +47,16 @@ class MeshError(ModelError):
         self.file, self.reason = file, reason
 
     def left_out(self, where: str, what: str) -> Change:
-        """The line of the report if the shape is left out."""
+        """Return the change to report if the shape is left out."""
         return Change(Code.MESH, where, what, str(self.file), None, self.reason)
 
 
 class SubmeshError(MeshError):
-    """A mesh has no submesh of the name that is asked for."""
+    """A mesh has no submesh of the requested name."""
 
 
 class Note(NamedTuple):
-    """Something about a mesh that the report should say."""
+    """A change of a mesh, without its place."""
 
     old: str
     new: str | None
@@ -65,13 +65,13 @@ class Note(NamedTuple):
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface looks.
+    """Appearance of a surface.
 
     Attributes:
         name: in the file, or "".
         rgba: colour in sRGB and opacity, 0 .. 1; None if the file has none.
         picture: texture, mode RGB or RGBA; alpha counts only if it is RGBA.
-        emission: colour in sRGB that it gives off.
+        emission: emitted colour in sRGB.
     """
 
     name: str = ""
@@ -101,20 +101,21 @@ class Piece:
     material: Material = Material()
 
     def taking(self, which: NDArray[Any]) -> "Piece":
-        """The triangles of a mask or of indices."""
+        """Return the piece with the triangles of a mask or of indices only."""
         return self._with(lambda array: array[which])
 
     def reversed(self, which: NDArray[Any]) -> "Piece":
-        """The piece with the winding of the triangles of a mask reversed; their normals stay."""
+        """Return the piece with reversed winding of the triangles of a mask; normals are unchanged."""
         return self._with(lambda array: np.where(which[:, None, None], array[:, ::-1], array))
 
     def _with(self, change: Callable[[Array], Array]) -> "Piece":
-        arrays: dict[str, Any] = {key: getattr(self, key) for key in ("corners", "normals", "uv", "colors")}
-        changed: dict[str, Any] = {key: array if array is None else change(array) for key, array in arrays.items()}
-        return replace(self, **changed)
+        normals, uv, colors = (
+            None if array is None else change(array) for array in (self.normals, self.uv, self.colors)
+        )
+        return replace(self, corners=change(self.corners), normals=normals, uv=uv, colors=colors)
 
     def moved(self, matrix: Array) -> "Piece":
-        """The piece under an affine map (4, 4); a mirror reverses the winding, so that outside stays outside."""
+        """Return the piece under an affine map (4, 4); a reflection reverses the winding to keep the outside."""
         linear = matrix[:3, :3]
         corners = self.corners @ linear.T + matrix[:3, 3]
         normals = self.normals
@@ -126,7 +127,7 @@ class Piece:
 
 
 def _cofactors(linear: Array) -> Array:
-    """det(A) A⁻ᵀ, which carries normals of surfaces; fine for singular A."""
+    """Return det(A) A⁻ᵀ, which transforms area normals, also for singular A."""
     a, b, c = linear
     return np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
 
@@ -139,9 +140,9 @@ class ReadMesh(NamedTuple):
 
 
 def read_mesh(path: Path) -> ReadMesh:
-    """Triangles of a DAE, STL, OBJ, glTF, GLB or PLY file; its extension may be in upper case.
+    """Return the triangles of a DAE, STL, OBJ, glTF, GLB or PLY file; the extension may be in upper case.
 
-    Lines and points are passed over, as are triangles without area or with coordinates that are no numbers.
+    Lines and points are passed over, as are triangles without area or with they have invalid coordinates.
 
     Raises:
         MeshError: the file is missing, unreadable or has no triangle.
@@ -158,12 +159,12 @@ def read_mesh(path: Path) -> ReadMesh:
 def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     kind = path.suffix.lower().lstrip(".")
     if not path.is_file():
-        raise MeshError(path, "is no file")
+        raise MeshError(path, "is not a file")
     data = path.read_bytes()
     if data.startswith(b"version https://git-lfs"):
-        raise MeshError(path, "is a pointer of Git LFS, not the mesh: run `git lfs pull` in the package")
+        raise MeshError(path, "is a Git LFS pointer, not the mesh; run `git lfs pull` in the package")
     if kind not in FORMATS:
-        raise MeshError(path, f"has no known format (allowed: .{', .'.join(FORMATS)})")
+        raise MeshError(path, f"has an unknown format (supported: .{', .'.join(FORMATS)})")
     if not data:
         raise MeshError(path, "is an empty file")
     notes: list[Note] = []
@@ -185,7 +186,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
 
 
 def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
-    """The pieces of a node or geometry of that name; all for "".
+    """Return the pieces of the node or geometry of a name; all pieces for "".
 
     Raises:
         MeshError: there is none.
@@ -211,15 +212,15 @@ def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
         if good.any():
             kept.append(piece if good.all() else piece.taking(good))
     if broken:
-        notes.append(Note(f"{count} triangles", f"{count - broken} triangles", "coordinates that are no numbers"))
+        notes.append(Note(f"{count} triangles", f"{count - broken} triangles", "they have invalid coordinates"))
     return kept
 
 
 def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
-    """The pieces with each triangle wound as its stated normals want it.
+    """Return the pieces with the winding of each triangle according to its vertex normals.
 
     A renderer takes the outside of a triangle from its winding and the light from its normals; where they disagree it
-    draws black. The normals decide. They have gone through the same transformations, and unlike the winding they are
+    draws black. The the normals count. They have gone through the same transformations, and unlike the winding they are
     not reversed by a mirror, which some exporters account for and others do not.
     """
     result, turned, count = [], 0, 0
@@ -233,12 +234,14 @@ def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]
                 piece = piece.reversed(against)
         result.append(piece)
     if turned:
-        notes.append(Note(f"{turned} of {count} triangles wound against their normals", "reversed", "normals decide"))
+        notes.append(
+            Note(f"{turned} of {count} triangles wound against their normals", "reversed", "the normals count")
+        )
     return result
 
 
 def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
-    """The pieces without one of each two coincident triangles that face opposite ways.
+    """Return the pieces without one of each two coincident, opposite triangles.
 
     Surfaces are drawn from both sides, so that one is enough; two flicker, and are not a solid. Of a pair in one
     submesh the one with a texture stays, else the one that faces away from the middle of the mesh.
@@ -266,39 +269,39 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
         for one, other in zip(run[along].tolist(), run[~along].tolist(), strict=False):
             dropped[other if rank[one] >= rank[other] else one] = True
     if dropped.any():
-        why = "both would be drawn at the same place"
+        why = "they would be drawn at the same place"
         notes.append(Note(f"{int(dropped.sum())} pairs of coincident opposite triangles", "one of each", why))
     kept = np.split(~dropped, np.cumsum([len(piece.corners) for piece in pieces])[:-1])
     return [piece.taking(keep) for piece, keep in zip(pieces, kept, strict=True) if keep.any()]
 
 
 def _runs(same: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """First and last index of each run of equal neighbours."""
+    """Yield first and last index of each run of true values."""
     edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
     yield from zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True)
 
 
 def _areas(corners: Array) -> Array:
-    """Normals of triangles (n, 3, 3), twice as long as their area."""
+    """Return the normals of triangles (n, 3, 3); their length is twice the area."""
     normals: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return normals
 
 
 def _unit(vectors: Array) -> Array:
-    """Vectors of length one; not a number where they have none."""
+    """Return unit vectors; NaN for vectors of length zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     unit: Array = np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 1e-12)
     return unit
 
 
 class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ignore]
-    """Finds textures and buffers beside a mesh although case, slashes or folder are not as written."""
+    """Finds textures and buffers beside a mesh, also with other case, slashes or folder than written."""
 
     def __init__(self, folder: Path, notes: list[Note]) -> None:
         self.folder, self.notes = folder, notes
 
     def find(self, address: str) -> Path | None:
-        """The file that an address means; None if there is none."""
+        """Return the file of an address; None if there is none."""
         words = unquote(address.strip()).replace("\\", "/")
         words = words.split("://", 1)[-1] if "://" in words else words.removeprefix("file:")
         name = words.rsplit("/", 1)[-1]
@@ -312,7 +315,7 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
         return None
 
     def get(self, key: str) -> bytes:
-        """The content of a file that a mesh names (for trimesh)."""
+        """Return the content of a file that a mesh refers to (for trimesh)."""
         found = self.find(key)
         if found is None:
             if Path(key).suffix.lower() in (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".gif", ".dds"):
@@ -321,19 +324,19 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
         return found.read_bytes()
 
     def write(self, name: str, data: bytes) -> None:
-        """Not used: nothing is written beside the source."""
+        """Raise an error: nothing is written beside the source (for trimesh)."""
         raise NotImplementedError
 
     def keys(self) -> list[str]:
-        """Names of the files beside the mesh (for trimesh)."""
+        """Return the names of the files beside the mesh (for trimesh)."""
         return sorted(path.name for path in self.folder.iterdir() if path.is_file())
 
     def namespaced(self, namespace: str) -> "TextureFolder":
-        """A resolver for a folder below (for trimesh)."""
+        """Return a resolver for a folder below (for trimesh)."""
         return TextureFolder(self.folder / namespace, self.notes)
 
     def picture(self, address: str, *, alpha: bool = False) -> Image.Image | None:
-        """A texture, opened, with its opacity if `alpha`; None and a note if it is missing or unreadable."""
+        """Return an opened texture, with opacity if `alpha`; None and a note if it cannot be read."""
         found = self.find(address)
         if found is None:
             self.notes.append(_missing(address))
@@ -372,7 +375,7 @@ def _find_any_case(folder: Path, address: str) -> Path | None:
 
 
 def _plain(image: Image.Image, *, alpha: bool = False) -> Image.Image:
-    """A picture as RGB, or as RGBA if its alpha counts and is used."""
+    """Return a picture as RGB, or as RGBA if it uses an alpha channel that counts."""
     if alpha and ("A" in image.getbands() or "transparency" in image.info):
         full = image.convert("RGBA")
         if np.asarray(full)[:, :, 3].min() < 255:
@@ -397,7 +400,9 @@ def _read_obj(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
 def _read_with_trimesh(data: bytes, kind: str, folder: TextureFolder) -> Iterator[Piece]:
     scene = trimesh.load_scene(BytesIO(data), file_type=kind, resolver=folder, process=False)
     if kind in ("gltf", "glb"):
-        folder.notes.append(Note("glTF", "axes as in the file", "Gazebo and RViz do not turn glTF from y up to z up"))
+        folder.notes.append(
+            Note("glTF", "axes as in the file", "as in Gazebo and RViz, which do not rotate glTF from y up to z up")
+        )
     for node in sorted(scene.graph.nodes_geometry):
         matrix, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -442,7 +447,7 @@ def _trimesh_material(given: Any) -> Material:
 
 
 def to_srgb(linear: Sequence[float] | Array) -> tuple[float, ...]:
-    """Linear light to sRGB (IEC 61966-2-1)."""
+    """Convert linear light to sRGB (IEC 61966-2-1)."""
     c = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
     return tuple(np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055).tolist())
 

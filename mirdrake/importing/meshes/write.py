@@ -1,4 +1,4 @@
-"""Triangles as glTF with pictures beside, and convex parts as OBJ; the same bytes for the same triangles."""
+"""Triangles as glTF with separate pictures, and convex parts as OBJ; the same triangles give the same bytes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -102,7 +102,7 @@ def _rounded(values: Array) -> list[float]:
 
 
 def _by_material(pieces: Sequence[Piece]) -> list[Piece]:
-    """One piece for each material and set of arrays, in the order of their first appearance."""
+    """Return one piece per material and set of arrays, in the order of their first appearance."""
     groups: dict[tuple[Any, ...], list[Piece]] = {}
     for piece in pieces:
         look = piece.material
@@ -112,18 +112,24 @@ def _by_material(pieces: Sequence[Piece]) -> list[Piece]:
         groups.setdefault(key, []).append(replace(piece, normals=normals, uv=uv))
     merged = []
     for members in groups.values():
-        arrays: dict[str, Any] = {}
-        for part in ("corners", "normals", "uv", "colors"):
-            values = [getattr(member, part) for member in members]
-            arrays[part] = None if values[0] is None else np.concatenate(values)
-        merged.append(replace(members[0], **arrays))
+        corners = np.concatenate([member.corners for member in members])
+        all_normals, all_uv, colors = (
+            _joined([getattr(member, key) for member in members]) for key in ("normals", "uv", "colors")
+        )
+        merged.append(replace(members[0], corners=corners, normals=all_normals, uv=all_uv, colors=colors))
     return merged
+
+
+def _joined(arrays: Sequence[Array | None]) -> Array | None:
+    """Return the arrays of all pieces as one; None if they have none."""
+    known = [array for array in arrays if array is not None]
+    return np.concatenate(known) if known else None
 
 
 def _indexed(
     piece: Piece,
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any] | None, NDArray[Any]]:
-    """Vertices without repetition as glTF wants them, and the index of each corner."""
+    """Return vertices without repetition as glTF wants them, and the index of each corner."""
     assert piece.normals is not None
     columns = [piece.corners.reshape(-1, 3), piece.normals.reshape(-1, 3)]
     if piece.uv is not None:
@@ -147,7 +153,7 @@ def _indexed(
 
 
 def corner_normals(piece: Piece) -> Array:
-    """Unit normals at the corners (n, 3, 3): the file's where they are some, else smooth up to an edge of 40°."""
+    """Return unit normals at the corners (n, 3, 3): those of the file, else smoothed up to edges of 40°."""
     corners = piece.corners
     face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     unit = face / np.linalg.norm(face, axis=1)[:, None]
@@ -171,7 +177,7 @@ def corner_normals(piece: Piece) -> Array:
 
 
 def weld(points: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Points without repetition (up to a millionth of their extent), and which of them each one is."""
+    """Return distinct points (to 1e-6 of their extent) and the index of each given point."""
     extent = float(np.ptp(points, axis=0).max()) or 1.0
     grid = np.round((points - points.min(axis=0)) / (1e-6 * extent)).astype(np.int64)
     keys = (grid[:, 0] << 42) | (grid[:, 1] << 21) | grid[:, 2]
@@ -194,7 +200,7 @@ def _within_limit(pieces: Sequence[Piece]) -> tuple[list[Piece], list[Note]]:
 
 
 def simplify(piece: Piece, *, keep: float) -> Piece:
-    """A piece with about that share of its triangles; texture and colours are those of the nearest old vertex."""
+    """Return a piece reduced to about a share of its triangles; textures are those of the nearest vertex."""
     import fast_simplification
     from scipy.spatial import cKDTree
 
@@ -209,10 +215,10 @@ def simplify(piece: Piece, *, keep: float) -> Piece:
         return piece
     old = piece.corners.mean(axis=1)
     _, nearest = cKDTree(old).query(corners.mean(axis=1))
-    arrays: dict[str, Any] = {"uv": None, "colors": None}
-    for key in arrays:
-        values = getattr(piece, key)
-        if values is not None:  # of the nearest corner of the nearest old triangle
-            apart = np.linalg.norm(corners[:, :, None] - piece.corners[nearest][:, None], axis=-1)
-            arrays[key] = np.take_along_axis(values[nearest], apart.argmin(axis=2)[:, :, None], axis=1)
-    return replace(piece, corners=corners, normals=None, **arrays)
+    # Texture and colours are those of the nearest corner of the nearest old triangle.
+    apart = np.linalg.norm(corners[:, :, None] - piece.corners[nearest][:, None], axis=-1)
+    uv, colors = (
+        None if values is None else np.take_along_axis(values[nearest], apart.argmin(axis=2)[:, :, None], axis=1)
+        for values in (piece.uv, piece.colors)
+    )
+    return replace(piece, corners=corners, normals=None, uv=uv, colors=colors)

@@ -126,7 +126,7 @@ class Models(Packages):
         return (target, "") if target.suffix not in {".urdf", ".xacro"} else (None, "it is not an SDF file")
 
     def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
-        """See :meth:`Packages.resolve`; a missing file is reported with the folders that were searched."""
+        """Return the file of an address as :meth:`Packages.resolve` does; remarks name the searched folders."""
         text = unquote(address.strip())
         scheme, mark, rest = text.partition("://")
         if mark and scheme in {"http", "https"}:
@@ -140,7 +140,7 @@ class Models(Packages):
             if found is not None and found.is_file():
                 return found, ""
         path, remark = super().resolve(text, folder=folder)
-        return path, remark.replace(" is not here; ", f" is not here; {searched()}; ")
+        return path, remark.replace(" is not found; ", f" is not found; {searched()}; ")
 
 
 def searched() -> str:

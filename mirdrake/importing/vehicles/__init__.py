@@ -1,4 +1,4 @@
-"""Vehicles of ROS and Gazebo packages into vehicle folders of mirdrake.
+"""Import of vehicles from ROS and Gazebo packages into vehicle folders.
 
 ::
 
@@ -8,8 +8,7 @@
     Car ── write_car ──► folder                         write.py, shapes.py, report.py, templates/
     all of it: import_vehicle ──► ImportResult          here; without the last step: plan_import ──► ImportPlan
 
-Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
-the README.md of the new folder.
+The new folder appears when it is complete. Every difference from the source is a Change, listed in its README.md.
 """
 
 import re
@@ -39,13 +38,13 @@ __all__ = ["Change", "ImportPlan", "ImportResult", "import_vehicle", "plan_impor
 
 @dataclass(frozen=True)
 class ImportResult:
-    """What an import made.
+    """Result of an import.
 
     Attributes:
         folder: of the vehicle.
         vehicle: loaded from it.
         changes: everything that differs from the source.
-        warnings: what a person has to know first; sentences.
+        warnings: sentences for the user that come first.
     """
 
     folder: Path
@@ -56,13 +55,13 @@ class ImportResult:
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """What an import would make.
+    """Result that an import would have.
 
     Attributes:
         folder: of the vehicle.
         car: repaired; its meshes are not converted yet.
         model: as read.
-        places: how files of the source are named.
+        places: short names of the source files.
     """
 
     folder: Path
@@ -72,7 +71,7 @@ class ImportPlan:
 
     @property
     def changes(self) -> tuple[Change, ...]:
-        """Everything that would differ from the source, without the changes of meshes."""
+        """All changes except those of meshes."""
         return tuple(dict.fromkeys(map(self.places.change, self.car.changes)))
 
 
@@ -97,7 +96,7 @@ def import_vehicle(
         folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
         packages: ROS package name -> folder, beside those found around the file.
         arguments: values of xacro arguments.
-        drive: driven axle: front, rear or all; what the files say if left out.
+        drive: driven axle: front, rear or all; what the files show_progress if left out.
         force: replace a vehicle of that name.
         convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
         progress: called with what is being done.
@@ -108,7 +107,7 @@ def import_vehicle(
         ModelError: the files cannot be read, or describe no car; nothing is written then.
         MissingDependencyError: a mesh format needs a package that is not installed.
     """
-    say = progress or _say_nothing
+    show_progress = progress or _ignore_progress
     if not convex_time >= 0.0:
         raise ConfigError(f"convex_time {convex_time:g} is not allowed; seconds from 0 on")
     plan = plan_import(
@@ -125,9 +124,9 @@ def import_vehicle(
     with staging(target.parent) as stage:
         building = stage.path / target.name
         building.mkdir()
-        say("converting meshes")
+        show_progress("converting meshes")
         write_car(car, plan.model, building, places=plan.places, convex_time=convex_time)
-        say("loading")
+        show_progress("loading")
         check_loads(building)
         if finish is not None:
             finish(building)
@@ -152,29 +151,29 @@ def plan_import(
         ConfigError: name, place or drive are not allowed.
         ModelError: the files cannot be read, or describe no car.
     """
-    say = progress or _say_nothing
+    show_progress = progress or _ignore_progress
     if drive is not None and drive not in get_args(Drive):
         raise ConfigError(f"drive '{drive}' is not allowed; {did_you_mean(drive, get_args(Drive))}")
     if name is not None:
         check_name(name)
         vehicle_place(name, folder=folder, force=force)
-    say("reading")
+    show_progress("reading")
     model = read_source(Path(path), packages=packages, arguments=arguments)
     name = name or _plain(model.name)
     target = vehicle_place(name, folder=folder, force=force)
     places = shorten_places(model)
-    say("recognising wheels and steering")
+    show_progress("recognising wheels and steering")
     roles = recognise(model, drive)
-    say("repairing")
+    show_progress("repairing")
     car = repair(model, roles, name=name)
     return ImportPlan(target, car, model, places)
 
 
-def _say_nothing(_text: str) -> None:
-    """Nobody listens."""
+def _ignore_progress(_text: str) -> None:
+    """Ignore a progress message."""
 
 
 def _plain(name: str) -> str:
-    """A folder's name from a model's."""
+    """Return a folder name made of a model's name."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
     return plain if re.match(r"[a-z]", plain) else f"vehicle_{plain}"[:64].rstrip("_")

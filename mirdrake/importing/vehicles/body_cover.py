@@ -1,4 +1,4 @@
-"""How much of a car its shapes cover, and the size of a usual body where they cover too little."""
+"""Share of a car's plan view that shapes cover, and the size of a typical body."""
 
 from collections.abc import Iterable
 
@@ -22,7 +22,7 @@ _INVISIBLE = 0.05  # opacity below which nobody sees a shape
 
 
 def body_boxes(shapes: Iterable[Shape], layout: Layout) -> list[Bounds]:
-    """The boxes of shapes in base_link that are seen and no larger than a car."""
+    """Return the bounding boxes in base_link of visible shapes that are not larger than a car."""
     limits = np.array(LARGEST) * layout.wheelbase
     opaque = (shape for shape in shapes if shape.rgba is None or shape.rgba[3] >= _INVISIBLE)
     boxes = [bounds_in(shape, RigidTransform()) for shape in opaque]
@@ -30,7 +30,7 @@ def body_boxes(shapes: Iterable[Shape], layout: Layout) -> list[Bounds]:
 
 
 def plan_cover(boxes: Iterable[Bounds], layout: Layout) -> float:
-    """Share of the area between the wheels, wheelbase x track, that boxes cover seen from above.
+    """Return the share of wheelbase x track that boxes cover in the plan view.
 
     Boxes that touch count with their common outline, so that the tubes of a frame cover what is between them.
     """
@@ -46,7 +46,7 @@ def plan_cover(boxes: Iterable[Bounds], layout: Layout) -> float:
 
 
 def usual_bounds(layout: Layout) -> Bounds:
-    """The box around a usual body, in base_link: estimated from wheelbase, track and wheels."""
+    """Return the bounding box of a typical body in base_link, from wheelbase, track and wheels."""
     usual = estimate(
         mass=1.0,
         wheelbase=layout.wheelbase,

@@ -1,4 +1,4 @@
-"""The car that repairs make of a source model and that the writer writes: seven links in the frames of mirdrake."""
+"""The repaired car as it is written: seven links in the frames of mirdrake."""
 
 from dataclasses import dataclass, field
 
@@ -14,12 +14,12 @@ from mirdrake.vehicles.spec import Drive
 
 @dataclass(frozen=True)
 class Layout:
-    """Dimensions [m] of a straightened car, and where it lies in the source.
+    """Dimensions [m] of a car, and its poses in the source.
 
     Attributes:
         wheelbase: between the axles.
         tracks: front and rear, between the wheels' middle planes.
-        kingpin_track: between the steering axes.
+        kingpin_track: distance of the steering axes.
         trail: steering axes ahead of the front wheels' centres.
         radii: of the front and the rear wheels.
         widths: of the front and the rear wheels.
@@ -69,7 +69,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Frame:
-    """A link without mass on a fixed joint: a frame of the source, or where a sensor sits."""
+    """A link without mass on a fixed joint: a frame of the source or of a sensor."""
 
     name: str
     joint: str
@@ -79,7 +79,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Number:
-    """A number of the car and where it is from: ``imported: <file:line>`` or ``estimated: how``."""
+    """A number of the car and its origin: ``imported: <file:line>`` or ``estimated: how``."""
 
     value: float
     source: str
@@ -102,7 +102,7 @@ class SpringSet:
 
 @dataclass
 class Car:
-    """Everything that the files of a vehicle folder say.
+    """Content of the files of a vehicle folder.
 
     Attributes:
         name: of folder, robot and package.
@@ -119,7 +119,7 @@ class Car:
         spring_joints: names, by the wheel's name.
         springs: of the suspension; None: the wheels do not move up and down.
         drive: driven axle.
-        drive_source: where that is from.
+        drive_source: its origin.
         numbers: all other numbers by key.
         estimates: from mass and dimensions.
         bounds: corners of the body in base_link, without its wheels.
@@ -129,7 +129,7 @@ class Car:
         variant: variants/imported.yaml as data; None if there is none.
         licence: as found.
         changes: all of them.
-        warnings: what a person has to know first; sentences.
+        warnings: sentences for the user that come first.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Loads a vehicle folder in a process of its own, which may crash in the caller's place."""
+"""Load a vehicle folder in a separate process, which may crash without ending this one."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Which axle of a car is driven, from what the files say about its joints."""
+"""Driven axle of a car, by transmissions, controllers and plugins."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -19,15 +19,15 @@ _OTHER_TORQUE = re.compile("brak|steer", re.IGNORECASE)
 def find_drive(
     model: SourceModel, wheels: Mapping[str, str], *, asked: Drive | None
 ) -> tuple[Drive, str, list[Change]]:
-    """The driven axle of a car.
+    """Return the driven axle of a car.
 
     Args:
         model: as read.
         wheels: wheel joints by the names of :data:`mirdrake.vehicles.spec.WHEELS`.
-        asked: what the caller says; it counts before everything else.
+        asked: choice of the user, which takes precedence.
 
     Returns:
-        driven axle, where that is said, and a change if nothing says it.
+        driven axle, its place in the source, and a change if it is not stated.
     """
     if asked is not None:
         return asked, "given", []
@@ -53,7 +53,7 @@ def find_drive(
         if found:
             drive = _axle(places[joint] for joint in found)
             return drive, f"imported: {kind}, {next(iter(found.values()))}", []
-    for plugin in model.plugins:  # a torque says more than that a joint is named
+    for plugin in model.plugins:  # a torque is a stronger sign than the name of a joint
         by_torque = _by_torque(plugin)
         if by_torque is not None:
             return by_torque, f"imported: torques of the plugin, {plugin.where}", []
@@ -61,8 +61,8 @@ def find_drive(
         drive = _axle(places[joint] for joint in plugged)
         return drive, f"imported: plugin, {next(iter(plugged.values()))}", []
     where = source_name(model)
-    why = "no transmission, controller or plugin says what drives"
-    return "rear", "", [Change(Code.DRIVE, where, "driven axle", "not said", "rear", why)]
+    why = "no transmission, controller or plugin states the driven axle"
+    return "rear", "", [Change(Code.DRIVE, where, "driven axle", "not stated", "rear", why)]
 
 
 def _axle(wheels: Iterable[str]) -> Drive:
@@ -71,7 +71,7 @@ def _axle(wheels: Iterable[str]) -> Drive:
 
 
 def _by_torque(plugin: Plugin) -> Drive | None:
-    """The axles to which a plugin gives a torque, if it has a number for each."""
+    """Return the axles that a plugin drives, if it states a torque for each."""
     torques: dict[str, float] = {}
     for key, value in plugin.values.items():
         leaf = key.rpartition(".")[2]
@@ -91,7 +91,7 @@ def _is_number(text: str) -> bool:
 
 
 def _moved_by(plugin: Plugin, joints: Iterable[str]) -> list[str]:
-    """Wheel joints that a plugin moves; none if it names all of them, as it has to for other reasons as well."""
+    """Return the wheel joints that a plugin drives; none if it names all of them for other reasons."""
     label = f"{plugin.name} {plugin.filename}".lower()
     if not any(word in label for word in _MOVES) or any(word in label for word in _READS):
         return []

@@ -1,4 +1,4 @@
-"""What a URDF says in ``<gazebo>`` tags: surfaces, colours, sensors and plugins, which URDF parsers skip in silence."""
+"""``<gazebo>`` tags of a URDF: surfaces, colours, sensors and plugins, which URDF parsers ignore."""
 
 from collections.abc import Callable
 from xml.etree import ElementTree
@@ -15,7 +15,7 @@ from mirdrake.importing.vehicles.plugin_sensors import take_plugin
 
 Where = Callable[[ElementTree.Element], str]
 
-SCRIPT = "a material script of Gazebo's is not read; colours of the mesh, or grey"
+SCRIPT = "material scripts of Gazebo are not read; the colours of the mesh are used, or grey"
 
 _SURFACE = {"mu1": "mu", "mu": "mu", "mu2": "mu2", "kp": "stiffness", "kd": "damping"}
 _WITHOUT_EFFECT = {
@@ -25,7 +25,7 @@ _WITHOUT_EFFECT = {
 
 
 def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
-    """Take in one ``<gazebo>`` tag; what it says that has no place here becomes a Change.
+    """Read a ``<gazebo>`` tag; elements without counterpart become changes.
 
     Raises:
         ModelError: a number is none.
@@ -58,14 +58,14 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             _paint(link.visuals, _script_name(child.find("material")))
         elif tag not in _WITHOUT_EFFECT or (name and link is None and joint is None):
             about = f"<gazebo{f' reference={name!r}' if name else ''}>: <{tag}>"
-            why = "nothing here corresponds to it" if not name or link is not None or joint is not None else (
+            why = "it has no counterpart in mirdrake" if not name or link is not None or joint is not None else (
                 f"there is no link or joint '{name}'"
             )  # fmt: skip
             model.changes.append(Change(Code.ELEMENT, where(child), about, text[:80] or "…", None, why))
 
 
 def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
-    """A ``<drake:linear_spring_damper>`` between two links, which acts on the prismatic joint that connects them."""
+    """Read a ``<drake:linear_spring_damper>`` into the prismatic joint between its links."""
     values = {
         child.tag.rpartition("_spring_damper_")[2]: (
             child.get("name") or child.get("value") or child.text or ""
@@ -86,7 +86,7 @@ def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: 
 
 
 def read_sensor(element: ElementTree.Element, link: str, where: Where, model: SourceModel) -> SensorTag:
-    """A ``<sensor>`` tag on a link, as SDF and ``<gazebo>`` tags have it; unreadable numbers become a Change."""
+    """Return the ``<sensor>`` of a link; numbers that cannot be read become changes."""
     name = element.get("name", "") or element.get("type", "sensor")
     values = leaves(element)
 
@@ -119,7 +119,7 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
 
 
 def _after(error: ModelError) -> str:
-    """What an error says, without its place."""
+    """Return the message of an error without its place."""
     return str(error).partition(": ")[2]
 
 

@@ -1,4 +1,4 @@
-"""Mass and inertia of single links: what no body can have is replaced by what its shapes suggest."""
+"""Mass and inertia of single links; impossible values are replaced by those of the link's shapes."""
 
 from collections.abc import Sequence
 from itertools import permutations
@@ -28,19 +28,19 @@ FLAT = 2e-5
 
 
 def link_bounds(link: Link, X_FL: RigidTransform) -> Bounds | None:
-    """The box around a link's shapes along the axes of a frame F."""
+    """Return the bounding box of a link's shapes along the axes of a frame F."""
     return join_bounds(bounds_in(shape, X_FL) for shape in (*link.collisions, *link.visuals))
 
 
 def box_inertia(mass: float, edges: Vector) -> Vector:
-    """Inertia of a homogeneous box about its centre [kg m²]."""
+    """Return inertia of a homogeneous box about its centre [kg m²]."""
     squares = np.maximum(edges, 1e-6) ** 2
     moments: Vector = np.diag(mass / 12.0 * (squares.sum() - squares))
     return moments
 
 
 def cylinder_inertia(mass: float, *, radius: float, length: float, axis: int) -> Vector:
-    """Inertia of a solid cylinder about its centre [kg m²]; `axis` 1 for a wheel, 2 for a knuckle."""
+    """Return inertia of a solid cylinder about its centre [kg m²]; `axis` 1 for a wheel, 2 for a knuckle."""
     moments = np.full(3, mass * (3.0 * radius**2 + length**2) / 12.0)
     moments[axis] = mass * radius**2 / 2.0
     return np.diag(moments)
@@ -55,7 +55,7 @@ def gather(
     *,
     wheel: tuple[float, float] | None = None,
 ) -> Mass:
-    """Mass properties of links that move as one, in the part's frame P; mass zero if none of them has any.
+    """Return the mass properties of links that move together, in the frame P of their part; mass 0 for none.
 
     Args:
         tree: of the model.
@@ -72,7 +72,7 @@ def gather(
 
 
 def add_masses(masses: Sequence[Mass]) -> Mass:
-    """Several rigidly connected masses as one, by the parallel axis theorem."""
+    """Return the sum of rigidly connected masses (parallel axis theorem)."""
     total = sum(item.mass for item in masses)
     if total <= 0.0:
         return Mass()
@@ -89,7 +89,7 @@ def _steiner(arm: Vector) -> Vector:
 def _in_part(
     tree: Tree, name: str, X_PM: RigidTransform, size: float, changes: list[Change], wheel: tuple[float, float] | None
 ) -> Mass:
-    """Mass properties of a link, repaired."""
+    """Return the corrected mass properties of a link."""
     link = tree.model.links[name]
     inertial = link.inertial
     if inertial is None:
@@ -114,7 +114,7 @@ def _in_part(
         elif bounds is None:
             edges = np.full(3, 0.4 * size)
             inertia_L = box_inertia(mass, edges)
-            became = f"of a box with edges of {edges[0]:.3g} m (no shape says more)"
+            became = f"of a box with edges of {edges[0]:.3g} m (the link has no shapes)"
         else:
             edges = bounds[1] - bounds[0]
             inertia_L = box_inertia(mass, edges)
@@ -143,12 +143,12 @@ def _in_part(
 
 
 def _half_size(bounds: Bounds | None, size: float) -> float:
-    """Half the diagonal of a link's shapes [m]."""
+    """Return half the diagonal of a link's shapes [m]."""
     return size if bounds is None else max(0.5 * float(np.linalg.norm(bounds[1] - bounds[0])), 1e-4)
 
 
 def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> str:
-    """Why no such body can be meant; "" if one can."""
+    """Return why no body can have this inertia; "" if one can."""
     if not np.isfinite(inertia).all():
         return "not a number"
     low, middle, high = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
@@ -199,12 +199,12 @@ def _outside(order: tuple[int, ...]) -> str:
 
 
 def moments_along_axes(inertia: Vector) -> str:
-    """Moments of inertia along x, y and z for a report."""
+    """Return moments of inertia along x, y and z for a report."""
     return " / ".join(f"{value:.4g}" for value in inertia.diagonal()) + " kg m²"
 
 
 def widen(inertia: Vector) -> Vector:
-    """A symmetric tensor that keeps a hair's breadth from breaking the triangle inequality."""
+    """Return a symmetric tensor that fulfils the triangle inequality with a small margin."""
     symmetric: Vector = 0.5 * (inertia + inertia.T)
     low, middle, high = np.linalg.eigvalsh(symmetric)
     lack = high * (1.0 + FLAT) - (low + middle)
@@ -213,7 +213,7 @@ def widen(inertia: Vector) -> Vector:
 
 
 def moments_text(inertia: Vector) -> str:
-    """Principal moments for a report."""
+    """Return principal moments for a report."""
     if not np.isfinite(inertia).all():
         return "not a number"
     values = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))

@@ -1,4 +1,4 @@
-"""What happens to the joints of a car beside straightening: held ones, actuators, gains."""
+"""Changes of joints: fixed joints, actuators, plugins and gains."""
 
 from collections.abc import Iterable, Sequence
 from math import isfinite
@@ -11,15 +11,15 @@ from mirdrake.importing.vehicles.recognise import Roles
 MOST_NUMBERS = 24
 """Numbers of a plugin that a report names."""
 
-_SUSPENSION = "not each of the four wheels has a spring of its own; the suspension is held at the zero position"
+_SUSPENSION = "not all four wheels have their own spring; the suspension is fixed at its zero position"
 _WHY = {
-    "revolute": "it neither steers a front wheel nor turns a wheel",
-    "continuous": "it neither steers a front wheel nor turns a wheel",
+    "revolute": "it neither steers a front wheel nor drives a wheel",
+    "continuous": "it neither steers a front wheel nor drives a wheel",
 }
 
 
-def say_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]:
-    """One line for every joint that is held, becomes another kind, loses friction or gets an actuator.
+def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]:
+    """Return the changes of joints that are fixed, change their type, lose friction or get an actuator.
 
     Args:
         roles: of the joints.
@@ -36,12 +36,12 @@ def say_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]:
             if what not in reported:
                 springs = joint.kind == "prismatic" and joint.name in carrying
                 code = Code.SUSPENSION_FIXED if springs else Code.JOINT_FIXED
-                why = _SUSPENSION if springs else _WHY.get(joint.kind, "no joint of a car in mirdrake")
+                why = _SUSPENSION if springs else _WHY.get(joint.kind, "mirdrake has no such joint in a car")
                 changes.append(Change(code, joint.where, what, _words(joint), "fixed at zero", why))
     for joint in used:
         changes += _of_used(joint, spins=any(joint is other for other in wheels))
     for joint in sprung:
-        why = "springs of mirdrake act along the vertical; zero is the position of the loaded car at rest"
+        why = "suspension travel is vertical in mirdrake; zero is the position of the loaded car at rest"
         became = "prismatic, along the vertical: suspension"
         changes.append(Change(Code.JOINT, joint.where, f"joint '{joint.name}'", _words(joint), became, why))
     changes += _actuators(roles, used)
@@ -68,52 +68,59 @@ def _number(value: float | None) -> str:
 
 
 def _of_used(joint: Joint, *, spins: bool) -> list[Change]:
-    """Changes of a wheel's or a steering joint."""
+    """Return the changes of a wheel or steering joint."""
     changes = []
     what = f"joint '{joint.name}'"
     if joint.kind in ("universal", "revolute2"):
         became = "a steering joint, a knuckle and a wheel joint"
         changes.append(
             Change(
-                Code.JOINT, joint.where, what, f"{joint.kind}: steers and spins", became, "a joint has one motion here"
+                Code.JOINT,
+                joint.where,
+                what,
+                f"{joint.kind}: steers and spins",
+                became,
+                "a joint has one degree of freedom in mirdrake",
             )
         )
     elif spins and joint.kind != "continuous":
-        changes.append(Change(Code.JOINT, joint.where, what, _words(joint), "continuous", "a wheel turns without end"))
+        changes.append(
+            Change(Code.JOINT, joint.where, what, _words(joint), "continuous", "a wheel joint has no limits")
+        )
     if joint.mimic:
-        why = "the steering law sets each wheel's own angle" if not spins else "every wheel turns as the road asks"
+        why = "the Ackermann law sets the angle of each wheel" if not spins else "each wheel rolls independently"
         changes.append(Change(Code.JOINT, joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", None, why))
     if joint.damping or joint.friction:
         was = f"damping {joint.damping:.4g} N m s/rad, friction {joint.friction:.4g} N m"
-        why = "rolling resistance is that of the tyre" if spins else "the steering servo has its own damping"
+        why = "rolling resistance is a property of the tyre" if spins else "damping is a property of the steering servo"
         changes.append(Change(Code.JOINT, joint.where, f"{what}: losses", was, None, why))
     return changes
 
 
 def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
-    """Joints that nothing moved in the source, and gear ratios."""
+    """Return the changes of joints without actuator, of gear ratios and of plugins."""
     model = roles.tree.model
     moved = {item.joint for item in model.transmissions}
     missing = [joint for joint in used if joint.name not in moved]
     changes = []
     if missing:
         names = ", ".join(f"'{joint.name}'" for joint in missing)
-        why = "every wheel has a brake, so every wheel has an actuator; the steering has two"
+        why = "each wheel has a brake and each steering joint a servo"
         changes.append(Change(Code.ACTUATOR, missing[0].where, f"actuators of {names}", "none", "added", why))
     for item in model.transmissions:
         if item.reduction != 1.0 and any(item.joint == joint.name for joint in used):
             was = f"{item.reduction:g}"
-            why = "torques of mirdrake are those at the joint"
+            why = "torques are given at the joint"
             changes.append(Change(Code.ACTUATOR, item.where, f"joint '{item.joint}': reduction", was, None, why))
     for plugin in model.plugins:
         what = f"plugin '{plugin.name or plugin.filename}'"
         was = ", ".join([plugin.filename, *_numbers_of(plugin)])
-        changes.append(Change(Code.PLUGIN, plugin.where, what, was, None, "Gazebo's plugins do not run here"))
+        changes.append(Change(Code.PLUGIN, plugin.where, what, was, None, "Gazebo plugins are not executed"))
     return changes
 
 
 def _numbers_of(plugin: Plugin) -> list[str]:
-    """The numbers that a plugin is given, as it names them: they are lost with it."""
+    """Return the numeric parameters of a plugin by name."""
     found = []
     for key, text in plugin.values.items():
         try:
@@ -127,7 +134,7 @@ def _numbers_of(plugin: Plugin) -> list[str]:
 
 
 def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> dict[str, object] | None:
-    """variants/imported.yaml with the source's PID gains, if it has them for wheels and steering."""
+    """Return variants/imported.yaml with the PID gains of the source; None if it has none for wheels and steering."""
     wheels = [roles.wheels[name].joint.name for name in driven_wheels(roles.drive)]
     found = {"wheel_speed": _gains(model, wheels), "steering": _gains(model, [joint.name for joint in roles.steering])}
     known = {part: item for part, item in found.items() if item is not None}
@@ -136,9 +143,9 @@ def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> d
         complete = len(known) == len(found)
         became = "in variants/imported.yaml" if complete else None
         why = (
-            "estimated gains drive better; these are there for comparison"
+            "the estimated gains are the default; these are for comparison"
             if complete
-            else "gains of the rest are missing"
+            else "the gains of the other joints are missing"
         )
         changes.append(Change(Code.GAINS, controller.where, f"gains of {part} ('{controller.name}')", was, became, why))
     if len(known) < len(found):
@@ -149,7 +156,7 @@ def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> d
 
 
 def _gains(model: SourceModel, joints: Iterable[str]) -> tuple[dict[str, float], Controller] | None:
-    """Gains of the first of these joints that has any whose output is a torque."""
+    """Return the gains of the first joint whose controller outputs a torque."""
     wanted = list(joints)
     for controller in model.controllers:
         kind = controller.kind.lower()

@@ -1,4 +1,4 @@
-"""Where the links and joints of a source model are when every joint stands at zero."""
+"""Poses of the links and joints of a source model at zero joint positions."""
 
 from collections.abc import Container
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 
 FREE = ("floating", "planar")
-"""Joints that let a whole model go: what hangs on them is a model of its own."""
+"""Joints that separate models: links below them are not part of the vehicle."""
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The links that hang on one root.
+    """The links that descend from one root.
 
     Attributes:
-        model: where they come from.
-        root: the link that hangs on none.
+        model: source model.
+        root: the link without a parent.
         poses: of each link in the frame M of the model, z up, all joints at zero; parents come before their children.
         above: the joint that carries a link; the root has none.
     """
@@ -33,7 +33,7 @@ class Tree:
     above: dict[str, Joint]
 
     def path(self, link: str) -> list[Joint]:
-        """Joints from the root to a link, in this order."""
+        """Return joints from the root to a link, in this order."""
         joints = []
         while link in self.above:
             joints.append(self.above[link])
@@ -41,7 +41,7 @@ class Tree:
         return joints[::-1]
 
     def rigid_with(self, link: str, free: Container[str]) -> list[str]:
-        """A link and what hangs on it, but for what turns on a joint named in `free`."""
+        """Return a link and its descendants, except see the steering limit a joint named in `free`."""
         found = [link]
         for name in self.poses:  # parents come first
             if name in self.above and self.above[name].parent in found and self.above[name].name not in free:
@@ -49,11 +49,11 @@ class Tree:
         return found
 
     def pose(self, joint: Joint) -> RigidTransform:
-        """Pose of a joint's frame J in M."""
+        """Return pose of a joint's frame J in M."""
         return self.poses[joint.parent].multiply(joint.X_PJ)
 
     def axis(self, joint: Joint, *, second: bool = False) -> Vector | None:
-        """Unit axis of a joint in M, or None if it has no direction."""
+        """Return unit axis of a joint in M, or None if it has no direction."""
         axis = joint.axis2 if second else joint.axis
         length = 0.0 if axis is None else float(np.linalg.norm(axis))
         if axis is None or not np.isfinite(length) or length < 1e-9:
@@ -63,7 +63,7 @@ class Tree:
 
 
 def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
-    """The largest tree of a model, and what was left out of it.
+    """Return the largest tree of a model, and what was left out of it.
 
     Raises:
         ModelError: there is none.
@@ -77,26 +77,31 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
         what, was = f"joint '{joint.name}'", f"{joint.kind}, {joint.parent} to {joint.child}"
         if joint.parent == "world" or joint.kind in FREE:
             if joint.parent == "world" and joint.kind == "fixed":
-                changes.append(
-                    Change(Code.JOINT, joint.where, what, was, None, "the car drives, so it is not fixed to the world")
-                )
+                changes.append(Change(Code.JOINT, joint.where, what, was, None, "a vehicle is not fixed to the world"))
         elif joint.parent not in model.links or joint.child not in model.links:
             lost = joint.parent if joint.parent not in model.links else joint.child
             changes.append(Change(Code.JOINT, joint.where, what, was, None, f"there is no link '{lost}'"))
         elif joint.child in above or joint.kind == "gearbox":
-            why = "it closes a loop; a vehicle is a tree of links"
+            why = "it closes a kinematic loop; a vehicle is a tree of links"
             changes.append(Change(Code.JOINT, joint.where, what, was, None, why))
         else:
             above[joint.child] = joint
     roots = [name for name in model.links if name not in above and name != "world"]
     if not roots:
-        raise ModelError(f"{place}: the joints go round in a circle, every link hangs on another")
+        raise ModelError(f"{place}: the joints form a loop; no link is the root")
     trees = [_grow(model, root, above) for root in roots]
     tree = max(trees, key=lambda tree: len(tree.poses))  # the first of equals
     for name, link in model.links.items():
         if name not in tree.poses and name != "world":
             changes.append(
-                Change(Code.JOINT, link.where, f"link '{name}'", "part of the model", None, "it hangs on nothing")
+                Change(
+                    Code.JOINT,
+                    link.where,
+                    f"link '{name}'",
+                    "part of the model",
+                    None,
+                    "no joint connects it to the vehicle",
+                )
             )
     return tree, changes
 
@@ -116,12 +121,12 @@ def _grow(model: SourceModel, root: str, above: dict[str, Joint]) -> Tree:
 
 
 def source_name(model: SourceModel) -> str:
-    """The main file, as messages name it."""
+    """Return the main file, as messages name it."""
     return shown(model.files[0]) if model.files else model.name
 
 
 def frame_about(origin: Vector, *, y: Vector, up: Vector) -> RigidTransform:
-    """The frame at a point with a given y axis whose z axis is as near to `up` as it can be."""
+    """Return the frame at a point with a given y axis and its z axis as near to `up` as possible."""
     z = up - y * (y @ up)
     z = z / np.linalg.norm(z)
     return RigidTransform(RotationMatrix(np.column_stack([np.cross(y, z), y, z])), origin)

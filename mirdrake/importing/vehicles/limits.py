@@ -1,6 +1,6 @@
-"""Limits, torques and friction of a car: what a source states is kept unless it is impossible, the rest is estimated.
+"""Limits, torques and friction of a car: possible values of the source are kept, others are estimated.
 
-Limits of joints and figures of drive plugins count alike: the tightest one acts.
+Limits of joints and figures of drive plugins have the same weight: the smallest one is used.
 """
 
 from collections.abc import Iterator, Sequence
@@ -50,7 +50,7 @@ radius; a rate [rad/s] of no servo; a speed [m/s] of no vehicle on wheels that r
 
 
 def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
-    """The angle that the inner wheel reaches [rad]."""
+    """Return the largest steering angle of the inner wheel [rad]."""
     inner: list[tuple[float, str]] = []
     loose: list[tuple[float, str, str, str]] = []  # numbers at joints that have no limits
     changes = []
@@ -68,48 +68,61 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             loose.append((reach, joint.where, what, f"{joint.kind}, {was}"))
         elif free:
             changes.append(
-                Change(Code.LIMIT, joint.where, what, f"{joint.kind}, {was}", "those below", "steering has an end")
+                Change(
+                    Code.LIMIT,
+                    joint.where,
+                    what,
+                    f"{joint.kind}, {was}",
+                    "see the steering limit",
+                    "a steering joint has limits",
+                )
             )
         elif not (reach > 0.0 and outer > 0.0):
             changes.append(
-                Change(Code.LIMIT, joint.where, what, was, "those below", "a wheel that cannot turn to both sides")
+                Change(
+                    Code.LIMIT, joint.where, what, was, "see the steering limit", "the wheel cannot steer to both sides"
+                )
             )
         elif reach >= pi / 2.0:
             changes.append(
                 Change(
-                    Code.LIMIT, joint.where, what, was, "those below", "beyond a right angle a wheel rolls backwards"
+                    Code.LIMIT, joint.where, what, was, "see the steering limit", "steering angles are below 90 degrees"
                 )
             )
         else:
             inner.append((reach, joint.where))
             if abs(outer - reach) > 0.01 * reach:
-                why = "limits mean the inner wheel; the outer one follows from the steering law"
+                why = "the limit is that of the inner wheel; the outer angle follows from the Ackermann law"
                 changes.append(Change(Code.LIMIT, joint.where, what, was, f"±{reach:.4g} rad", why))
     for reach, where, what, was in loose:
         if inner:
-            changes.append(Change(Code.LIMIT, where, what, was, "those below", "steering has an end"))
+            changes.append(
+                Change(Code.LIMIT, where, what, was, "see the steering limit", "a steering joint has limits")
+            )
         else:
-            why = "steering has an end; a continuous joint has none, but its numbers say where it was meant"
+            why = "a continuous joint has no limits; its limit values are used"
             changes.append(Change(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why))
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
     stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
     tight = min((item for item in stated if item.value > 0.0), key=lambda item: item.value, default=None)
     if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):
         was = f"±{min(inner)[0]:.4g} rad at the joints" if inner else "none at the joints"
-        why = f"{tight.key} of the plugin, taken for the inner wheel"
+        why = f"{tight.key} of the plugin, used for the inner wheel"
         changes.append(Change(Code.LIMIT, tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why))
         changes += _check_usual("steering limit", "rad", tight.value, tight.where, USUAL_LIMIT)
         return Number(tight.value, f"imported: plugin, {tight.where}"), changes
     if not inner:
-        text = f"estimated: {STEERING_LIMIT:g} rad, as the Bolt; no usable limit in the source"
+        text = f"estimated: {STEERING_LIMIT:g} rad, value of the Bolt; no usable limit in the source"
         where = roles.steering[0].where
-        changes.append(Change(Code.LIMIT, where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "as the Bolt"))
+        changes.append(
+            Change(Code.LIMIT, where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "value of the Bolt")
+        )
         return Number(STEERING_LIMIT, text), changes
     limit, where = min(inner)
     if len(inner) == 2 and abs(inner[0][0] - inner[1][0]) > 0.01 * limit:
         was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
         changes.append(
-            Change(Code.LIMIT, where, "steering limit", was, f"±{limit:.4g} rad", "a car steers alike to both sides")
+            Change(Code.LIMIT, where, "steering limit", was, f"±{limit:.4g} rad", "the limit is the same to both sides")
         )
     changes += _check_usual("steering limit", "rad", limit, where, USUAL_LIMIT)
     return Number(limit, f"imported: {where}"), changes
@@ -128,7 +141,7 @@ def _text(value: float | None) -> str:
 def collect_numbers(
     roles: Roles, limit: Number, estimates: Estimates, tyres: tuple[Estimates, Estimates]
 ) -> tuple[dict[str, Number], list[Change]]:
-    """All numbers of a car beside dimensions and masses, and what was not believed.
+    """Return all numbers of a car except dimensions and masses, and the changes.
 
     Args:
         roles: of the joints.
@@ -148,7 +161,7 @@ def collect_numbers(
 
     # Joints and plugins side by side.
     rates = [(joint.limits.velocity, joint.where) for joint in steering]
-    numbers["steering_rate"] = _believe(
+    numbers["steering_rate"] = _choose_value(
         "steering rate",
         "rad/s",
         [*plugins("steering_rate"), *rates],
@@ -159,7 +172,7 @@ def collect_numbers(
     )
     effort = estimates.steering_effort
     efforts = [(joint.limits.effort, joint.where) for joint in steering]
-    numbers["steering_effort"] = _believe(
+    numbers["steering_effort"] = _choose_value(
         "steering torque",
         "N m",
         [*plugins("steering_effort"), *efforts],
@@ -169,7 +182,7 @@ def collect_numbers(
         changes,
     )
     speeds = [(_limits(wheel).velocity, wheel.joint.where) for wheel in wheels.values()]
-    numbers["wheel_speed_limit"] = _believe(
+    numbers["wheel_speed_limit"] = _choose_value(
         "speed limit of the wheels",
         "rad/s",
         [*plugins("max_speed", 1.0 / radius), *speeds],
@@ -195,12 +208,12 @@ def collect_numbers(
         numbers[f"{end}_tyre_modulus"] = _estimate(own, "tyre_modulus")
         numbers[f"{end}_tyre_stiffness"] = _estimate(own, "tyre_point_stiffness")
         numbers[f"{end}_friction"] = _friction(roles, end, pair, changes)
-    _say_stiffness(roles, list(wheels.values()), numbers, changes)
+    _report_stiffness(roles, list(wheels.values()), numbers, changes)
     return numbers, changes
 
 
 def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> Number:
-    """Torque of all driven wheels together [N m]."""
+    """Return the torque of all driven wheels together [N m]."""
     driven = driven_wheels(roles.drive)
     share = estimates.max_torque / len(driven)
     ends = {name.split("_")[0] for name in driven}
@@ -210,7 +223,7 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
             per_wheel = item.end or "wheel" in item.key.lower() or item.value <= share * len(driven) ** 0.5
             given.append((item.value if per_wheel else item.value / len(driven), f"plugin, {item.where}"))
     given += [(_limits(roles.wheels[name]).effort, roles.wheels[name].joint.where) for name in driven]
-    torque = _believe(
+    torque = _choose_value(
         "torque of a driven wheel",
         "N m",
         given,
@@ -228,7 +241,7 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
 
 
 def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> tuple[Number, Number]:
-    """Brake torque of all wheels together [N m], and the part of it in front [-]."""
+    """Return the brake torque of all wheels together [N m] and the share of the front axle [-]."""
     found = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
     estimate, share = _estimate(estimates, "brake_torque"), _estimate(estimates, "brake_front_share")
     if not any(item.value > 0.0 for item in found):
@@ -245,7 +258,7 @@ def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change
     else:
         total = by_end[""] if by_end[""] >= 0.5 * estimate.value else 4.0 * by_end[""]
     allowed = (BRAKE[0] * estimate.value, BRAKE[1] * estimate.value)
-    total_number = _believe(
+    total_number = _choose_value(
         "brake torque", "N m", [(total, f"plugin, {where}")], allowed, MOST_TORQUE * estimate.value, estimate, changes
     )
     if "front" in by_end and "rear" in by_end and total_number is not estimate:
@@ -254,7 +267,7 @@ def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change
 
 
 def driven_wheels(drive: Drive) -> tuple[str, ...]:
-    """Names of the driven wheels."""
+    """Return names of the driven wheels."""
     front, rear = ("front_left", "front_right"), ("rear_left", "rear_right")
     return {"front": front, "rear": rear, "all": front + rear}[drive]
 
@@ -267,7 +280,7 @@ def _estimate(estimates: Estimates, field: str) -> Number:
     return Number(float(getattr(estimates, field)), HOW[field])
 
 
-def _believe(
+def _choose_value(
     what: str,
     unit: str,
     given: Sequence[Given],
@@ -276,7 +289,7 @@ def _believe(
     estimate: Number,
     changes: list[Change],
 ) -> Number:
-    """The smallest given value that is possible, else the estimate; an unusual one is kept with a change."""
+    """Return the smallest possible value of the source, else the estimate."""
     known = [(value, where) for value, where in given if value is not None]
     good = [(value, where) for value, where in known if isfinite(value) and 0.0 < value <= most]
     how = estimate.source.removeprefix("estimated: ")
@@ -287,11 +300,11 @@ def _believe(
     if known:
         value, where = known[0]
         why = (
-            "zero or less, meant as no limit"
+            "zero or less means no limit"
             if value <= 0.0
             else "not a number"
             if value != value
-            else f"impossible, meant as no limit; at most {most:.3g} {unit} is possible"
+            else f"impossible, so it means no limit; at most {most:.3g} {unit} is possible"
         )
         became = f"{estimate.value:.4g} {unit}: {how}"
         changes.append(Change(Code.LIMIT, _place(where), what, f"{value:.4g} {unit}", became, why))
@@ -304,14 +317,14 @@ def _believe(
 
 
 def _check_usual(what: str, unit: str, value: float, where: str, usual: tuple[float, float]) -> Iterator[Change]:
-    """A change for a value that is possible but unusual, and kept."""
+    """Yield a change for a value that is possible but unusual."""
     if not usual[0] <= value <= usual[1]:
         why = f"unusual: {usual[0]:.3g} to {usual[1]:.3g} {unit} is common"
         yield unusual(_place(where), what, f"{value:.4g} {unit}", why)
 
 
 def _place(where: str) -> str:
-    """``file:line`` of a source."""
+    """Return ``file:line`` of the origin of a value."""
     return where.removeprefix("plugin, ")
 
 
@@ -324,7 +337,7 @@ def _wheel_links(roles: Roles, wheels: Sequence[Wheel]) -> list[Link]:
 
 
 def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Change]) -> Number:
-    """Friction of an axle's tyres; mu and mu2 act along two directions, a tyre here has one for both."""
+    """Return the friction coefficient of an axle's tyres; one for both directions of Gazebo."""
     surfaces = [link.surface for link in _wheel_links(roles, pair) if link.surface is not None]
     given = [(value, item.where) for item in surfaces for value in (item.mu, item.mu2) if value is not None]
     low, high = FRICTION
@@ -346,14 +359,19 @@ def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Chang
     else:
         changes.append(
             Change(
-                Code.CONTACT, pair[0].joint.where, what, "not said", "0.9", HOW["friction"].removeprefix("estimated: ")
+                Code.CONTACT,
+                pair[0].joint.where,
+                what,
+                "not stated",
+                "0.9",
+                HOW["friction"].removeprefix("estimated: "),
             )
         )
     return Number(0.9, HOW["friction"])
 
 
-def _say_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Number], changes: list[Change]) -> None:
-    """Contact stiffness and damping of ODE are solver settings."""
+def _report_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Number], changes: list[Change]) -> None:
+    """Report contact stiffness and damping, which are solver settings of ODE."""
     surfaces = [link.surface for link in _wheel_links(roles, wheels) if link.surface is not None]
     given = [item for item in surfaces if item.stiffness is not None or item.damping is not None or item.others]
     if given:
@@ -374,7 +392,7 @@ def _say_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Num
 
 
 def _contact_text(surface: Surface) -> str:
-    """What a source says about the contact of a link."""
+    """Return the contact data of a link for a report."""
     words = [f"friction {' and '.join(f'{mu:g}' for mu in (surface.mu, surface.mu2) if mu is not None)}"]
     words = words if surface.mu is not None or surface.mu2 is not None else []
     for name, value, unit in (("kp", surface.stiffness, "N/m"), ("kd", surface.damping, "N s/m")):

@@ -1,4 +1,4 @@
-"""Masses and inertias of body, knuckles and wheels: left and right alike, and what is missing estimated."""
+"""Masses and inertias of body, knuckles and wheels: left and right are equal, missing ones are estimated."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -43,7 +43,7 @@ def gather_masses(
     bounds: Bounds,
     carriers: Mapping[str, Part] = MappingProxyType({}),
 ) -> list[Change]:
-    """Give every part its mass, from its links or estimated; left and right are alike afterwards."""
+    """Set the mass of each part, from its links or estimated; left and right are equal afterwards."""
     changes: list[Change] = []
     size = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
     body.mass = gather(tree, body.links, body.X_MP, size, changes)
@@ -54,18 +54,20 @@ def gather_masses(
         part.mass = gather(tree, part.links, part.X_MP, radius, changes, wheel=(radius, width))
     where = tree.model.links[tree.root].where
     around = _around(layout, bounds)
-    _doubt(body, float(np.prod(around)), BODY_DENSITY, tree, changes)
+    _discard_implausible(body, float(np.prod(around)), BODY_DENSITY, tree, changes)
     for key, part in wheels.items():
         radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
-        _doubt(part, np.pi * radius**2 * width, WHEEL_DENSITY, tree, changes)
+        _discard_implausible(part, np.pi * radius**2 * width, WHEEL_DENSITY, tree, changes)
     for part in knuckles:
-        _doubt(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+        _discard_implausible(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
     if body.mass.mass <= 0.0:
         edges = bounds[1] - bounds[0]
         mass = DENSITY * float(np.prod(edges))
         body.mass = Mass(mass, 0.5 * (bounds[0] + bounds[1]), box_inertia(mass, edges))
         became = f"{mass:.4g} kg: {DENSITY:g} kg/m³ of the box around it"
-        changes.append(Change(Code.MASS, where, f"link '{body.name}': mass", "none", became, "what moves needs a mass"))
+        changes.append(
+            Change(Code.MASS, where, f"link '{body.name}': mass", "none", became, "a moving link needs a mass")
+        )
     for end, radius, width in zip(("front", "rear"), layout.radii, layout.widths, strict=True):
         pair = (wheels[f"{end}_left"], wheels[f"{end}_right"])
         if max(part.mass.mass for part in pair) <= 0.0:
@@ -73,7 +75,7 @@ def gather_masses(
             _set_wheels(pair, mass, cylinder_inertia(mass, radius=radius, length=width, axis=1))
             at = tree.model.links[pair[0].links[0]].where
             changes.append(
-                Change(Code.MASS, at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated like a new vehicle's")
+                Change(Code.MASS, at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated as for a new vehicle")
             )
             continue
         _mirror(f"{end} wheels", pair, tree, changes)
@@ -85,7 +87,7 @@ def gather_masses(
         mass = 0.5 * front[0].mass.mass
         _set_knuckles(knuckles, mass, layout.radii[0])
         at = tree.model.links[knuckles[0].links[0]].where
-        why = "what moves needs a mass; estimated as half a wheel's"
+        why = "a moving link needs a mass; estimated as half a wheel's"
         changes.append(Change(Code.MASS, at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why))
     else:
         _mirror("steering knuckles", knuckles, tree, changes)
@@ -108,12 +110,12 @@ def _weigh_carriers(
     tree: Tree,
     changes: list[Change],
 ) -> None:
-    """Masses of what moves up and down with the wheels of an axle; where the source has none, a part of the body's."""
+    """Set the masses of the carriers of an axle; without masses in the source, a share of the body's."""
     radius = layout.radii[end == "rear"]
     for part in pair:
         part.mass = gather(tree, part.links, part.X_MP, radius, changes)
         if part.links:
-            _doubt(part, radius**3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+            _discard_implausible(part, radius**3, (0.0, WHEEL_DENSITY[1]), tree, changes)
     if max(part.mass.mass for part in pair) > 0.0:
         _mirror(f"{end} carriers", pair, tree, changes)
         return
@@ -127,12 +129,12 @@ def _weigh_carriers(
     became = f"{mass:.4g} kg each, of the body's"
     at = tree.model.links[tree.root].where
     changes.append(
-        Change(Code.MASS, at, f"{end} carriers: mass", "none", became, "half a wheel's; what moves needs a mass")
+        Change(Code.MASS, at, f"{end} carriers: mass", "none", became, "half a wheel's; a moving link needs a mass")
     )
 
 
 def total_mass(parts: list[Part]) -> float:
-    """Mass of the whole car [kg]."""
+    """Return mass of the whole car [kg]."""
     return sum(part.mass.mass for part in parts)
 
 
@@ -143,7 +145,7 @@ def centre_of_mass(
     layout: Layout,
     carriers: Mapping[str, Part] = MappingProxyType({}),
 ) -> Vector:
-    """Centre of mass of the whole car in base_link [m]."""
+    """Return centre of mass of the whole car in base_link [m]."""
     places = part_places(layout)
     items = [(part.mass, np.zeros(3)) for part in (body, *carriers.values())]
     items += [(part.mass, places[f"{side}_knuckle"]) for part, side in zip(knuckles, ("left", "right"), strict=True)]
@@ -154,7 +156,7 @@ def centre_of_mass(
 
 
 def part_places(layout: Layout) -> dict[str, Vector]:
-    """Origins of knuckles and wheels in base_link [m]."""
+    """Return origins of knuckles and wheels in base_link [m]."""
     places = {}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         x, y = layout.wheelbase, sign * layout.tracks[0] / 2.0
@@ -173,7 +175,7 @@ def check_balance(
     where: str,
     carriers: Mapping[str, Part] = MappingProxyType({}),
 ) -> list[Change]:
-    """Move a centre of mass that no car has; the body's own moves so that the car's is where it should be."""
+    """Move an implausible centre of mass of the car by moving that of the body."""
     changes = []
     com = centre_of_mass(body, knuckles, wheels, layout, carriers)
     height = max(float(bounds[1][2]), 2.0 * max(layout.radii))
@@ -188,7 +190,7 @@ def check_balance(
     if not 0.05 * layout.wheelbase < com[0] < 0.95 * layout.wheelbase:
         wanted[0] = 0.5 * layout.wheelbase
         was = f"{com[0]:.4g} m ahead of the rear axle"
-        why = f"the axles are {layout.wheelbase:.4g} m apart; it would tip over, or hardly load one of them"
+        why = f"the axles are {layout.wheelbase:.4g} m apart; it would tip over or unload an axle"
         changes.append(
             Change(Code.MASS, where, "centre of mass of the car: along", was, f"{wanted[0]:.4g} m: midway", why)
         )
@@ -196,12 +198,12 @@ def check_balance(
         wanted[1] = 0.0
         was = f"{com[1]:.4g} m to the left"
         changes.append(
-            Change(Code.MASS, where, "centre of mass of the car: sideways", was, "0 m", "it would nearly tip over")
+            Change(Code.MASS, where, "centre of mass of the car: sideways", was, "0 m", "it would almost tip over")
         )
     total = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
     if body.mass.mass < 0.5 * total:
         was = f"{body.mass.mass:.4g} kg of {total:.4g} kg"
-        why = "wheels and knuckles are heavier than the body"
+        why = "the wheels and knuckles are heavier than the body"
         changes.append(unusual(where, "mass of the body", was, why))
     moved = body.mass.com + (wanted - com) * total / body.mass.mass
     body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
@@ -214,20 +216,22 @@ def check_balance(
 
 
 def _around(layout: Layout, bounds: Bounds) -> Vector:
-    """Edges of the box around a car and its wheels, from the road on [m]."""
+    """Return the edges of the bounding box of a car and its wheels, from the road up [m]."""
     length, width = (bounds[1] - bounds[0])[:2]
     long, wide = layout.wheelbase + 2.0 * max(layout.radii), max(layout.tracks) + max(layout.widths)
     return np.array([max(length, long), max(width, wide), max(bounds[1][2], 2.0 * max(layout.radii))])
 
 
-def _doubt(part: Part, volume: float, densities: tuple[float, float], tree: Tree, changes: list[Change]) -> None:
-    """A mass that nothing of this size has counts as missing."""
+def _discard_implausible(
+    part: Part, volume: float, densities: tuple[float, float], tree: Tree, changes: list[Change]
+) -> None:
+    """Discard a mass that no part of this size has."""
     density = part.mass.mass / volume
     if part.mass.mass > 0.0 and not densities[0] <= density <= densities[1]:
         where = tree.model.links[part.links[0]].where
-        why = f"{density:.3g} kg per m³ of the space it takes; plausible are {densities[0]:g} to {densities[1]:g}"
+        why = f"{density:.3g} kg per m³ of the space it takes; {densities[0]:g} to {densities[1]:g} is plausible"
         changes.append(
-            Change(Code.MASS, where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "counts as missing", why)
+            Change(Code.MASS, where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "treated as missing", why)
         )
         part.mass = Mass()
 
@@ -236,7 +240,7 @@ def _doubt(part: Part, volume: float, densities: tuple[float, float], tree: Tree
 
 
 def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: list[Change]) -> None:
-    """Left and right get the mean of both, mirrored; a side without mass that of the other."""
+    """Set left and right to their mirrored mean; a side without mass to the other one."""
     left, right = (part.mass for part in pair)
     if min(left.mass, right.mass) <= 0.0:
         whole = left if left.mass > 0.0 else right
@@ -248,7 +252,7 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: list[Change
     if abs(left.mass - right.mass) > 1e-3 * mean:
         at = tree.model.links[pair[0].links[0]].where
         was = f"{left.mass:.4g} and {right.mass:.4g} kg"
-        changes.append(Change(Code.MASS, at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are alike"))
+        changes.append(Change(Code.MASS, at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal"))
     pair[0].mass = Mass(mean, com, inertia)
     pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
 
@@ -267,14 +271,14 @@ def _set_knuckles(pair: tuple[Part, Part], mass: float, radius: float) -> None:
 def _repair_wheel(
     pair: tuple[Part, Part], end: str, radius: float, width: float, tree: Tree, changes: list[Change]
 ) -> None:
-    """A wheel is balanced, round, and turns about the axis with the largest inertia."""
+    """Balance a wheel, and make its spin axis the axis with the largest moment of inertia."""
     mass = pair[0].mass
     at = tree.model.links[pair[0].links[0]].where
     what = f"{end} wheels"
     offset = float(np.linalg.norm(mass.com))
     if offset > max(1e-3, 0.02 * radius):
         was = f"{offset:.3g} m from the wheel's centre"
-        changes.append(Change(Code.MASS, at, f"{what}: centre of mass", was, "in it", "a wheel is balanced"))
+        changes.append(Change(Code.MASS, at, f"{what}: centre of mass", was, "in it", "wheels are balanced"))
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
     top = int(order[2])
@@ -283,7 +287,7 @@ def _repair_wheel(
         moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
         was = f"{'xyz'[top]} axis has the largest moment, {moments_text(mass.inertia)}"
         changes.append(
-            Change(Code.INERTIA, at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel turns about y")
+            Change(Code.INERTIA, at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel spins about y")
         )
     spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
     relative = spin / (mass.mass * radius**2)
@@ -301,7 +305,7 @@ def _repair_wheel(
 def _split(
     knuckles: tuple[Part, Part], wheels: tuple[Part, Part], radius: float, tree: Tree, changes: list[Change]
 ) -> None:
-    """Knuckles of joints that steer and spin at once get a part of the wheels' mass."""
+    """Take the mass of the knuckles from wheels whose joint steers and spins."""
     whole = wheels[0].mass
     mass = UNION_SHARE * whole.mass
     _set_wheels(wheels, whole.mass - mass, whole.inertia * (1.0 - UNION_SHARE))
@@ -309,5 +313,12 @@ def _split(
     at = tree.model.links[wheels[0].links[0]].where
     became = f"wheel of {whole.mass - mass:.4g} kg and steering knuckle of {mass:.4g} kg"
     changes.append(
-        Change(Code.MASS, at, "front wheels: mass", f"{whole.mass:.4g} kg", became, "steering and spin are two joints")
+        Change(
+            Code.MASS,
+            at,
+            "front wheels: mass",
+            f"{whole.mass:.4g} kg",
+            became,
+            "mirdrake has separate joints for steering and spin",
+        )
     )

@@ -1,8 +1,8 @@
-"""What the files of a ROS or Gazebo package say about a vehicle, in one form for URDF, xacro and SDF.
+"""Model of a vehicle as read from URDF, xacro or SDF.
 
-Readers fill it, repairs change it, the writer turns it into a vehicle folder. Values stand as they were given, also
-impossible ones: nothing is repaired while reading. Every part knows its place in the source, and everything that is
-changed or left out gets a :class:`Change`.
+Readers fill it, repairs change it, the writer turns it into a vehicle folder. Values are those of the files, also
+impossible ones: readers correct nothing. Each part has its place in the source, and each change and omission is a
+:class:`Change`.
 """
 
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ class Inertial:
 
 @dataclass
 class Surface:
-    """Contact data of a link as Gazebo has them; None where the source says nothing.
+    """Contact data of a link in Gazebo's terms; None for values that are not given.
 
     Attributes:
         mu: first friction coefficient.
@@ -51,7 +51,7 @@ class Link:
     """A link with its shapes.
 
     Attributes:
-        X_ML: pose in the model, where the source says it (SDF); in a URDF the root link is the model's frame.
+        X_ML: pose in the model, if the source states it (SDF); in a URDF the root link is the model's frame.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Link:
 
 @dataclass
 class Limits:
-    """Limits of a joint exactly as written; None where nothing is written."""
+    """Limits of a joint exactly as written; None for values that are not given."""
 
     lower: float | None = None
     upper: float | None = None
@@ -85,7 +85,7 @@ class Joint:
         axis2: second axis of universal and revolute2 joints, in J.
         damping: [N m s/rad] or [N s/m].
         friction: [N m] or [N].
-        stiffness: of a spring at the joint [N m/rad] or [N/m], from wherever the source hides it.
+        stiffness: of a spring at the joint [N m/rad] or [N/m], from any element of the source.
         mimic: joint that it follows; "" for none.
         others: further attributes and elements by name, kept for the report.
     """
@@ -182,9 +182,9 @@ class SourceModel:
         links: by name, in the order of the source.
         joints: by name, in the order of the source.
         files: that took part, main file first.
-        changes: what was left out or changed already while reading.
+        changes: changes of the readers.
         texts: licence and author found in the package, by file name.
-        hints: mistakes in the files that would explain why a model is rejected, each a clause.
+        hints: mistakes in the files that may explain a rejection, each a clause.
     """
 
     name: str

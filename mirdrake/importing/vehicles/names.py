@@ -1,4 +1,4 @@
-"""Names that URDF, xacro and Drake take, no two alike."""
+"""Unique names that URDF, xacro and Drake accept."""
 
 import re
 
@@ -12,23 +12,23 @@ class Names:
         self._of: dict[tuple[str, str], str] = {}
 
     def link(self, source: str) -> str:
-        """The name of a link of the source."""
+        """Return the name of a link of the source."""
         return self._kept("link", source, self._links)
 
     def joint(self, source: str) -> str:
-        """The name of a joint of the source."""
+        """Return the name of a joint of the source."""
         return self._kept("joint", source, self._joints)
 
     def new(self, wanted: str) -> str:
-        """A new name for a link."""
+        """Return a new name for a link."""
         return self.unique(wanted, self._links)
 
     def new_joint(self, wanted: str) -> str:
-        """A new name for a joint."""
+        """Return a new name for a joint."""
         return self.unique(wanted, self._joints)
 
     def has_link(self, name: str) -> bool:
-        """Whether a link has this name."""
+        """Return whether a link has this name."""
         return name in self._links
 
     def _kept(self, kind: str, source: str, taken: set[str]) -> str:
@@ -39,7 +39,7 @@ class Names:
 
     @staticmethod
     def unique(wanted: str, taken: set[str]) -> str:
-        """A name of letters, digits and ``_.-`` that is not taken; it is then.
+        """Return a name of letters, digits and ``_.-`` that is not used yet, and mark it as used.
 
         Drake splits names at ``::``, and xacro takes ``$`` and braces for its own.
         """

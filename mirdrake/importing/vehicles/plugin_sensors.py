@@ -1,4 +1,4 @@
-"""Gazebo plugins that are sensors by themselves, without a ``<sensor>`` tag, as those of hector_gazebo_plugins."""
+"""Gazebo plugins that are sensors without a ``<sensor>`` tag, such as those of hector_gazebo_plugins."""
 
 import re
 from math import isfinite
@@ -12,8 +12,8 @@ from mirdrake.importing.vehicles.model import Plugin, SensorTag, SourceModel
 
 _KINDS = (("imu", "imu"), ("gps|gnss|navsat", "gps"), ("sonar|ultraso|gazebo_ros_range", "sonar"))
 _NONE = {
-    "p3d|ground_truth": "ground truth, not a sensor: the state of the vehicle (ego.state) has it",
-    "magnet|baro|altimeter|pressure": "no sensor of mirdrake corresponds to it",
+    "p3d|ground_truth": "ground truth is not a sensor; use the state of the vehicle (ego.state)",
+    "magnet|baro|altimeter|pressure": "mirdrake has no such sensor",
 }
 _BODIES = ("bodyName", "linkName", "link_name", "body_name", "link")
 _FRAMES = ("frameName", "frame_name", "frameId", "frame_id")  # often a label of the messages only
@@ -43,7 +43,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
         return
     if not link and not named:
         link = next(iter(model.links), "")
-        why = "the plugin names no link, which means the root link in Gazebo"
+        why = "the plugin names no link; Gazebo uses the root link"
         model.changes.append(Change(Code.SENSOR, plugin.where, f"sensor '{plugin.name}': link", "none", link, why))
     X_LS = RigidTransform(make_pose(_triple(plugin, "xyzOffset"), _triple(plugin, "rpyOffset")))
     rate = next((_number(plugin.values[key]) for key in _RATES if key in plugin.values), None)
@@ -52,7 +52,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
 
 
 def _link_of(plugin: Plugin, reference: str, model: SourceModel) -> tuple[str, str]:
-    """The link that carries a plugin, and the name that the plugin gives where no link has it."""
+    """Return the link that carries a plugin, and the link name of the plugin if no such link exists."""
     named = next((plugin.values[key] for key in _BODIES if plugin.values.get(key)), "")
     for text in (named,) if named else (*(plugin.values.get(key, "") for key in _FRAMES), reference):
         for word in (text, text.rpartition("::")[2], text.rpartition("/")[2]):
@@ -62,7 +62,7 @@ def _link_of(plugin: Plugin, reference: str, model: SourceModel) -> tuple[str, s
 
 
 def _triple(plugin: Plugin, key: str) -> np.ndarray:
-    """Three finite numbers of a plugin; zeros where it has none."""
+    """Return three finite numbers of a plugin; zeros if it has none."""
     numbers = [_number(word) for word in plugin.values.get(key, "").split()]
     good = [value for value in numbers if value is not None and isfinite(value)]
     return np.array(good if len(good) == 3 else [0.0, 0.0, 0.0])

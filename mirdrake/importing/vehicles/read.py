@@ -1,4 +1,4 @@
-"""A description file of any kind into a :class:`SourceModel`."""
+"""Description files of any format into a :class:`SourceModel`."""
 
 import os
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _LICENCES = ("LICENSE", "LICENCE", "LICENSE.txt", "LICENSE.md", "COPYING")
 def read_source(
     path: Path, *, packages: Mapping[str, Path] | None = None, arguments: Mapping[str, str] | None = None
 ) -> SourceModel:
-    """What a URDF, xacro or SDF file says, with its package around it.
+    """Return the contents of a URDF, xacro or SDF file with its package.
 
     Args:
         path: the file, or the folder of a package or model with one description.
@@ -52,7 +52,7 @@ def read_source(
 
 
 def _absolute(value: str) -> str:
-    """The value of an argument; a relative path to something that is there becomes absolute."""
+    """Return the value of an argument; relative paths of existing files become absolute."""
     path = Path(value)
     if path.is_absolute() or not value or (os.sep not in value and not path.suffix and value not in (".", "..")):
         return value
@@ -64,12 +64,12 @@ def _absolute(value: str) -> str:
 
 
 def _main_file(path: Path) -> Path:
-    """The description: the file itself, or the only one in a folder."""
+    """Return the description file: the file itself, or the only one in a folder."""
     if path.is_file():
         if path.name == "model.config":
             return _main_file(path.parent)
         if path.name.endswith(".world"):
-            raise ModelError(f"{shown(path)}: a world, not a vehicle; give the file of the model")
+            raise ModelError(f"{shown(path)}: a world, not a vehicle; give the file of a model")
         return path
     if not path.is_dir():
         raise ModelError(f"{shown(path)}: no such file")
@@ -90,7 +90,7 @@ def _main_file(path: Path) -> Path:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a file is a model of its own and not a part for others: it has a name."""
+    """Return whether a file describes a complete model, which has a name, and not a part of one."""
     try:
         root = read_gazebo_xml(path).root
     except ModelError:
@@ -99,7 +99,7 @@ def _is_whole(path: Path) -> bool:
 
 
 def _is_sdf(path: Path) -> bool:
-    """Whether the file is SDF, by its first element."""
+    """Return whether the root element of a file is <sdf>."""
     if path.suffix == ".xacro" or path.name.endswith(".xacro"):
         return False
     if path.suffix == ".sdf":
@@ -109,7 +109,7 @@ def _is_sdf(path: Path) -> bool:
 
 
 def _texts(folder: Path) -> dict[str, str]:
-    """Licence and author that the package states."""
+    """Return the licence and author that the package states."""
     texts: dict[str, str] = {}
     for name in ("package.xml", "model.config"):
         path = folder / name

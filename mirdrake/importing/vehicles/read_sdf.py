@@ -333,7 +333,7 @@ class _Reader:
                 joint.axis = R_JF.multiply(joint.axis)
 
     def _attached_link(self, name: str, joint: Joint) -> str:
-        """Return the link that a link, frame or model stands for."""
+        """Return the link that a link, frame or model refers to."""
         step: str | None = name
         for _ in range(DEEPEST):
             if step in self._model.links:

@@ -1,9 +1,9 @@
-"""URDF and xacro into a :class:`SourceModel`: everything that stands there, or a Change that says it was left out."""
+"""URDF and xacro into a :class:`SourceModel`; elements without counterpart become changes."""
 
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -34,9 +34,11 @@ _TYPES = {
 _CONTACT = {"lateral_friction": "mu", "stiffness": "stiffness", "damping": "damping"}
 _WITHOUT_AXIS = {"fixed", "floating", "ball"}
 
+_Part = TypeVar("_Part", Link, Joint)
+
 
 def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -> SourceModel:
-    """A URDF or xacro file.
+    """Read a URDF or xacro file.
 
     Raises:
         MissingArgumentsError: xacro arguments need values.
@@ -44,7 +46,7 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
     """
     urdf = _render(path, packages, arguments)
     if urdf.root.tag != "robot":
-        raise ModelError(f"{urdf.where(urdf.root)}: <{urdf.root.tag}> is no URDF; it should begin with <robot>")
+        raise ModelError(f"{urdf.where(urdf.root)}: <{urdf.root.tag}> is not URDF; the root element should be <robot>")
     model = SourceModel(urdf.root.get("name", "") or path.name.split(".")[0], files=list(urdf.files))
     model.changes += [_warning(text) for text in urdf.warnings]
     model.hints = list(_missing_prefixes(urdf))
@@ -56,7 +58,7 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
 
 
 def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urdf:
-    """The expanded file. Arguments without value are collected over all files: each round goes on with stand-ins.
+    """Return the expanded file. Missing arguments are collected over all files, with stand-in values.
 
     Raises:
         MissingArgumentsError: with all arguments that need values.
@@ -81,7 +83,7 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
 
 
 def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
-    """Elements that look like xacro without the prefix ``xacro:``: calls of a macro, and tags of xacro itself."""
+    """Yield elements that look like macro calls or tags of xacro without the prefix ``xacro:``."""
     macros: set[str] = set()
     for path in urdf.files:
         macros |= set(_MACRO.findall(path.read_text(encoding="utf-8", errors="replace")))
@@ -97,7 +99,7 @@ def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
 
 def _warning(text: str) -> Change:
     place, _, words = text.partition(": ")
-    return Change(Code.ELEMENT, place, "xacro", words, "as xacro understood it", "xacro warned about it")
+    return Change(Code.ELEMENT, place, "xacro", words, "as xacro expanded it", "xacro warned about it")
 
 
 class _Reader:
@@ -126,11 +128,13 @@ class _Reader:
             read_ros2_control(element, self._model, where)
         self._strays(root, "robot")
 
-    def _add(self, table: dict[str, Any], item: Link | Joint, where: str, kind: str) -> None:
+    def _add(self, table: dict[str, _Part], item: _Part, where: str, kind: str) -> None:
         if not item.name:
-            raise ModelError(f"{where}: a {kind} without name")
+            raise ModelError(f"{where}: a {kind} without a name")
         if item.name in table:
-            raise ModelError(f"{where}: {kind} '{item.name}' again; it stands at {table[item.name].where} as well")
+            raise ModelError(
+                f"{where}: {kind} '{item.name}' is defined twice; the other one is at {table[item.name].where}"
+            )
         table[item.name] = item
 
     def _strays(self, element: ElementTree.Element, kind: str) -> None:
@@ -139,7 +143,7 @@ class _Reader:
             if child.tag not in _KNOWN[kind] and not child.tag.startswith("{"):
                 name = element.get("name", "")
                 hint = next((hint for hint in self._model.hints if hint.startswith(f"<{child.tag}> ")), "")
-                why = hint.partition(") ")[2] or "no URDF reader knows it"
+                why = hint.partition(") ")[2] or "it is not part of URDF"
                 self._change(Code.ELEMENT, child, f"{kind} '{name}': <{child.tag}>", "…", None, why)
 
     def _change(
@@ -160,7 +164,7 @@ class _Reader:
         return link
 
     def _contact(self, element: ElementTree.Element | None, link: Link) -> None:
-        """What Bullet's dialect of URDF says about a link's contact."""
+        """Read the contact data of a link in Bullet's dialect of URDF."""
         if element is None:
             return
         link.surface = Surface(where=self._urdf.where(element))
@@ -205,7 +209,7 @@ class _Reader:
             if inner:
                 yield from self._shapes(inner[0], what)
             else:
-                self._change(Code.SHAPE, element, what, "no geometry", None, "there is nothing to see or touch")
+                self._change(Code.SHAPE, element, what, "no geometry", None, "it has no geometry")
             return
         where, pose = self._urdf.where(element), self._origin(element)
         inside = geometry.find("material")  # where some files have it
@@ -234,21 +238,21 @@ class _Reader:
         if shape.tag == "mesh":
             address = shape.get("filename", "")
             return self.mesh(address, self._scale(shape, where), where, what)
-        self._change(Code.SHAPE, shape, what, f"<{shape.tag}>", None, "no such shape is known")
+        self._change(Code.SHAPE, shape, what, f"<{shape.tag}>", None, "this shape is not supported")
         return None
 
     def _scale(self, shape: ElementTree.Element, where: str) -> tuple[float, ...]:
-        """Scale of a mesh: three factors, or one that some files write for all."""
+        """Return the scale of a mesh: three factors, or one for all."""
         text = shape.get("scale")
         if text is not None and len(text.split()) > 3:
             text = " ".join(text.split()[:3])
-            self._change(Code.MESH, shape, "<mesh> scale", shape.get("scale", ""), text, "a mesh has three factors")
+            self._change(Code.MESH, shape, "<mesh> scale", shape.get("scale", ""), text, "a scale has three factors")
         count = 1 if text is not None and len(text.split()) == 1 else 3
         scale = read_numbers(text, count=count, default=[1.0] * 3, where=where, what="<mesh> scale")
         return tuple((np.repeat(scale, 3) if len(scale) == 1 else scale).tolist())
 
     def mesh(self, address: str, scale: tuple[float, ...], where: str, what: str) -> Shape:
-        """A mesh with its file; a Change if it is not simply there."""
+        """Return a mesh shape with its file; a missing file becomes a change."""
         path, remark = self._packages.resolve(address, folder=self._folder)
         if remark:
             became = None if path is None else path.name
@@ -315,7 +319,7 @@ class _Reader:
         return joint
 
     def _others(self, joint: Joint, element: ElementTree.Element, known: set[str]) -> None:
-        """Attributes that no standard knows: springs are understood, the rest is told."""
+        """Read attributes that are not in the standard: springs are used, others reported."""
         for key, text in element.attrib.items():
             if key in known:
                 continue
@@ -324,4 +328,6 @@ class _Reader:
             if _SPRING.search(key) and "ref" not in key.lower():
                 joint.stiffness = read_number(text, where=where, what=f"joint '{joint.name}' {key}")
                 continue
-            self._change(Code.ELEMENT, element, f"joint '{joint.name}': {key}", text, None, "no standard attribute")
+            self._change(
+                Code.ELEMENT, element, f"joint '{joint.name}': {key}", text, None, "the attribute is not part of URDF"
+            )

@@ -1,8 +1,8 @@
-"""Which joints of a model are wheels and steering: from how they move, never from what they are called.
+"""Recognition of wheel and steering joints by their motion, not by their names.
 
-A road wheel is round about the level axis on which it turns freely, and is among the lowest things of the model. It is
-steered if another joint on the way from the body to it turns about an upright axis. mirdrake drives cars: four wheels
-on two axles, two of them steered; anything else is refused with what was found.
+A road wheel is round about the level axis on which it turns freely, and is one of the lowest parts of the model. It is
+steered if another joint between it and the body turns about an upright axis. A car has four wheels on two axles, two of
+them steered; any other model is rejected with what was found.
 """
 
 from collections import Counter
@@ -67,15 +67,15 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Roles:
-    """What the parts of a model are.
+    """Wheel and steering joints of a model.
 
     Attributes:
         tree: of the model.
         wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
         steering: joints of the left and of the right front wheel.
         drive: driven axle.
-        drive_source: where that is said, "" if nowhere.
-        changes: what was found out, or left out.
+        drive_source: its place in the source; "" if it is not stated.
+        changes: changes of the recognition.
     """
 
     tree: Tree
@@ -94,7 +94,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
         drive: driven axle, if the caller knows it.
 
     Raises:
-        ModelError: it is not a car with four wheels, two of them steered; one line says what it is.
+        ModelError: it is not a car with four wheels, two of them steered; the message states what it is.
     """
     tree, changes = make_tree(model)
     found, blank = find_wheels(tree)
@@ -114,7 +114,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
 
 
 def turns_freely(joint: Joint, limits: Limits) -> bool:
-    """Whether a joint goes round and round: continuous, without limits, or with limits more than a turn apart."""
+    """Return whether a joint turns without end: continuous, without limits, or limits more than a turn apart."""
     if joint.kind == "continuous":
         return True
     if joint.kind not in ("revolute", "revolute2", "universal"):
@@ -126,7 +126,7 @@ def turns_freely(joint: Joint, limits: Limits) -> bool:
 
 
 def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
-    """Everything round that turns freely about a level axis and stands on the lowest plane.
+    """Return the round links that turn freely about a level axis and touch the lowest plane.
 
     Returns:
         wheels, and joints that turn like wheels but carry nothing round.
@@ -168,7 +168,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
 
 
 def _spin(tree: Tree, joint: Joint) -> tuple[Joint, Vector, bool] | None:
-    """A joint that turns freely about a level axis, with that axis in M and whether it is its second one."""
+    """Return a joint that turns freely about a level axis, with that axis in M and whether it is its second one."""
     second = joint.kind in ("universal", "revolute2") and _is_level(tree.axis(joint, second=True))
     axis = tree.axis(joint, second=second)
     limits = joint.limits2 if second else joint.limits
@@ -190,14 +190,14 @@ def _is_upright(tree: Tree, joint: Joint) -> bool:
 
 
 def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Wheel]]:
-    """The wheels of two axles, or an error that says what there is instead."""
+    """Return the wheels of two axles."""
     if not wheels:
         what = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
-        raise _refusal(tree, what + _blank_words(tree, blank), wheels)
+        raise _rejection(tree, what + _blank_clause(tree, blank), wheels)
     axes = np.array([wheel.axis * (1.0 if wheel.axis @ wheels[0].axis >= 0.0 else -1.0) for wheel in wheels])
     lateral = _level(axes.sum(axis=0))
     if (np.abs(axes @ lateral) < 1.0 - LEVEL**2).any():
-        raise _refusal(tree, f"{_named(wheels)}, whose axes are not parallel", wheels)
+        raise _rejection(tree, f"{_named(wheels)}, whose axes are not parallel", wheels)
     along = np.cross(lateral, UP)
     places = sorted(wheels, key=lambda wheel: wheel.point @ along)
     reach = 0.5 * min(wheel.shape.radius for wheel in wheels)
@@ -210,13 +210,13 @@ def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Whe
     if len(wheels) == 4 and [len(axle) for axle in axles] == [2, 2]:
         for left, right in axles:
             if abs((left.point - right.point) @ lateral) < 0.5 * (left.shape.width + right.shape.width):
-                raise _refusal(tree, f"{_named(wheels)}, two of which stand in the same place", wheels)
+                raise _rejection(tree, f"{_named(wheels)}, two of which stand in the same place", wheels)
         return axles
-    raise _refusal(tree, _other_vehicle(tree, wheels, axles) + _blank_words(tree, blank), wheels)
+    raise _rejection(tree, _other_vehicle(tree, wheels, axles) + _blank_clause(tree, blank), wheels)
 
 
 def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) -> str:
-    """What has these wheels, in words."""
+    """Return the kind of vehicle with these wheels, for a message."""
     swivels = [wheel for wheel in wheels if _is_caster(tree, wheel)]
     driven = [wheel for wheel in wheels if wheel not in swivels]
     casters = len(swivels) + _count_skids(tree, wheels)
@@ -235,45 +235,47 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
 
 
 def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change]) -> tuple[list[Wheel], list[Wheel]]:
-    """The steered axle and the other one."""
+    """Return the steered axle and the other one."""
     wheels = [wheel for axle in axles for wheel in axle]
     casters = [wheel for wheel in wheels if _is_caster(tree, wheel)]
     if len(casters) == 2:
         driven = [wheel for wheel in wheels if wheel not in casters]
-        raise _refusal(tree, f"2 driven wheels and 2 casters (differential drive): {_names(driven)}", wheels)
+        raise _rejection(tree, f"2 driven wheels and 2 casters (differential drive): {_names(driven)}", wheels)
     steered = [axle for axle in axles if all(_own(wheel, axle) for wheel in axle)]
     for axle in axles:
         own = [bool(_own(wheel, axle)) for wheel in axle]
         if any(own) and not all(own):
             steered_one = axle[own.index(True)].joint.name
             what = f"{_named(axle)} on one axle, only one of which is steered ('{steered_one}')"
-            raise _refusal(tree, what, wheels)
+            raise _rejection(tree, what, wheels)
         shared = [joint for joint in axle[0].steering if joint in axle[1].steering]
         if shared and not any(own):
             what = f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
-            raise _refusal(tree, what, wheels)
+            raise _rejection(tree, what, wheels)
     if not steered:
-        raise _refusal(tree, f"skid-steer: {_named(wheels)}, no steering joint", wheels)
+        raise _rejection(tree, f"skid-steer: {_named(wheels)}, no steering joint", wheels)
     if len(steered) == 1:
         front = steered[0]
         rear = next(axle for axle in axles if axle is not front)
         if (_middle(front) - _middle(rear))[0] < 0.0:
-            why = "the steered axle is taken as the front; nothing says whether the car drives with it ahead"
+            why = "the steered axle is assumed to be the front"
             places = f"{_names(front)} lies towards -x"
             changes.append(
-                Change(Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards it", why)
+                Change(
+                    Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards the steered axle", why
+                )
             )
         return front, rear
     rear, front = sorted(axles, key=lambda axle: _middle(axle)[0])
     for wheel in rear:
         joint = _own(wheel, rear)[-1]
-        why = "both axles are steered; mirdrake steers the front one, here that towards +x"
+        why = "both axles are steered; mirdrake steers the front axle, here that towards +x"
         changes.append(Change(Code.JOINT_FIXED, joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why))
     return front, rear
 
 
 def _own(wheel: Wheel, axle: Sequence[Wheel]) -> list[Joint]:
-    """The steering joints of a wheel that do not move the other wheel of its axle."""
+    """Return the steering joints of a wheel that do not move the other wheel of its axle."""
     others = [joint for other in axle if other is not wheel for joint in other.steering]
     return [joint for joint in wheel.steering if joint not in others]
 
@@ -283,7 +285,7 @@ def _kingpin(wheel: Wheel, axle: Sequence[Wheel]) -> Joint:
 
 
 def _is_caster(tree: Tree, wheel: Wheel) -> bool:
-    """Whether a wheel trails an upright joint that swivels freely."""
+    """Return whether a wheel trails an upright joint that swivels freely."""
     for joint in wheel.steering:
         arm = (wheel.point - tree.pose(joint).translation())[:2]
         across = np.cross(UP, wheel.axis)[:2]
@@ -293,7 +295,7 @@ def _is_caster(tree: Tree, wheel: Wheel) -> bool:
 
 
 def _count_skids(tree: Tree, wheels: Sequence[Wheel]) -> int:
-    """Links without a wheel that touch the road: balls and skids in place of casters."""
+    """Return links without a wheel that touch the road: balls and skids in place of casters."""
     turning = {name for wheel in wheels for name in tree.rigid_with(wheel.joint.child, ())}
     low = min(wheel.bottom for wheel in wheels)
     near = LOW * min(wheel.shape.radius for wheel in wheels)
@@ -309,8 +311,8 @@ def _count_skids(tree: Tree, wheels: Sequence[Wheel]) -> int:
 # --- words -------------------------------------------------------------------------------------------------------
 
 
-def _refusal(tree: Tree, found: str, wheels: Sequence[Wheel]) -> ModelError:
-    """The error for what is not a car, with what was found, joints that cannot be used, and mistakes in the files."""
+def _rejection(tree: Tree, found: str, wheels: Sequence[Wheel]) -> ModelError:
+    """Return the error for a model that is not a car: what was found, unusable joints, mistakes in the files."""
     names, used = [wheel.joint.name for wheel in wheels], [joint.name for wheel in wheels for joint in wheel.steering]
     faults = unusable_wheels(tree, names, level=LEVEL) if len(wheels) != 4 else ""
     steering = unusable_steering(tree, names, used, upright=UPRIGHT)
@@ -330,8 +332,8 @@ def _inventory(tree: Tree) -> str:
     return f"{links} with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
 
 
-def _blank_words(tree: Tree, blank: Sequence[Joint]) -> str:
-    """Joints that might turn wheels, had their links a shape that is known."""
+def _blank_clause(tree: Tree, blank: Sequence[Joint]) -> str:
+    """Return a clause about joints whose links have no known shape but might be wheels."""
     if not blank:
         return ""
     names = ", ".join(f"'{joint.name}'" for joint in blank[:6]) + (", …" if len(blank) > 6 else "")

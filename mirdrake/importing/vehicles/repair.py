@@ -1,4 +1,4 @@
-"""From a recognised model to a car that mirdrake can drive; everything that is changed on the way becomes a Change."""
+"""From a recognised model to a car that mirdrake can drive; each correction is a Change."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from mirdrake.importing.meshes.convert import with_known_submesh
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.body_cover import COVERED, LARGEST, body_boxes, plan_cover, usual_bounds
 from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part
-from mirdrake.importing.vehicles.joints import imported_gains, say_joints
+from mirdrake.importing.vehicles.joints import imported_gains, report_joints
 from mirdrake.importing.vehicles.kinematics import Tree, source_name
 from mirdrake.importing.vehicles.limits import collect_numbers, driven_wheels, steering_limit
 from mirdrake.importing.vehicles.masses import centre_of_mass, check_balance, gather_masses, total_mass
@@ -72,8 +72,8 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         changes += found
     wheel_joints, steering_joints = _name_joints(roles, names)
     spring_joints = {key: names.joint(item.joint.name) for key, item in sprung.items()}
-    changes += say_joints(roles, sprung=[item.joint for item in sprung.values()])
-    changes += _say_collisions(roles, (*knuckles, *carriers.values()), layout)
+    changes += report_joints(roles, sprung=[item.joint for item in sprung.values()])
+    changes += _report_collisions(roles, (*knuckles, *carriers.values()), layout)
     frames, places = _make_frames(roles, body, knuckles, wheels, carriers, names)
     mounts, mount_frames, found = make_mounts(model, places, names)
     changes += found
@@ -102,7 +102,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         licence=_licence(model),
         changes=changes,
         warnings=[
-            f"{change.part}: {change.old} does not exist, so that the whole mesh is used."
+            f"{change.part}: {change.old} does not exist, so the whole mesh is used."
             for change in changes
             if change.code is Code.SUBMESH
         ],
@@ -112,7 +112,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
 def _estimates(
     roles: Roles, layout: Layout, bounds: Bounds, mass: float, com_x: float, limit: float, end: int | None
 ) -> Estimates:
-    """Estimates for the car; with the tyres of one end if `end` is 0 or 1, else with the mean of both."""
+    """Return estimates for the car with the tyres of the front (0) or rear axle (1), else their mean."""
     radius, width = (float(np.mean(values)) if end is None else values[end] for values in (layout.radii, layout.widths))
     edges = bounds[1] - bounds[0]
     return estimate(
@@ -136,7 +136,7 @@ def _estimates(
 def _make_parts(
     roles: Roles, layout: Layout, names: Names, sprung: Mapping[str, WheelSpring], changes: list[Change]
 ) -> tuple[Part, tuple[Part, Part], dict[str, Part], dict[str, Part]]:
-    """Body, knuckles, wheels and, with springs, carriers, with the shapes of their sources."""
+    """Return body, knuckles, wheels and, with springs, carriers, with their shapes."""
     tree = roles.tree
     free = {wheel.joint.name for wheel in roles.wheels.values()} | {joint.name for joint in roles.steering}
     free |= {item.joint.name for item in sprung.values() if not item.steered}
@@ -145,14 +145,14 @@ def _make_parts(
         base = names.link(BASE)
     else:
         base = names.link(tree.root)
-        why = f"a link '{BASE}' further out has that name already"
+        why = f"another link is called '{BASE}'"
         changes.append(Change(Code.FRAME, root.where, "name of the base link", tree.root, f"{base} stays", why))
     body = Part(base, tree.rigid_with(tree.root, free), layout.X_MB)
     if not layout.X_MB.IsNearlyEqualTo(RigidTransform(), 1e-6):
         x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-6, 0.0, layout.X_MB.translation())
         was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
         became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
-        changes.append(Change(Code.FRAME, root.where, "base frame", was, became, "the base frame of mirdrake"))
+        changes.append(Change(Code.FRAME, root.where, "base frame", was, became, "convention of mirdrake"))
     knuckles = []
     for side, joint in zip(SIDES, roles.steering, strict=True):
         wheel = roles.wheels[f"front_{side}"]
@@ -186,7 +186,7 @@ def _take_shapes(tree: Tree, part: Part) -> None:
 
 
 def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> list[Shape]:
-    """Shapes of the body with whole meshes where a submesh does not exist; the same whole mesh at one place once."""
+    """Return the shapes of the body with whole meshes instead of unknown submeshes, each mesh once."""
     kept: list[Shape] = []
     for shape in shapes:
         known, found = with_known_submesh(shape)
@@ -203,7 +203,7 @@ def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> lis
 
 
 def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
-    """The box around the body: what is seen, what is touched if too little is seen, or an estimate."""
+    """Return the bounding box of the body: of its visuals, else of its collision shapes, else an estimate."""
     limits = np.array(LARGEST) * layout.wheelbase
     for shapes in (body.visuals, body.collisions):
         boxes = body_boxes(shapes, layout)
@@ -220,16 +220,16 @@ def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
             Code.SHAPE,
             where,
             "size of the body",
-            "no shapes of a size like the car's",
+            "no shapes of the size of the car",
             became,
-            "masses and air need it",
+            "needed for mass and aerodynamics",
         )
     )
     return lower, upper
 
 
 def _name_joints(roles: Roles, names: Names) -> tuple[dict[str, str], tuple[str, str]]:
-    """Names of wheel and steering joints."""
+    """Return the names of wheel and steering joints."""
     steering = [names.joint(joint.name) for joint in roles.steering]
     wheels = {}
     for key, wheel in roles.wheels.items():
@@ -246,7 +246,7 @@ def _make_frames(
     carriers: dict[str, Part],
     names: Names,
 ) -> tuple[list[Frame], dict[str, tuple[str, RigidTransform]]]:
-    """Links of the source that became part of another one, as frames; and where every link of the source is now."""
+    """Return links that became part of another one as frames, and the new place of every link."""
     tree, frames = roles.tree, []
     places: dict[str, tuple[str, RigidTransform]] = {}
     for part in (body, *knuckles, *wheels.values(), *carriers.values()):
@@ -262,8 +262,8 @@ def _make_frames(
     return frames, places
 
 
-def _say_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -> list[Change]:
-    """Collision shapes of wheels and knuckles are replaced."""
+def _report_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -> list[Change]:
+    """Return the changes of the collision shapes of wheels and knuckles, which are replaced."""
     changes = []
     links = roles.tree.model.links
     for key, wheel in roles.wheels.items():
@@ -275,13 +275,22 @@ def _say_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -> l
             became = f"cylinder of radius {layout.radii[rear]:.4g} m, {layout.widths[rear]:.4g} m wide"
             what = f"link '{wheel.joint.child}': collision shapes"
             changes.append(
-                Change(Code.SHAPE, shapes[0].where, what, was, became, "a tyre is a cylinder about its axis")
+                Change(
+                    Code.SHAPE, shapes[0].where, what, was, became, "the collision geometry of a wheel is a cylinder"
+                )
             )
     for part in knuckles:
         for shape in part.collisions:
             what = f"link '{part.name}': collision shape"
             changes.append(
-                Change(Code.SHAPE, shape.where, what, _shape_text(shape), None, "it lies between wheel and body")
+                Change(
+                    Code.SHAPE,
+                    shape.where,
+                    what,
+                    _shape_text(shape),
+                    None,
+                    "parts between wheel and body have no collision geometry",
+                )
             )
         part.collisions.clear()
     return changes

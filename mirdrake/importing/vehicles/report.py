@@ -1,4 +1,4 @@
-"""README.md of an imported vehicle: dimensions with their origin, every change, and what a person should check."""
+"""README.md of an imported vehicle: dimensions with their origin, all changes, and what the user should check."""
 
 from collections.abc import Iterable
 
@@ -16,20 +16,20 @@ _ROWS = (
     ("steering_limit", "steering limit of the inner wheel", "rad"),
     ("steering_rate", "steering rate at the road wheel", "rad/s"),
     ("steering_effort", "steering torque at a wheel", "N m"),
-    ("steering_ratio", "hand wheel to road wheel", "-"),
+    ("steering_ratio", "steering ratio, hand wheel to road wheel", "-"),
     ("max_torque", "drive torque, all driven wheels", "N m"),
     ("max_power", "drive power", "W"),
     ("wheel_speed_limit", "speed limit of the wheels", "rad/s"),
     ("brake_torque", "brake torque, all wheels", "N m"),
-    ("brake_front_share", "part of it in front", "-"),
+    ("brake_front_share", "share of the front axle", "-"),
     ("rolling_resistance", "rolling resistance", "-"),
     ("drag_area", "drag area", "m²"),
     ("front_friction", "friction of the front tyres", "-"),
     ("rear_friction", "friction of the rear tyres", "-"),
     ("front_tyre_modulus", "modulus of the front tyres", "Pa"),
     ("rear_tyre_modulus", "modulus of the rear tyres", "Pa"),
-    ("front_tyre_stiffness", "the same in point contact", "N/m"),
-    ("rear_tyre_stiffness", "the same at the rear", "N/m"),
+    ("front_tyre_stiffness", "stiffness of the front tyres in point contact", "N/m"),
+    ("rear_tyre_stiffness", "stiffness of the rear tyres in point contact", "N/m"),
     ("tyre_dissipation", "dissipation of the tyres", "s/m"),
     ("tyre_resolution", "mesh hint of the tyres", "m"),
 )
@@ -39,14 +39,14 @@ _CONTROL = (
     ("steering_damping", "steering servo", "N m s/rad"),
     ("speed_kp", "speed loop", "-"),
     ("speed_ki", "speed loop", "1/s"),
-    ("max_correction", "speed loop, limit of the trim", "m/s"),
-    ("max_acceleration", "slope of the speed set-point, faster", "m/s²"),
-    ("max_deceleration", "the same, slower", "m/s²"),
+    ("max_correction", "speed loop, limit of the correction", "m/s"),
+    ("max_acceleration", "rate limit of the speed set-point, acceleration", "m/s²"),
+    ("max_deceleration", "rate limit of the speed set-point, deceleration", "m/s²"),
 )
 
 
 def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, object]:
-    """What the template of README.md asks for beside the car."""
+    """Return the variables of the README template besides the car."""
     mass = total_mass(car.parts)
     driven = "All-wheel-driven" if car.drive == "all" else f"{car.drive.capitalize()}-driven"
     wheelbase = car.layout.wheelbase
@@ -72,8 +72,8 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     dimensions: list[Row] = [
         ("wheelbase", _n(layout.wheelbase), "m", measured),
         ("track, front and rear", f"{_n(layout.tracks[0])}, {_n(layout.tracks[1])}", "m", measured),
-        ("between the steering axes", _n(layout.kingpin_track), "m", measured),
-        ("steering axes ahead of the wheels' centres", _n(layout.trail), "m", measured),
+        ("distance of the steering axes", _n(layout.kingpin_track), "m", measured),
+        ("trail: steering axes ahead of the wheel centres", _n(layout.trail), "m", measured),
         ("wheel radius, front and rear", f"{_n(layout.radii[0])}, {_n(layout.radii[1])}", "m", measured),
         ("wheel width, front and rear", f"{_n(layout.widths[0])}, {_n(layout.widths[1])}", "m", measured),
         ("mass of the car", _n(mass), "kg", masses),
@@ -89,25 +89,25 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
 
 
 def _to_check(car: Car) -> Iterable[str]:
-    """What only a person can know."""
+    """Yield what the user should check."""
     yield from car.warnings
     codes = {change.code for change in car.changes}
-    yield "Look at it: `mirdrake view` shows whether visuals, collision shapes and frames lie where they belong."
+    yield "Geometry: `mirdrake view` shows visuals, collision shapes and frames."
     if not car.drive_source:
-        yield "Which axle is driven: the source does not say, rear is assumed; `drive` in vehicle.yaml."
+        yield "Driven axle: not stated in the source, rear is assumed; `drive` in vehicle.yaml."
     if Code.DIRECTION in codes:
-        yield "Which end is the front: the steered axle was taken."
+        yield "Direction of travel: the steered axle is assumed to be the front."
     if codes & {Code.MASS, Code.INERTIA}:
         yield "Masses, inertias and centre of mass: some were replaced, see below."
     if car.springs is not None:
-        yield "Ride height: the car stands at the zero position of its springs; `suspension` in vehicle.yaml."
+        yield "Ride height: at rest the springs are at their zero position; `suspension` in vehicle.yaml."
     if Code.SUSPENSION_FIXED in codes:
-        yield "Ride height: suspension is held at its zero position."
+        yield "Ride height: the suspension is fixed at its zero position."
     estimated = sum(number.source.startswith("estimated") for number in car.numbers.values())
     count = f"{estimated} of {len(car.numbers)} limits and contact numbers, and all gains"
-    yield f"{count}, are estimates: replace what you know better."
+    yield f"{count}, are estimates; replace those that you know."
     if not car.licence:
-        yield "The licence: none was found."
+        yield "Licence: none was found."
 
 
 def _n(value: float) -> str:

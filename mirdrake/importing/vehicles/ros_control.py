@@ -1,4 +1,4 @@
-"""What ros_control says: transmissions in the URDF, controllers and gains in YAML files beside it."""
+"""ros_control: transmissions in the URDF, controllers and gains in YAML files."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from pathlib import Path
@@ -17,7 +17,7 @@ _INTERFACES = ("effort", "velocity", "position")
 def read_transmission(
     element: ElementTree.Element, model: SourceModel, where: Callable[[ElementTree.Element], str]
 ) -> None:
-    """A ``<transmission>``, in each of its dialects."""
+    """Read a ``<transmission>`` in any of its dialects."""
     reduction = element.find(".//mechanicalReduction")
     try:
         ratio = float(reduction.text or "1") if reduction is not None else 1.0
@@ -32,7 +32,7 @@ def read_transmission(
 def read_ros2_control(
     element: ElementTree.Element, model: SourceModel, where: Callable[[ElementTree.Element], str]
 ) -> None:
-    """A ``<ros2_control>`` system: its joints with their command interfaces."""
+    """Read the joints and command interfaces of a ``<ros2_control>`` system."""
     for joint in element.findall("joint"):
         kinds = tuple(interface.get("name", "") for interface in joint.findall("command_interface"))
         if kinds:
@@ -41,7 +41,7 @@ def read_ros2_control(
 
 
 def read_controllers(folders: Iterable[Path], model: SourceModel, *, only: Set[str] | None = None) -> None:
-    """Controllers from the YAML files in the usual folders of packages; with `only`, those of these joints."""
+    """Read controllers from the YAML files of packages; with `only`, those of these joints."""
     for folder in folders:
         for below in ("config", "param", "params", "cfg", "yaml", "control"):
             for path in sorted((folder / below).rglob("*.y*ml")) if (folder / below).is_dir() else ():
@@ -82,7 +82,7 @@ def _controllers(data: Any, path: tuple[str, ...], where: str) -> Iterator[Contr
 
 
 def _gains(entry: Any) -> dict[str, float]:
-    """p, i, d and limits of a mapping; empty if it is none."""
+    """Return p, i, d and limits of a mapping; empty if it has none."""
     if not isinstance(entry, Mapping) or "p" not in entry:
         return {}
     return {str(key): float(value) for key, value in entry.items() if isinstance(value, int | float)}

@@ -1,4 +1,4 @@
-"""What is round about a joint's axis: a wheel, as its collision or visual shapes show it."""
+"""Round shapes about a joint axis: wheels, by their collision or visual shapes."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ class Round:
         centre: in W [m].
         shape: what was measured.
         role: "collision" or "visual".
-        width_from: what says the width, if not the shape itself.
+        width_from: origin of the width, if not the shape itself.
     """
 
     radius: float
@@ -45,7 +45,7 @@ class Round:
 
 
 def bounds_in(shape: Shape, X_FL: RigidTransform) -> Bounds | None:
-    """Corners of a shape's box along the axes of another frame F; None if it has no size or no file."""
+    """Return the bounding box of a shape along the axes of a frame F; None if it has no size or no file."""
     if not np.isfinite(shape.size).all():
         return None
     try:
@@ -58,7 +58,7 @@ def bounds_in(shape: Shape, X_FL: RigidTransform) -> Bounds | None:
 
 
 def join_bounds(boxes: Iterable[Bounds | None]) -> Bounds | None:
-    """The box around boxes."""
+    """Return the bounding box of boxes."""
     known = [box for box in boxes if box is not None]
     if not known:
         return None
@@ -66,7 +66,7 @@ def join_bounds(boxes: Iterable[Bounds | None]) -> Bounds | None:
 
 
 def find_rounds(tree: Tree, links: Iterable[str], X_MW: RigidTransform) -> list[Round]:
-    """The round shapes of links that turn together, collision before visual, largest first.
+    """Return the round shapes of links that turn together, collision before visual, largest first.
 
     Args:
         tree: of the model.
@@ -113,7 +113,7 @@ def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Ro
 
 
 def _with_width(item: Round, visuals: list[Round]) -> Round:
-    """A sphere says nothing about the width: that of the largest visual, or of wheels in general."""
+    """Return a sphere with the width of the largest visual, else of a typical wheel; other shapes unchanged."""
     if item.shape.kind != "sphere":
         return item
     flat = [look for look in visuals if look.shape.kind != "sphere" and 0.5 < look.radius / item.radius < 2.0]

@@ -1,4 +1,4 @@
-"""Corrections that make a sensor of a source valid by the schema of sensors.yaml, one sensor at a time."""
+"""Corrections of a sensor to the schema of sensors.yaml."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,9 +22,13 @@ _FANS = _ANGLES[:2]
 _RANGES = (("near", "far"), ("depth_near", "depth_far"))
 
 
+MountData = dict[str, Any]
+"""A mount as in sensors.yaml."""
+
+
 @dataclass(frozen=True)
 class Correction:
-    """One corrected value: key of the mount, what the source has, what replaces it, and why."""
+    """A corrected value: key of the mount, old and new value, and the reason."""
 
     key: str
     old: str
@@ -33,8 +37,8 @@ class Correction:
 
 
 def fit_mount(
-    mount: dict[str, Any], defaults: Mapping[str, float] = MappingProxyType({})
-) -> tuple[dict[str, Any] | None, list[Correction], str]:
+    mount: MountData, defaults: Mapping[str, float] = MappingProxyType({})
+) -> tuple[MountData | None, list[Correction], str]:
     """Correct the values of a mount that the schema does not allow and that have an unambiguous correction.
 
     Args:
@@ -66,13 +70,13 @@ def fit_mount(
 
 
 def mount_classes() -> dict[str, type[Mount]]:
-    """The schema of each kind of mount."""
+    """Return the schema of each kind of mount."""
     classes = get_args(get_args(SensorMount)[0])
     return {get_args(cls.model_fields["kind"].annotation)[0]: cls for cls in classes}
 
 
 def limits_of(cls: type[Mount], key: str) -> tuple[float, float, bool]:
-    """The least and the largest value that the schema allows for a key, and whether the least itself is excluded."""
+    """Return the smallest and largest value that the schema allows, and whether the smallest is excluded."""
     low, high, strict = -inf, inf, False
     if key == "horizontal_fov":  # whose upper limit is a validator of its own
         high = WIDEST
@@ -87,13 +91,13 @@ def limits_of(cls: type[Mount], key: str) -> tuple[float, float, bool]:
     return low, high, strict
 
 
-def _set(mount: dict[str, Any], key: str, value: float, why: str, found: list[Correction]) -> None:
+def _set(mount: MountData, key: str, value: float, why: str, found: list[Correction]) -> None:
     found.append(Correction(key, f"{mount[key]:.6g}", f"{value:.6g}", why))
     mount[key] = value
 
 
-def _convert_degrees(cls: type[Mount], mount: dict[str, Any], found: list[Correction]) -> None:
-    """Angles beyond what radians can mean, which fit as degrees, are degrees; both ends of a fan alike."""
+def _convert_degrees(cls: type[Mount], mount: MountData, found: list[Correction]) -> None:
+    """Convert angles that are impossible in radians from degrees, both ends of a fan together."""
     for keys in _ANGLES:
         if any(key not in mount for key in keys):
             continue
@@ -107,8 +111,8 @@ def _convert_degrees(cls: type[Mount], mount: dict[str, Any], found: list[Correc
                     _set(mount, key, angle, "in degrees: no such angle in radians", found)
 
 
-def _bound(cls: type[Mount], mount: dict[str, Any], defaults: Mapping[str, float], found: list[Correction]) -> None:
-    """Counts above the largest allowed become it; distances of zero a small one; invalid extras are dropped."""
+def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], found: list[Correction]) -> None:
+    """Limit counts and distances to the schema, and remove invalid optional values."""
     for key, value in list(mount.items()):
         if isinstance(value, str | dict | bool):
             continue
@@ -137,8 +141,8 @@ def _bound(cls: type[Mount], mount: dict[str, Any], defaults: Mapping[str, float
             del mount[key]
 
 
-def _order(mount: dict[str, Any], found: list[Correction]) -> None:
-    """A nearest distance beyond the farthest one was written in the other's place."""
+def _order(mount: MountData, found: list[Correction]) -> None:
+    """Exchange a nearest and a farthest distance in the wrong order."""
     for near, far in _RANGES:
         if near in mount and far in mount and mount[near] > mount[far] > 0.0:
             was = f"{mount[near]:.6g} to {mount[far]:.6g} m"
@@ -147,8 +151,8 @@ def _order(mount: dict[str, Any], found: list[Correction]) -> None:
             found.append(Correction(f"{near} and {far}", was, became, "exchanged: near should be below far"))
 
 
-def _narrow(mount: dict[str, Any], found: list[Correction]) -> None:
-    """A fan of more than one turn becomes one turn, which sees the same."""
+def _narrow(mount: MountData, found: list[Correction]) -> None:
+    """Limit a fan to one turn."""
     for start, end in _FANS:
         if start not in mount or end not in mount:
             continue

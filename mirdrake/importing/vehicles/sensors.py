@@ -1,9 +1,8 @@
-"""Sensors of Gazebo as mounts of sensors.yaml, each checked against the schema before anything else is done."""
+"""Gazebo sensors as mounts of sensors.yaml; each is checked against the schema before meshes are converted."""
 
 import re
 from collections.abc import Iterator, Mapping
 from math import atan2, inf, isfinite, isnan, radians
-from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,9 +11,7 @@ from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.vehicles.car import Frame
 from mirdrake.importing.vehicles.model import SensorTag, SourceModel
 from mirdrake.importing.vehicles.names import Names
-from mirdrake.importing.vehicles.sensor_fit import FARTHEST, fit_mount
-
-Mount = dict[str, Any]
+from mirdrake.importing.vehicles.sensor_fit import FARTHEST, MountData, fit_mount
 
 RATES = {
     "camera": 30.0,
@@ -45,15 +42,15 @@ _DEPTH = re.compile("kinect|depth|realsense", re.IGNORECASE)
 
 def make_mounts(
     model: SourceModel, places: Mapping[str, tuple[str, RigidTransform]], names: Names
-) -> tuple[dict[str, Mount], list[Frame], list[Change]]:
-    """Mounts, the frames they sit in, and what has no counterpart.
+) -> tuple[dict[str, MountData], list[Frame], list[Change]]:
+    """Return mounts, their frames, and the changes of sensors without counterpart.
 
     Args:
         model: as read.
         places: link of the source -> link of the car that carries it, and its pose in there.
         names: of links that are taken, and new ones.
     """
-    mounts: dict[str, Mount] = {}
+    mounts: dict[str, MountData] = {}
     frames: list[Frame] = []
     changes: list[Change] = []
     taken: set[str] = set()
@@ -61,7 +58,7 @@ def make_mounts(
         what, was = f"sensor '{sensor.name}'", f"type {sensor.kind}"
         kind = _kind_of(sensor)
         if kind is None or sensor.link not in places:
-            why = "no sensor of mirdrake corresponds to it" if kind is None else f"there is no link '{sensor.link}'"
+            why = "mirdrake has no such sensor" if kind is None else f"there is no link '{sensor.link}'"
             changes.append(Change(Code.SENSOR, sensor.where, what, was, None, why))
             continue
         parent, X_PL = places[sensor.link]
@@ -84,7 +81,7 @@ def make_mounts(
 
 
 def _kind_of(sensor: SensorTag) -> str | None:
-    """The kind of mount for a sensor: by its type, and by the plugins that say what its readings mean."""
+    """Return the kind of mount for a sensor, by its type and by its plugins."""
     kind = _KINDS.get(sensor.kind)
     words = " ".join((*sensor.plugins, sensor.values.get("plugin.output_type", "")))
     if kind == "lidar" and (_SONAR.search(words) or words.rstrip().endswith("/Range")):
@@ -95,13 +92,13 @@ def _kind_of(sensor: SensorTag) -> str | None:
 
 
 class _Reader:
-    """One sensor's values, with a change for what is missing or not allowed."""
+    """Reads the values of one sensor; missing and invalid values become changes."""
 
     def __init__(self, sensor: SensorTag, changes: list[Change]) -> None:
         self._sensor, self._changes = sensor, changes
 
-    def mounts(self, kind: str) -> Iterator[tuple[str, Mount, RigidTransform]]:
-        """Valid mounts with a suffix of their name and their pose in the sensor; none if the sensor is left out."""
+    def mounts(self, kind: str) -> Iterator[tuple[str, MountData, RigidTransform]]:
+        """Yield valid mounts with a name suffix and their pose in the sensor; none if the sensor is left out."""
         cameras = sorted({key.split(".")[0] for key in self._sensor.values if re.match(r"camera(\[\d+\])?\.", key)})
         if kind == "stereo_camera" and len(cameras) != 2:
             eyes = [(f"_{number}" if number else "", camera, "camera") for number, camera in enumerate(cameras)]
@@ -119,24 +116,24 @@ class _Reader:
             yield from self._checked(suffix, mount, X_SC)
 
     def _checked(
-        self, suffix: str, mount: Mount | None, X_SC: RigidTransform
-    ) -> Iterator[tuple[str, Mount, RigidTransform]]:
-        """The mount with corrections by the schema; nothing if it has none that is valid."""
+        self, suffix: str, mount: MountData | None, X_SC: RigidTransform
+    ) -> Iterator[tuple[str, MountData, RigidTransform]]:
+        """Yield the mount corrected to the schema; nothing if it cannot be corrected."""
         if mount is None:
             return
         kind = mount["kind"]
         defaults = _CAMERA if "camera" in kind else {}
         fitted, corrections, reason = fit_mount(mount, defaults)
         for item in corrections:
-            self._say(item.key, item.old, item.new, item.reason)
+            self._add_change(item.key, item.old, item.new, item.reason)
         if fitted is None:
             what, was = f"sensor '{self._sensor.name}'", f"type {self._sensor.kind}"
             self._changes.append(Change(Code.SENSOR, self._sensor.where, what, was, None, reason))
             return
         yield suffix, fitted, X_SC
 
-    def _fill(self, kind: str, camera: str) -> Mount | None:
-        mount: Mount = {"kind": kind, "rate": self._rate(kind)}
+    def _fill(self, kind: str, camera: str) -> MountData | None:
+        mount: MountData = {"kind": kind, "rate": self._rate(kind)}
         if kind in ("camera", "stereo_camera"):
             return self._camera(mount, camera)
         if kind == "depth_camera":
@@ -149,16 +146,16 @@ class _Reader:
         if rate is not None and isfinite(rate) and 0.0 < rate <= 10_000.0:
             return rate
         was = "none" if rate is None else f"{rate:g} Hz"
-        self._say("rate", was, f"{RATES[kind]:g} Hz", "every sensor has a rate above 0 and up to 10000 Hz")
+        self._add_change("rate", was, f"{RATES[kind]:g} Hz", "allowed are rates above 0 and up to 10000 Hz")
         return RATES[kind]
 
-    def _say(self, part: str, was: str, became: str, why: str) -> None:
+    def _add_change(self, part: str, was: str, became: str, why: str) -> None:
         self._changes.append(
             Change(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}': {part}", was, became, why)
         )
 
     def _get(self, *keys: str) -> float | None:
-        """The first of these values that is a number; of several numbers in one text the first one."""
+        """Return the first of these values that is a number; the first number of a list."""
         for key in keys:
             text = self._sensor.values.get(key, "").replace(",", " ").split()
             if not text:
@@ -169,19 +166,19 @@ class _Reader:
                 value = float("nan")
             if not isnan(value):
                 return value
-            self._say(key, " ".join(text)[:40], "not used", "it should be a number")
+            self._add_change(key, " ".join(text)[:40], "not used", "it should be a number")
         return None
 
     def _or(self, part: str, default: float, *keys: str) -> float:
-        """The same, or a default with a change."""
+        """Return the first of these values that is a number, or a default with a change."""
         value = self._get(*keys)
         if value is None:
-            self._say(part, "none", f"{default:g}", "not in the source; Gazebo's default")
+            self._add_change(part, "none", f"{default:g}", "not in the source; Gazebo's default")
             return default
         return value
 
     def _pose(self, camera: str) -> RigidTransform:
-        """Pose of one camera in its sensor, as a camera inside a sensor may have."""
+        """Return the pose of a camera in its sensor."""
         try:
             values = [float(word) for word in self._sensor.values.get(f"{camera}.pose", "").split()]
         except ValueError:
@@ -189,8 +186,8 @@ class _Reader:
         place = np.array(values[:3]) if len(values) == 6 else np.zeros(3)
         return RigidTransform(place if np.isfinite(place).all() and np.abs(place).max() <= REACH else np.zeros(3))
 
-    def _noise(self, mount: Mount, **keys: tuple[str, ...]) -> Mount:
-        """Standard deviations that the source has."""
+    def _noise(self, mount: MountData, **keys: tuple[str, ...]) -> MountData:
+        """Return the standard deviations of the source."""
         for key, paths in keys.items():
             value = self._get(*paths)
             if value:
@@ -199,7 +196,7 @@ class _Reader:
 
     # --- kinds ---
 
-    def _camera(self, mount: Mount, camera: str) -> Mount:
+    def _camera(self, mount: MountData, camera: str) -> MountData:
         for key in ("width", "height"):
             value = self._or(key, _CAMERA[key], f"{camera}.image.{key}", f"camera.image.{key}")
             mount[key] = _whole(value)
@@ -209,7 +206,7 @@ class _Reader:
             mount[key] = self._or(key, _CAMERA[key], f"{camera}.clip.{key}", f"camera.clip.{key}")
         return self._noise(mount, noise=(f"{camera}.noise.stddev", "camera.noise.stddev"))
 
-    def _depth(self, mount: Mount, camera: str) -> Mount:
+    def _depth(self, mount: MountData, camera: str) -> MountData:
         self._camera(mount, camera)
         for end, cutoff in (("near", "pointCloudCutoff"), ("far", "pointCloudCutoffMax")):
             paths = (f"{camera}.depth_camera.clip.{end}", f"plugin.{cutoff}")
@@ -224,7 +221,7 @@ class _Reader:
     def _scan(self, path: str) -> float | None:
         return self._get(f"ray.{path}", f"lidar.{path}")
 
-    def _lidar(self, mount: Mount) -> Mount | None:
+    def _lidar(self, mount: MountData) -> MountData | None:
         columns = _whole(
             (self._scan("scan.horizontal.samples") or 0.0) * (self._scan("scan.horizontal.resolution") or 1.0)
         )
@@ -252,7 +249,7 @@ class _Reader:
         noise = (*_both("noise.stddev"), "plugin.gaussianNoise")
         return self._noise(mount, resolution=_both("range.resolution"), noise=noise)
 
-    def _imu(self, mount: Mount) -> Mount:
+    def _imu(self, mount: MountData) -> MountData:
         return self._noise(
             mount,
             gyro_noise=("imu.angular_velocity.x.noise.stddev", "imu.noise.rate.stddev", "plugin.rateGaussianNoise",
@@ -261,7 +258,7 @@ class _Reader:
                                 "plugin.accelGaussianNoise", "accelGaussianNoise"),
         )  # fmt: skip
 
-    def _gps(self, mount: Mount) -> Mount:
+    def _gps(self, mount: MountData) -> MountData:
         kinds = ("gps", "navsat")
         self._noise(
             mount,
@@ -281,7 +278,7 @@ class _Reader:
             mount["datum"] = {"heading": 0.0, **datum}  # hector's x axis points north unless it has a heading
         return mount
 
-    def _sonar(self, mount: Mount) -> Mount:
+    def _sonar(self, mount: MountData) -> MountData:
         near = self._get("sonar.min", "ray.range.min", "lidar.range.min", "plugin.min_range", "min_range")
         far = self._get("sonar.max", "ray.range.max", "lidar.range.max", "plugin.max_range", "max_range")
         mount |= {"near": 0.02 if near is None else near, "far": 4.0 if far is None else far}
@@ -298,10 +295,10 @@ class _Reader:
 
 
 def _both(path: str) -> tuple[str, str]:
-    """The path below each of the names that Gazebo's laser had."""
+    """Return the path below each of the element names of Gazebo's lidar."""
     return f"ray.{path}", f"lidar.{path}"
 
 
 def _whole(value: float) -> float:
-    """The whole number nearest to a count; infinity stays."""
+    """Return the nearest integer of a count; infinity is unchanged."""
     return round(value) if isfinite(value) else inf if value > 0.0 else 0

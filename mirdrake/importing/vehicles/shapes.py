@@ -1,4 +1,4 @@
-"""Shapes of a car as files and elements that Drake takes, and a body that does not drag on the road."""
+"""Shapes of a car as files and elements for Drake, with a body that does not touch the road."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -69,16 +69,16 @@ def _visual(
     written: dict[tuple[object, ...], Shape],
     changes: list[Change],
 ) -> Shape | None:
-    """A visual; the same mesh is written once."""
+    """Return a converted visual; each mesh is written once."""
     what = f"link '{part.name}': visual"
     if shape.kind == "plane" or not _is_sound(shape):
         changes.append(
-            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "nothing that can be drawn")
+            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
         )
         return None
     if shape.kind != "mesh":
         return shape
-    if shape.mesh is None:  # told when it was read
+    if shape.mesh is None:  # reported by the reader
         return None
     key = (shape.mesh, shape.scale, shape.submesh, shape.rgba, shape.texture)
     if key in written:
@@ -101,10 +101,10 @@ def _collision(
     what = f"link '{part.name}': collision shape"
     if shape.kind == "plane" or not _is_sound(shape):
         changes.append(
-            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "nothing that can be touched")
+            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
         )
         return []
-    if shape.kind == "mesh" and shape.mesh is None:  # told when it was read
+    if shape.kind == "mesh" and shape.mesh is None:  # reported by the reader
         return []
     name = Names.unique(f"{Path(shape.address or 'mesh').stem}_collision".replace(".", "_"), files)
     try:
@@ -117,19 +117,19 @@ def _collision(
 
 
 def _is_sound(shape: Shape) -> bool:
-    """Whether a primitive has a size, and a shape a place."""
+    """Return whether pose and size of a shape are finite and the size is positive."""
     return bool(np.isfinite(shape.X_LG.translation()).all()) and all(0.0 < size < 1000.0 for size in shape.size)
 
 
 def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape | None:
-    """A collision shape of the body that stays above the road; None if it lies on it."""
+    """Return a collision shape of the body raised above the road; None if most of it is below."""
     box = bounds_in(shape, RigidTransform())
     if box is None or box[0][2] >= low:
         return shape
     bottom, top = float(box[0][2]), float(box[1][2])
     what = f"link '{body.name}': collision shape"
     was = f"{shape.kind} from {bottom:.4g} to {top:.4g} m above the road"
-    why = "it would carry the car in place of the wheels"
+    why = "it would touch the road before the wheels"
     if top - low < 0.3 * (top - bottom):
         changes.append(Change(Code.SHAPE, shape.where, what, was, None, why))
         return None
@@ -166,9 +166,7 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
         shown = "a box of the usual size for its wheelbase and track is"
     was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
     body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
-    changes.append(
-        Change(Code.SHAPE, where, what, was, shown.rsplit(" ", 1)[0], "the car would be drawn without its body")
-    )
+    changes.append(Change(Code.SHAPE, where, what, was, shown.rsplit(" ", 1)[0], "the body would be invisible"))
     lost = [change for change in reported if change.part == f"link '{body.name}': visual" and change.left_out]
     reason = f" ({lost[0].old}: {lost[0].reason})" if lost else ""
     car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
@@ -190,7 +188,7 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
         rear = key.startswith("rear")
         size = (car.layout.radii[rear], car.layout.widths[rear])
         wheel.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
-        what, why = f"link '{wheel.name}': visuals", "the wheel would not be seen"
+        what, why = f"link '{wheel.name}': visuals", "the wheel would be invisible"
         changes.append(
             Change(Code.SHAPE, places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why)
         )
@@ -198,7 +196,7 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
 
 
 def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
-    """A collision shape for a body: the box around it, above the road."""
+    """Return a collision shape for a body: its bounding box, above the road."""
     lower, upper = (np.array(corner) for corner in bounds)
     lower[2] = max(lower[2], min(car.estimates.ground_clearance, 0.5 * upper[2]))
     size = upper - lower
@@ -206,6 +204,13 @@ def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
     where = car.body.visuals[0].where if car.body.visuals else ""
     what = f"link '{car.body.name}': collision shape"
     changes.append(
-        Change(Code.SHAPE, where, what, was, became, "the box around the body; otherwise it would pass through walls")
+        Change(
+            Code.SHAPE,
+            where,
+            what,
+            was,
+            became,
+            "the box around the body; without it, the car would have no collision geometry",
+        )
     )
     return Shape("box", tuple(size.tolist()), RigidTransform(0.5 * (lower + upper)), where=where)

@@ -79,7 +79,7 @@ def _number(text: str) -> float | None:
 
 
 def find_springs(roles: Roles) -> tuple[dict[str, WheelSpring], list[Change]]:
-    """The joint of each wheel that springs it, by the wheel's name; empty if not all four have one of their own."""
+    """Return the spring joint of each wheel by the wheel's name; empty unless all four wheels have one."""
     take_springs(roles.tree.model)
     found: dict[str, WheelSpring] = {}
     for name, wheel in roles.wheels.items():
@@ -102,12 +102,12 @@ def find_springs(roles: Roles) -> tuple[dict[str, WheelSpring], list[Change]]:
         return found, []
     missing = ", ".join(name.replace("_", " ") for name in WHEELS if name not in found)
     where = next(iter(found.values())).joint.where
-    why = f"mirdrake springs all four wheels or none; no joint springs the {missing} wheel by itself"
+    why = f"mirdrake needs springs at all four wheels; there is none at: {missing}"
     return {}, [Change(Code.SUSPENSION, where, "suspension", f"{len(found)} of 4 wheels on springs", None, why)]
 
 
 def _rate(roles: Roles, joint: Joint, wheel: np.ndarray) -> float:
-    """How fast a wheel rises with the position of a joint; 0 if the joint does not spring it."""
+    """Return the vertical speed of a wheel over the speed of a joint; 0 if the joint is not its spring."""
     axis = roles.tree.axis(joint)
     if axis is None:
         return 0.0
@@ -130,7 +130,7 @@ def make_springs(
     layout: Layout,
     estimates: Estimates,
 ) -> tuple[SpringSet | None, list[Change]]:
-    """Stiffness, damping and travel of all springs; None with the reason if a spring would carry nothing.
+    """Return stiffness, damping and travel of all springs; None if a spring would carry nothing.
 
     Args:
         springs: of all wheels.
@@ -155,7 +155,7 @@ def make_springs(
         loads[name] = weight * (share if front else 1.0 - share) * side - below * GRAVITY
     if min(loads.values()) <= 0.0:
         name = min(loads, key=lambda key: loads[key])
-        why = f"the {name.replace('_', ' ')} wheel and what moves with it are heavier than its load on the road"
+        why = f"the {name.replace('_', ' ')} wheel and its unsprung parts are heavier than its wheel load"
         return None, [Change(Code.SUSPENSION, where, "suspension", f"springs at {len(springs)} wheels", None, why)]
     numbers: dict[str, Number] = {}
     changes: list[Change] = []
@@ -175,7 +175,7 @@ def _fill(
     numbers: dict[str, Number],
     changes: list[Change],
 ) -> None:
-    """Stiffness, damping and anti-roll bar of an axle, all at the wheel."""
+    """Set stiffness, damping and anti-roll bar of an axle at the wheel."""
     joint, what = pair[0].joint, f"suspension: {end} springs"
     given = [item.joint.stiffness / item.up**2 for item in pair if item.joint.stiffness is not None]
     good = [value for value in given if isfinite(value) and value > 0.0]
@@ -216,7 +216,7 @@ def _fill(
 
 
 def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[Change]) -> tuple[float, float]:
-    """Rebound (below 0) and bump travel [m] that all joints allow."""
+    """Return the rebound (below 0) and bump travel [m] that all joints allow."""
     lows, highs = [], []
     for item in springs:
         lower, upper = item.joint.limits.lower, item.joint.limits.upper
@@ -235,7 +235,7 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[
         return low, high
     half = 0.5 * (min(highs) - min(lows))
     half = half if half > 0.0 else usual
-    why = "the zero position is that of the loaded car, between the ends of the travel"
+    why = "the zero position of the loaded car is in the middle of the travel"
     changes.append(
         Change(Code.SUSPENSION, where, "suspension: travel", f"{low:.3g} … {high:.3g} m", f"±{half:.3g} m", why)
     )

@@ -38,7 +38,7 @@ class Stated:
 
 
 def read_stated(plugins: Iterable[Plugin]) -> list[Stated]:
-    """All figures that these plugins state and that can be understood without running them."""
+    """Return the figures that plugins state."""
     found = [item for plugin in plugins for item in _of_plugin(plugin)]
     # Beside a limit at the road wheel, a larger one is that of the hand wheel; alone it is beyond a right angle.
     road = [item.value for item in found if item.figure == "steering_limit" and item.value < 0.5 * pi]
@@ -74,7 +74,7 @@ def _of_plugin(plugin: Plugin) -> Iterator[Stated]:
 
 
 def _figure(words: set[str]) -> str | None:
-    """The figure that a key means, by its words."""
+    """Return the figure that a key means, by its words."""
     steers = any(word.startswith("steer") for word in words)
     brakes = any(word.startswith("brak") for word in words)
     if words & _OTHER:

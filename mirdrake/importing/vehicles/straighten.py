@@ -1,7 +1,7 @@
-"""The dimensions of a car as mirdrake wants it: wheels in mirrored pairs, spin axes lateral, steering axes vertical.
+"""Dimensions of a car in the form of mirdrake: mirrored pairs of wheels, lateral spin axes, vertical steering axes.
 
-What a source has instead, a little camber, a leaning kingpin, a wheel two millimetres too far ahead, is straightened
-and said; what is no longer a little is refused with its numbers.
+Small deviations of the source, such as camber, an inclined steering axis or a wheel that is 2 mm too far ahead, are
+removed and reported. Large ones are rejected with their values.
 """
 
 from math import acos, asin, degrees
@@ -26,13 +26,13 @@ SLACK = 0.003
 """[m] that a careless file is off by, also where 2 % of a small dimension are less."""
 
 WORTH_SAYING = 1e-3
-"""Angles [rad], and lengths over the wheelbase, above which a report mentions them."""
+"""Angles [rad], and lengths over the wheelbase, that are reported."""
 
 SEEN = 0.05
-"""Part of the radius by which a wheel may look larger or smaller than it is before that is said."""
+"""Relative difference of visual and collision radius that is reported."""
 
 BESIDE = 0.15
-"""Part of the radius by which a wheel may look to stand beside its collision shape before that is said."""
+"""Lateral offset of visual and collision shape over the radius that is reported."""
 
 LEAN = 0.2
 """Largest slope [rad] of the road below the wheels at the zero position."""
@@ -65,7 +65,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     for name, wheel in wheels.items():
         front, left = name.startswith("front"), name.endswith("left")
         ideal = np.array([wheelbase * front, (0.5 if left else -0.5) * tracks[not front], 0.0])
-        _say_moved(place, wheel, points[name] - ideal, wheelbase, changes)
+        _report_moved(place, wheel, points[name] - ideal, wheelbase, changes)
         parts[name] = _wheel_frame(wheel, X_MB, changes)
     kingpins = [_kingpin(tree, joint, X_BM, changes) for joint in roles.steering]
     kingpin_track = float(kingpins[0][1] - kingpins[1][1])
@@ -83,7 +83,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     middle = 0.5 * (kingpins[0] + kingpins[1] * np.array([1.0, -1.0]))
     if skew > WORTH_SAYING * wheelbase:
         was = f"{_shown(kingpins[0])} and {_shown(kingpins[1])} m"
-        why = "left and right mirror each other"
+        why = "left and right are mirror images"
         changes.append(
             Change(Code.GEOMETRY, roles.steering[0].where, "places of the steering axes", was, _shown(middle), why)
         )
@@ -107,26 +107,26 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
 def _mean(
     place: str, what: str, values: list[float], pair: list[Wheel], changes: list[Change], *, strict: bool = True
 ) -> float:
-    """The mean of left and right."""
+    """Return the mean of left and right."""
     low, high = min(values), max(values)
     if strict and high - low > max(SLACK, ALIKE * high):
         names = " and ".join(f"'{wheel.joint.name}'" for wheel in pair)
         raise ModelError(
-            f"{place}: {what} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be alike"
+            f"{place}: {what} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be equal"
         )
     mean = 0.5 * (low + high)
     if high - low > WORTH_SAYING * high:
         was = f"{values[0]:.4g} and {values[1]:.4g} m"
         changes.append(
             Change(
-                Code.GEOMETRY, pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are alike"
+                Code.GEOMETRY, pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are equal"
             )
         )
     return mean
 
 
 def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -> RigidTransform:
-    """base_link: below the rear axle's centre, x ahead, in the plane on which the wheels stand."""
+    """Return base_link: below the centre of the rear axle, x ahead, in the plane of the contact points."""
     front = 0.5 * (contact["front_left"] + contact["front_right"])
     rear = 0.5 * (contact["rear_left"] + contact["rear_right"])
     across = contact["front_left"] + contact["rear_left"] - contact["front_right"] - contact["rear_right"]
@@ -143,14 +143,14 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -
             height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
             raise ModelError(f"{place}: the wheels do not stand on one level road; their lowest points [m]: {height}")
         if abs(angle) > WORTH_SAYING:
-            why = "the zero position of the source is not level with its own wheels"
+            why = "the wheels of the source are not level at the zero position"
             was = f"the wheels stand on a plane with {degrees(angle):.3g} degrees of {what}"
-            changes.append(Change(Code.GEOMETRY, place, "level", was, "turned level", why))
+            changes.append(Change(Code.GEOMETRY, place, "level", was, "rotated to level", why))
     return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), rear)
 
 
-def _say_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, changes: list[Change]) -> None:
-    """A wheel's place [m] beside its ideal one."""
+def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, changes: list[Change]) -> None:
+    """Report the distance [m] of a wheel from its mirrored position."""
     distance, allowed = float(np.linalg.norm(shift)), max(SLACK, ALIKE * wheelbase)
     if distance > allowed:
         raise ModelError(
@@ -159,19 +159,19 @@ def _say_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, change
         )
     if distance > WORTH_SAYING * wheelbase:
         what = f"joint '{wheel.joint.name}': place"
-        why = "left and right mirror each other"
+        why = "left and right are mirror images"
         changes.append(Change(Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m beside it", "mirrored", why))
 
 
 def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> RigidTransform:
-    """The wheel's frame as it stands in the source: y along its axis to the left."""
+    """Return the frame of a wheel in the source, y along its axis to the left."""
     R_MB = X_MB.rotation().matrix()
     joint, shape = wheel.joint, wheel.shape
     axis = wheel.axis
     what = f"joint '{joint.name}'"
     if axis @ R_MB[:, 1] < 0.0:
         axis = -axis
-        why = "a positive speed rolls ahead"
+        why = "positive wheel speed drives forward"
         changes.append(
             Change(Code.GEOMETRY, joint.where, f"{what}: sense of the axis", "to the right", "to the left", why)
         )
@@ -186,31 +186,36 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
                     f"{what}: axis",
                     was,
                     "lateral",
-                    "wheels of mirdrake stand upright and ahead",
+                    "wheels have no camber and no toe in mirdrake",
                 )
             )
     if wheel.off_axis > max(1e-3, 0.01 * shape.radius):
         was = f"centre {wheel.off_axis:.3g} m beside the joint's axis"
         changes.append(
             Change(
-                Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, "centred", "an off-centre wheel hops"
+                Code.SHAPE,
+                shape.shape.where,
+                f"{what}: {shape.role} shape",
+                was,
+                "centred",
+                "a wheel is centred on its axis",
             )
         )
     if shape.width_from:
         was = f"sphere of radius {shape.radius:.4g} m"
         became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
         changes.append(
-            Change(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a tyre has a width")
+            Change(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a sphere has no width")
         )
     if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
         was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m beside what is seen"
-        changes.append(unusual(shape.shape.where, f"{what}: track", was, "it rolls on its collision shape"))
+        changes.append(unusual(shape.shape.where, f"{what}: track", was, "the collision shape counts"))
     if wheel.seen is not None and abs(wheel.seen.radius - shape.radius) > SEEN * shape.radius:
         was = f"radius {shape.radius:.4g} m, looks like {wheel.seen.radius:.4g} m"
-        changes.append(unusual(shape.shape.where, f"{what}: radius", was, "it rolls on its collision shape"))
+        changes.append(unusual(shape.shape.where, f"{what}: radius", was, "the collision shape counts"))
     if shape.role == "visual":
         became = f"cylinder of radius {shape.radius:.4g} m, {shape.width:.4g} m wide"
-        why = "the wheel has no round collision shape; this is what the eye sees"
+        why = "the wheel has no round collision shape; that of the visual is used"
         changes.append(
             Change(Code.SHAPE, shape.shape.where, f"{what}: collision shape", "none that is round", became, why)
         )
@@ -218,20 +223,20 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
 
 
 def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: list[Change]) -> Vector:
-    """Where a steering axis meets the road, x and y [m]."""
+    """Return the point where a steering axis meets the road, x and y [m]."""
     axis = tree.axis(joint)
     assert axis is not None, "recognised by its axis"
     up = X_BM.rotation().multiply(axis)
     if up[2] < 0.0:
         up = -up
-        why = "a positive angle turns left"
+        why = "positive steering angle turns left"
         changes.append(
             Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why)
         )
     lean = acos(min(1.0, float(up[2])))
     if lean > WORTH_SAYING:
         was = f"{degrees(lean):.3g} degrees off the vertical"
-        why = "steering axes of mirdrake are vertical; they keep their place on the road"
+        why = "steering axes are vertical in mirdrake; their position on the road is kept"
         changes.append(Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': axis", was, "vertical", why))
     point = X_BM.multiply(tree.pose(joint).translation())
     on_road: Vector = (point - up * (point[2] / up[2]))[:2]

@@ -1,4 +1,4 @@
-"""Why joints that were probably meant as steering or as wheels cannot be used as such, for messages of rejection."""
+"""Reasons why joints that are probably meant as steering or wheels cannot be used, for rejection messages."""
 
 import re
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ MOST_NAMES = 6
 
 
 def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *, upright: float) -> str:
-    """A clause that names the joints meant to steer and what is wrong with each; "" if there are none.
+    """Return a clause with the joints meant to steer and their faults; "" if there are none.
 
     Args:
         tree: of the model.
@@ -36,7 +36,7 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
 
 
 def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
-    """A clause that names the joints meant as wheels and what is wrong with each; "" if there are none.
+    """Return a clause with the joints meant as wheels and their faults; "" if there are none.
 
     Args:
         tree: of the model.
@@ -51,7 +51,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
             continue
         axis = tree.axis(joint) if joint.parent in tree.poses else None
         if joint.child not in tree.poses:
-            fault = "hangs on nothing"
+            fault = "is not connected to the vehicle"
         elif joint.kind not in _TURNING:
             fault = f"is {joint.kind}"
         elif axis is not None and abs(axis[2]) > level:
@@ -67,11 +67,11 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
 def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float) -> str:
     axis = tree.axis(joint) if joint.parent in tree.poses else None
     if joint.child not in tree.poses:
-        return "hangs on nothing"
+        return "is not connected to the vehicle"
     if joint.kind not in _TURNING:
         return f"is {joint.kind}"
     if axis is None:
-        return "has an axis without direction"
+        return "has an axis of length zero"
     if abs(axis[2]) < upright:
         lean, most = degrees(acos(min(1.0, abs(float(axis[2]))))), degrees(acos(upright))
         return f"has an axis {lean:.0f} degrees off the vertical (at most {most:.0f})"
@@ -88,7 +88,7 @@ def _turns_upright(tree: Tree, joint: Joint, upright: float) -> bool:
 
 
 def _named_by_plugins(tree: Tree, word: str) -> set[str]:
-    """Joints that plugins name in an element whose name has a word."""
+    """Return the joints in plugin elements whose name contains a word."""
     return {
         value
         for plugin in tree.model.plugins

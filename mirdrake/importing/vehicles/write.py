@@ -1,4 +1,4 @@
-"""A car into the files of a vehicle folder."""
+"""Write a car as a vehicle folder."""
 
 import json
 from collections.abc import Iterator
@@ -70,7 +70,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
 
 
 def digits(value: float) -> str:
-    """Six digits, more than any source means."""
+    """Return a number with six digits."""
     return f"{float(value) + 0.0:.6g}"
 
 
@@ -89,14 +89,14 @@ def _moments(mass: Mass) -> Iterator[tuple[str, float]]:
 
 
 def _place(X: RigidTransform) -> str:
-    """The attributes xyz and rpy of a pose; a micrometre and a millionth of a radian are noise."""
+    """Return the attributes xyz and rpy of a pose, rounded to 1e-6."""
     angles = RollPitchYaw(X.rotation()).vector()
     xyz, rpy = (np.where(np.abs(values) < 1e-6, 0.0, values) for values in (X.translation(), angles))
     return f'xyz="{" ".join(map(digits, xyz))}" rpy="{" ".join(map(digits, rpy))}"'
 
 
 def _visuals(part: Part) -> Iterator[str]:
-    """The visual elements of a part, a line each."""
+    """Yield the visual elements of a part, a line each."""
     for number, shape in enumerate(part.visuals, start=1):
         colour = ""
         if shape.rgba is not None:
@@ -109,7 +109,7 @@ def _visuals(part: Part) -> Iterator[str]:
 
 
 def _geometry(shape: Shape) -> str:
-    """The element of a shape."""
+    """Return the element of a shape."""
     size = [digits(value) for value in shape.size]
     if shape.kind == "mesh":
         scale = "" if tuple(shape.scale) == (1.0, 1.0, 1.0) else f' scale="{" ".join(map(digits, shape.scale))}"'

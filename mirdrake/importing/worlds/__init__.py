@@ -1,16 +1,15 @@
-"""Worlds of Gazebo into world files of mirdrake.
+"""Import of Gazebo worlds into world files.
 
 ::
 
-    .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, read_crowd.py, elements.py, frames.py,
-                                                  finding.py
+    .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, read_crowd.py
     SourceWorld ── make_ground ──► GroundText     ground.py: planes, floors, roads
     SourceWorld ── Converter ──► Entry, ...       convert.py: known.py, prop_folder.py, surfaces.py
     Entry, ... ── world_text ──► <name>.yaml      entry.py, text.py
     all of it: import_world ──► WorldImport       here
 
-Nothing is written until everything has worked; every difference from the source is a Change, and all of them stand in
-<name>.md beside the world.
+The new files appear when they are complete. Every difference from the source is a Change, listed in <name>.md beside
+the world.
 """
 
 import math
@@ -55,14 +54,14 @@ _MOST_ENTRIES = 5000  # of a world
 
 @dataclass(frozen=True)
 class WorldImport:
-    """What an import made.
+    """Result of an import.
 
     Attributes:
         path: of the world file.
-        world_text: what is in it.
+        world_text: its text.
         changes: everything that differs from the source.
-        checks: sentences on what a person should look at.
-        entries: how many there are in it.
+        checks: sentences on what the user should check.
+        entries: number of entries.
     """
 
     path: Path
@@ -95,33 +94,33 @@ def import_world(
 
     Raises:
         ConfigError: name or place are not allowed.
-        ModelError: the file cannot be read or holds no world, or, if strict, the first thing that is missing; nothing
+        ModelError: the file cannot be read or holds no world, or, if strict, the first object that is missing; nothing
             is written then.
         MissingDependencyError: a mesh format needs a package that is not installed.
     """
-    say = progress or _say_nothing
+    show_progress = progress or _ignore_progress
     source = Path(path)
     if name is not None:
         check_name(name)
-    say("reading")
+    show_progress("reading")
     world = read_world(source, models=Models(source, packages))
     name = name or _plain(world.name)
     target = Path(folder or "worlds")
     replaced = _check_place(target, name, force=force)
     places = Places(source)
     with staging(target) as stage:
-        result = _build(world, name, stage.path, places, strict=strict, say=say)
+        result = _build(world, name, stage.path, places, strict=strict, show_progress=show_progress)
         stage.publish(replaced)
     return WorldImport(target / f"{name}.yaml", *result)
 
 
 def _build(
-    world: SourceWorld, name: str, building: Path, places: Places, *, strict: bool, say: Callable[[str], None]
+    world: SourceWorld, name: str, building: Path, places: Places, *, strict: bool, show_progress: Callable[[str], None]
 ) -> tuple[str, tuple[Change, ...], tuple[str, ...], int]:
-    """Everything into the folder `building`; text, changes, checks and number of entries of the world."""
-    add = world.changes.append
-    ground = make_ground(world, add)
-    converter = Converter(name, building, ground.height, add, say)
+    """Write the world into `building`; return its text, changes, checks and number of entries."""
+    add_change = world.changes.append
+    ground = make_ground(world, add_change)
+    converter = Converter(name, building, ground.height, add_change, show_progress)
     entries = converter.entries(world)
     scenery = converter.scenery(ground.drawn)
     if strict and converter.lost:
@@ -129,21 +128,21 @@ def _build(
         more = f"; {len(faults) - 1} more like it" if len(faults) > 1 else ""
         raise ModelError(f"{faults[0]}{more}; without strict it is left out and reported")
     if len(entries) > _MOST_ENTRIES:
-        raise ModelError(f"{world.files[0]}:1: {len(entries)} things; a world has at most {_MOST_ENTRIES} entries")
+        raise ModelError(f"{world.files[0]}:1: {len(entries)} objects; a world has at most {_MOST_ENTRIES} entries")
     where = f"{world.files[0]}:1"
     suns = [sun for sun in world.suns if _shines(sun.direction)]
     for sun in world.suns:
         if sun is not (suns[0] if suns else None):
-            why = "there is one sun" if sun in suns else "the sun does not shine from below"
-            add(Change(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why))
-    say("placing")
+            why = "a world has one sun" if sun in suns else "the sun is above the horizon"
+            add_change(Change(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why))
+    show_progress("placing")
     props = place(entries, building)
-    overlaps = _overlap_rules(props, where, add)
-    if _let_fall(entries, props, where, add):
+    overlaps = _overlap_rules(props, where, add_change)
+    if _let_fall(entries, props, where, add_change):
         props = place(entries, building)
-    heights = _height_rules(props, where, add)
+    heights = _height_rules(props, where, add_change)
     grids = into_grids(entries) if not overlaps and not heights else entries
-    _widen(ground, props, where, add)
+    _widen(ground, props, where, add_change)
     starts = {
         start: f"at: [{number(X.translation()[0])}, {number(X.translation()[1])}], "
         f"yaw: {degrees(RollPitchYaw(X.rotation()).yaw_angle())}"
@@ -163,28 +162,28 @@ def _build(
             fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
             raise ModelError(f"{shown(world.files[0])}:1: the imported world cannot be loaded: {fault}") from error
 
-    say("loading")
+    show_progress("loading")
     laid = write(starts)
-    say("looking for a free start")
+    show_progress("looking for a free start")
     first, remark = _free_start(laid, props)
     blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
     for start in blocked:
-        add(
+        add_change(
             Change(
                 Code.START,
                 where,
                 f"start '{start}'",
                 starts.pop(start),
                 None,
-                f"no room for a car of the size of {CAR}",
+                f"no free space for a car of the size of {CAR}",
             )
         )
     if first or blocked:
         laid = write({**first, **starts})
     if first:
         became = ", ".join(f"start '{one}': {keys}" for one, keys in first.items())
-        add(Change(Code.START, where, "start", remark, became, f"a car of the size of {CAR} has room there"))
-    say("checking")
+        add_change(Change(Code.START, where, "start", remark, became, f"free space for a car of the size of {CAR}"))
+    show_progress("checking")
     found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
     checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
     checks += tuple(f"world check: {text}" for text in found)
@@ -195,12 +194,12 @@ def _build(
 
 
 def _relative(text: str, building: Path) -> str:
-    """A message without the folder in which the world was built."""
+    """Return a message without the folder in which the world was built."""
     return text.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
 
 
 def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
-    """A start with room for a car, to be the first one, and what is wrong with the first one of the source.
+    """Return a start with room for a car, and what is wrong with the first start of the source.
 
     It is on the track with the most room ahead along its line (the longest of several), else where the first start is,
     or as near to it as there is room. Nothing if the first start of the source has room, or if there is no room at all.
@@ -209,7 +208,7 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     name, start = next(iter(world.starts.items()))
     if world.spec.start and free.is_start(start):
         return {}, ""
-    remark = "none" if not world.spec.start else f"no room at '{name}'"
+    remark = "none" if not world.spec.start else f"no free space at '{name}'"
     new = next(word for word in ("road", "free", "free_start") if word not in world.spec.start)
     on_track = free.find_on_tracks()
     if on_track is not None:
@@ -224,12 +223,12 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
         return {}, ""
     new = next(word for word in ("free", "free_start") if word not in world.spec.start)
     return {new: f"at: [{number(pose[0])}, {number(pose[1])}], yaw: {degrees(pose[2])}"}, (
-        remark if world.spec.start else "no room at the origin"
+        remark if world.spec.start else "no free space at the origin"
     )
 
 
-def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> bool:
-    """Lower loose things that hang in the air to where they would fall, those above each other together."""
+def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> bool:
+    """Lower loose objects above the ground onto it, stacks together; return whether there were any."""
     hanging = {fault.names[0] for fault in find_unsettled(Neighbours(props), None) if fault.kind == "floating"}
     loose = [prop for prop in props if prop.name in hanging and not prop.static]
     if not loose:
@@ -243,12 +242,16 @@ def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add: Ca
         X = by_name[prop.name].X_WP
         by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, drop]))
     was = f"{len(loose)} up to {highest:.3g} m above the ground: {', '.join(prop.name for prop in loose[:5])}"
-    add(Change(Code.MODEL, where, "loose things in the air", was, "on the ground", "they would fall"))
+    add_change(
+        Change(
+            Code.MODEL, where, "loose objects above the ground", was, "on the ground", "they would fall in the source"
+        )
+    )
     return True
 
 
-def _height_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> dict[str, float]:
-    """Tolerances for what hangs in the air or is buried in the source and never moves: name -> tolerance [m]."""
+def _height_rules(props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> dict[str, float]:
+    """Return tolerances for fixed objects above or below the ground in the source: name -> tolerance [m]."""
     near = Neighbours(props)
     off = {
         fault.names[0]: math.ceil(100.0 * (fault.depth or 0.0) + 1.0) / 100.0 for fault in find_unsettled(near, None)
@@ -257,9 +260,11 @@ def _height_rules(props: list[PlacedProp], where: str, add: Callable[[Change], N
     off = {name: gap for name, gap in off.items() if name in fixed}
     if off:
         named = ", ".join(list(off)[:5]) + (" …" if len(off) > 5 else "")
-        why = "fixed things may hang or be buried in the source"
-        add(
-            Change(Code.RULE, where, "height of things", f"{len(off)} off the ground: {named}", "allowed by rules", why)
+        why = "fixed objects may float or be buried in the source"
+        add_change(
+            Change(
+                Code.RULE, where, "height of objects", f"{len(off)} off the ground: {named}", "allowed by rules", why
+            )
         )
     return off if len(off) <= _MOST_PAIRS else {"*": max(off.values())}
 
@@ -269,28 +274,28 @@ def _shines(direction: Array) -> bool:
     return length > 1e-9 and float(direction[2]) < -1e-3 * length
 
 
-def _overlap_rules(props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> list[tuple[str, str]]:
-    """Which props of the source overlap, as rules; all of them if they are many."""
+def _overlap_rules(props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> list[tuple[str, str]]:
+    """Return the overlapping pairs of the source as rules; one rule for all if there are many."""
     pairs = find_overlaps(props)
     if not pairs:
         return []
     shown_pairs = ", ".join(f"{a} and {b}" for a, b in pairs[:5]) + (" …" if len(pairs) > 5 else "")
     was = f"{len(pairs)} pair{'s' if len(pairs) != 1 else ''}: {shown_pairs}"
-    add(
+    add_change(
         Change(
             Code.RULE,
             where,
-            "things that overlap",
+            "overlapping objects",
             was,
             "allowed by rules",
-            "things of a world may not overlap otherwise",
+            "objects of a world may not overlap without a rule",
         )
     )
     return pairs if len(pairs) <= _MOST_PAIRS else [("*", "*")]
 
 
-def _widen(ground: GroundText, props: list[PlacedProp], where: str, add: Callable[[Change], None]) -> None:
-    """Ground below everything; with tracks its size counts from their middle."""
+def _widen(ground: GroundText, props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> None:
+    """Widen the ground to all objects; with tracks its size is centred on them."""
     far = reach(props)
     half = min(ground.size) / 2.0 if ground.size is not None else _REACH
     if ground.routes:
@@ -305,16 +310,16 @@ def _widen(ground: GroundText, props: list[PlacedProp], where: str, add: Callabl
     if far <= half:
         return
     side = 2.0 * float(np.ceil((far + _MARGIN) / 10.0) * 10.0)
-    was = "as far as its plane is seen" if ground.size is not None else "400 m x 400 m"
+    was = "size of the visual plane" if ground.size is not None else "400 m x 400 m"
     ground.size = (max(side, ground.size[0]), max(side, ground.size[1])) if ground.size else (side, side)
-    add(
+    add_change(
         Change(
             Code.GROUND,
             where,
             "ground",
             was,
             f"{ground.size[0]:g} m x {ground.size[1]:g} m",
-            "something stands further out",
+            "objects are further out",
         )
     )
 
@@ -327,32 +332,32 @@ def _checks(
     overlaps: Sequence[tuple[str, str]],
     ground: GroundText,
 ) -> Sequence[str]:
-    """What a person should look at."""
+    """Return what the user should check."""
     checks = []
     if converter.lost:
         count = len(converter.lost)
-        checks.append(f"{count} fault{'s' if count > 1 else ''} left something out that could be touched: see below.")
+        checks.append(f"{count} fault{'s' if count > 1 else ''} left out collision geometry: see below.")
     if any(change.code is Code.STAND_IN_UNSURE for change in world.changes):
-        checks.append("Size and heading of props that stand for models: not all were measured.")
+        checks.append("Size and heading of props that replace models: not all were measured.")
     buried = [prop.name for prop in props if prop.bottom < -0.05]
     if buried:
         checks.append(f"Below the ground: {', '.join(buried[:8])}{' …' if len(buried) > 8 else ''}.")
     if overlaps:
-        checks.append("Things overlap, as they do in the source: the rules allow it.")
+        checks.append("Objects overlap as in the source; rules allow it.")
     if not entries and not world.planes and not ground.patches and not ground.tracks:
         checks.append("The world is empty.")
     return checks
 
 
 def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
-    """What a new world of that name would replace.
+    """Return the files that a new world of this name would replace.
 
     Raises:
         ConfigError: something is there that may not be replaced.
     """
     there = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
     if target.exists() and not target.is_dir():
-        raise ConfigError(f"{shown(target)} is no folder; take another one")
+        raise ConfigError(f"{shown(target)} is not a folder; choose another one")
     if there and not force:
         raise ConfigError(f"{shown(there[0])} is there already; take another name, or force to replace it")
     for path in there:
@@ -366,11 +371,11 @@ def _exists(path: Path) -> bool:
     return path.is_symlink() or path.exists()
 
 
-def _say_nothing(_text: str) -> None:
-    """Nobody listens."""
+def _ignore_progress(_text: str) -> None:
+    """Ignore a progress message."""
 
 
 def _plain(name: str) -> str:
-    """A file's name from a world's."""
+    """Return a file name made of a world's name."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
     return plain if re.match(r"[a-z]", plain) and not is_word(plain) else f"world_{plain}"[:64].rstrip("_")

@@ -1,4 +1,4 @@
-"""What a car's wheels would roll on: level faces of slabs and meshes that are wide and not far above the ground."""
+"""Drivable surfaces: wide level faces of slabs and meshes that are not far above the ground."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import shapely
 
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
-from mirdrake.importing.worlds.model import Array, Thing
+from mirdrake.importing.worlds.model import Array, SourceObject
 from mirdrake.importing.worlds.prop_folder import as_mesh, pieces_of
 from mirdrake.importing.worlds.surfaces import FLAT, corners_of, kind_of, outline, seen_from_above, tops_at
 
@@ -32,23 +32,23 @@ _NOT_ROAD = (*_OBSTACLES, "sign", "light", "lamp", "mark", "line", "bridge", "bu
 
 @dataclass
 class Surface:
-    """A part of a thing that is ground.
+    """A part of an object that is ground.
 
     Attributes:
-        thing: that it belongs to.
-        shapes: of the thing that it consists of.
+        obj: the object.
+        shapes: that it consists of.
         triangles: its upper faces in W (n, 3, 3) [m].
         polygons: its outlines seen from above [m].
         area: of them [m²].
         top: height in W [m].
         rise: between its lowest and its highest point [m].
         thickness: between its lowest and its highest point, with the faces below [m].
-        box: that it is; None if it is not a single upright box.
-        whole: nothing of its shapes is above it.
+        box: its box; None if it is not a single upright box.
+        whole: no part of its shapes is above it.
         words: names of model and materials.
     """
 
-    thing: Thing
+    obj: SourceObject
     shapes: list[Shape]
     triangles: Array
     polygons: list[shapely.Polygon]
@@ -62,34 +62,34 @@ class Surface:
 
     @property
     def width(self) -> float:
-        """Mean width of the outlines [m]; that of a long strip."""
+        """Mean width of the outlines [m]."""
         return 2.0 * self.area / max(sum(polygon.length for polygon in self.polygons), 1e-9)
 
 
-def surfaces_of(thing: Thing, *, seen: bool = False) -> list[Surface]:
-    """The level faces of a thing on which a car could drive, those of one height together, lowest first.
+def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
+    """Return the level faces of an object on which a car could drive, grouped by height, lowest first.
 
     Args:
-        thing: a thing of the source.
+        obj: a obj of the source.
         seen: look at its visuals instead of its collision shapes.
     """
-    shapes = thing.visuals if seen else thing.collisions
-    words = " ".join([thing.name, thing.kind, *(shape.address for shape in thing.visuals)])
+    shapes = obj.visuals if seen else obj.collisions
+    words = " ".join([obj.name, obj.kind, *(shape.address for shape in obj.visuals)])
     found: list[Surface] = []
     roads: list[Surface] = []
     for shape in shapes:
         try:
-            corners = corners_in_world(shape, thing)
+            corners = corners_in_world(shape, obj)
         except MeshError:
             continue
         upper, whole = _upper_faces(corners, shape)
-        road = _road_in_mesh(shape, thing, whole=whole)
+        road = _road_in_mesh(shape, obj, whole=whole)
         if road is not None:
             roads.append(road)
         if not len(upper):
             continue
-        surface = _surface(thing, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=words)
-        level = abs(float((thing.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
+        surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=words)
+        level = abs(float((obj.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
         surface.box = shape if shape.kind in {"box", "plane"} and level else None
         top, polygons = surface.top, surface.polygons
         same = next((other for other in found if abs(other.top - top) <= FLAT), None)
@@ -105,7 +105,7 @@ def surfaces_of(thing: Thing, *, seen: bool = False) -> list[Surface]:
     return sorted((surface for surface in (*found, *roads) if surface.polygons), key=lambda surface: surface.top)
 
 
-def _surface(thing: Thing, shape: Shape, upper: Array, lowest: float, *, whole: bool, words: str) -> Surface:
+def _surface(obj: SourceObject, shape: Shape, upper: Array, lowest: float, *, whole: bool, words: str) -> Surface:
     """Return the surface of the upper faces of one shape, whose lowest point is given in W [m]."""
     heights = upper[:, :, 2]
     polygons = outline(seen_from_above(upper))
@@ -113,10 +113,10 @@ def _surface(thing: Thing, shape: Shape, upper: Array, lowest: float, *, whole: 
     top = float(heights.max()) if rise <= FLAT else float(np.median(heights))
     area = sum(polygon.area for polygon in polygons)
     thickness = float(heights.max()) - lowest
-    return Surface(thing, [shape], upper, polygons, area, top, rise, thickness, None, whole, words)
+    return Surface(obj, [shape], upper, polygons, area, top, rise, thickness, None, whole, words)
 
 
-def _road_in_mesh(shape: Shape, thing: Thing, *, whole: bool) -> Surface | None:
+def _road_in_mesh(shape: Shape, obj: SourceObject, *, whole: bool) -> Surface | None:
     """Return the road in a mesh that holds a whole town or circuit, by the names of its parts and materials.
 
     None if no part is named as a road, or all parts are: the surface of the mesh is the road then.
@@ -127,7 +127,7 @@ def _road_in_mesh(shape: Shape, thing: Thing, *, whole: bool) -> Surface | None:
     roads = [piece for piece in pieces if _names_a_road((*piece.names, piece.material.name))]
     if not roads or len(roads) == len(pieces):
         return None
-    X = thing.X_WM @ shape.X_LG
+    X = obj.X_WM @ shape.X_LG
     corners = np.concatenate([piece.corners for piece in roads]) @ X.rotation().matrix().T + X.translation()
     if len(corners) > _MOST_TRIANGLES or not np.isfinite(corners).all():
         return None
@@ -136,7 +136,7 @@ def _road_in_mesh(shape: Shape, thing: Thing, *, whole: bool) -> Surface | None:
     if not len(upper):
         return None
     words = " ".join(dict.fromkeys(name for piece in roads for name in (*piece.names, piece.material.name)))
-    return _surface(thing, shape, upper, float(upper[:, :, 2].min()), whole=whole, words=words)
+    return _surface(obj, shape, upper, float(upper[:, :, 2].min()), whole=whole, words=words)
 
 
 def _names_a_road(names: Sequence[str]) -> bool:
@@ -152,7 +152,7 @@ def _names_a_road(names: Sequence[str]) -> bool:
 
 
 def is_ground(surface: Surface, height: float) -> bool:
-    """Whether a surface is ground and not the top of an obstacle, by the law of this module.
+    """Return whether a surface is ground and not the top of an obstacle.
 
     Args:
         surface: the surface.
@@ -169,25 +169,25 @@ def is_ground(surface: Surface, height: float) -> bool:
     return wide and not named and (above <= HIGHEST or surface.rise > HIGHEST)
 
 
-def corners_in_world(shape: Shape, thing: Thing) -> Array:
-    """Triangles of a shape of a thing in W (n, 3, 3) [m].
+def corners_in_world(shape: Shape, obj: SourceObject) -> Array:
+    """Return the triangles of a shape in W (n, 3, 3) [m].
 
     Raises:
         MeshError: its mesh cannot be read, or it has no size.
     """
     if shape.kind == "mesh":
         moved = corners_of(shape)
-        X = thing.X_WM
+        X = obj.X_WM
     else:
         mesh = as_mesh(shape)
         moved = np.asarray(mesh.vertices, dtype=float)[np.asarray(mesh.faces)]
-        X = thing.X_WM @ shape.X_LG
+        X = obj.X_WM @ shape.X_LG
     placed: Array = moved @ X.rotation().matrix().T + X.translation()
     return placed
 
 
 def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
-    """The level upper faces of a shape, and whether nothing of it is above them; none if it has no wide one."""
+    """Return the level upper faces of a shape and whether nothing of it is above them; none if it has no wide one."""
     none = corners[:0]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1)
@@ -225,18 +225,18 @@ def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
     return none, False
 
 
-def without(thing: Thing, surfaces: list[Surface]) -> Thing:
-    """A thing without the collision shapes that are ground; those with something above them stay."""
+def without(obj: SourceObject, surfaces: list[Surface]) -> SourceObject:
+    """Return an object without the collision shapes that are ground, except those with something above them."""
     gone = {id(shape) for surface in surfaces if surface.whole for shape in surface.shapes}
-    return replace(thing, collisions=[shape for shape in thing.collisions if id(shape) not in gone])
+    return replace(obj, collisions=[shape for shape in obj.collisions if id(shape) not in gone])
 
 
 def heights_below(surfaces: list[Surface], points: Array, height: float) -> Array:
-    """How far the surface below each point (n, 3) of W is above the ground [m]; 0 where there is none.
+    """Return the height of the surface below each point (n, 3) of W above the ground [m]; 0 without one.
 
     Args:
         surfaces: that are ground.
-        points: the lowest point of each thing [m].
+        points: the lowest point of each object [m].
         height: of the ground in W [m].
     """
     best = np.zeros(len(points))

@@ -1,4 +1,4 @@
-"""Entries of the new world, not yet text: what stands where."""
+"""Entries of the new world before they become text."""
 
 from dataclasses import dataclass, field
 
@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.importing.worlds.known import plain_name
-from mirdrake.importing.worlds.model import Thing
+from mirdrake.importing.worlds.model import SourceObject
 
 NEAR = 5e-5
 """Half of the last digit that is written [m]."""
@@ -20,7 +20,7 @@ class Entry:
         what: its first key and value: prop, box, cylinder, sphere or file.
         name: unique in the world.
         X_WP: pose of its frame P, on the ground below its middle.
-        thing: that it stands for.
+        obj: object of the source.
         layout: text of a layout; "" for ``at``.
         size, scale, color, static, mass: as in a world file.
     """
@@ -28,7 +28,7 @@ class Entry:
     what: tuple[str, str | tuple[float, ...]]
     name: str
     X_WP: RigidTransform
-    thing: Thing
+    obj: SourceObject
     layout: str = ""
     size: tuple[float, ...] | None = None
     scale: float = 1.0
@@ -36,10 +36,10 @@ class Entry:
     static: bool = True
     mass: float | None = None
     others: list[str] = field(default_factory=list)
-    """names in the source of things that a grid holds beside the first"""
+    """names in the source of objects that a grid holds beside the first"""
 
     def text(self) -> str:
-        """The entry in YAML's flow style."""
+        """Return the entry in YAML's flow style."""
         key, value = self.what
         parts = [f"{key}: {value if isinstance(value, str) else _value(value)}", f"name: {self.name}"]
         x, y, z = (number(value) for value in self.X_WP.translation())
@@ -63,25 +63,25 @@ class Entry:
         return f"  - {{{', '.join(parts)}}}"
 
     def look(self) -> tuple[object, ...]:
-        """What two entries have in common if they differ in their place on the ground alone."""
+        """Return the properties that entries of one grid share."""
         angles = tuple(degrees(angle) for angle in RollPitchYaw(self.X_WP.rotation()).vector())
         height = number(self.X_WP.translation()[2])
         return (self.what, angles, height, self.size, self.scale, self.color, self.static, self.mass, self.layout)
 
 
 def is_word(name: str) -> bool:
-    """Whether YAML reads a name as something else than a text."""
+    """Return whether YAML reads a name as another type than text."""
     return name.lower() in {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
 
 
 def number(value: float) -> str:
-    """A length to a tenth of a millimetre, as short as possible."""
+    """Return a length rounded to 0.1 mm as short text."""
     text = f"{round(float(value), 4) + 0.0:.4f}".rstrip("0").rstrip(".")
     return "0" if text in {"-0", ""} else text
 
 
 def degrees(angle: float) -> str:
-    """An angle in degrees, to a ten-thousandth; what is nearly a whole number is one."""
+    """Return an angle in degrees rounded to 1e-4 as text."""
     value = float(np.degrees(angle))
     value = value if abs(value - round(value)) > 0.0005 else float(round(value))
     text = f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")
@@ -94,7 +94,7 @@ def _value(values: tuple[float, ...]) -> str:
 
 
 def into_grids(entries: list[Entry]) -> list[Entry]:
-    """Entries with those that stand in full rows and columns as one; in the order of their first ones."""
+    """Return entries with full rows and columns merged into grids, in the order of their first entries."""
     groups: dict[tuple[object, ...], list[Entry]] = {}
     for entry in entries:
         groups.setdefault(entry.look(), []).append(entry)
@@ -120,9 +120,9 @@ def _grid(group: list[Entry]) -> Entry | None:
             return None
         steps.append(step)
     first = min(group, key=lambda entry: tuple(entry.X_WP.translation()[[1, 0]]))
-    first.others = [entry.thing.name for entry in group if entry is not first]
+    first.others = [entry.obj.name for entry in group if entry is not first]
     step_text = f"[{number(steps[0])}, {number(steps[1])}]"
     origin = f"[{number(xs[0])}, {number(ys[0])}]"
-    first.name = next((entry.name for entry in group if entry.name == plain_name(entry.thing.kind)), first.name)
+    first.name = next((entry.name for entry in group if entry.name == plain_name(entry.obj.kind)), first.name)
     first.layout = f"grid: {{origin: {origin}, step: {step_text}, count: [{len(xs)}, {len(ys)}]}}"
     return first

@@ -1,8 +1,7 @@
 """The ground of the new world: planes, slabs, sheets and roads of the source as base plane, patches and tracks.
 
-What a car's wheels would roll on is ground (drivable.py), wherever it comes from. The ground of the new world is the
-plane z = 0, so that what lies a little higher is laid down, with all that stands on it. Roads get a centre line that a
-driver can follow (routes.py).
+All drivable surfaces are ground (drivable.py). The ground of the new world is the plane z = 0: slightly higher surfaces
+are lowered onto it, together with the objects on them. Roads get a centre line that drivers can follow (routes.py).
 """
 
 import math
@@ -26,7 +25,7 @@ from mirdrake.importing.worlds.drivable import (
     without,
 )
 from mirdrake.importing.worlds.entry import degrees, is_word, number
-from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Thing
+from mirdrake.importing.worlds.model import Array, Plane, Road, SourceObject, SourceWorld
 from mirdrake.importing.worlds.routes import Route, route_in_area, route_of_line
 from mirdrake.importing.worlds.surfaces import FLAT, outline
 
@@ -46,14 +45,14 @@ _LONG_ROUTE = 150.0  # [m] of a track that needs no other
 
 @dataclass
 class GroundText:
-    """What the new world says of its ground.
+    """Ground of the new world.
 
     Attributes:
         surface, mu, size: of the base plane.
         patches: their entries, in order.
         tracks: their entries by name, in order; the longest first.
         routes: the same tracks laid out.
-        drawn: things of which nothing collides, or no longer; they are only drawn.
+        drawn: visual-only objects.
         height: of the base plane in W of the source [m]; the new W is that much higher.
     """
 
@@ -63,20 +62,20 @@ class GroundText:
     patches: list[str] = field(default_factory=list)
     tracks: dict[str, str] = field(default_factory=dict)
     routes: dict[str, Route] = field(default_factory=dict)
-    drawn: list[Thing] = field(default_factory=list)
+    drawn: list[SourceObject] = field(default_factory=list)
     height: float = 0.0
 
 
-def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText:
-    """The ground; what becomes ground is taken out of the world's things, and what stands on it is lowered with it.
+def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> GroundText:
+    """Return the ground; objects that become ground are removed from the world, those on it are lowered.
 
     Args:
-        world: its `things` are changed.
-        say: called with every change.
+        world: its `objects` are changed.
+        add_change: called with every change.
     """
     ground = GroundText()
-    level = _level_planes(world, say)
-    surfaces = [surface for thing in world.things if _may_be_ground(thing) for surface in surfaces_of(thing)]
+    level = _level_planes(world, add_change)
+    surfaces = [surface for obj in world.objects if _may_be_ground(obj) for surface in surfaces_of(obj)]
     thin = [surface for surface in surfaces if surface.thickness <= 0.1 * math.sqrt(surface.area)]
     floors: list[Surface] = []
 
@@ -84,51 +83,55 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
     if level:
         base = max(level, key=lambda plane: math.prod(plane.size or (1e6, 1e6)))
         ground.height = _height(float(base.X_WP.translation()[2]))
-        _take_base(ground, base, say)
+        _take_base(ground, base, add_change)
         for plane in level:
             if plane is not base:
-                _patch_of_plane(ground, plane, base, say)
+                _patch_of_plane(ground, plane, base, add_change)
     elif thin and (largest := max(thin, key=lambda one: one.area)).area > _LARGEST_BASE:
         ground.height = _height(largest.top)
         if _is_base(largest, surfaces, world.roads):
-            _take_floor(ground, largest, say)
+            _take_floor(ground, largest, add_change)
             floors.append(largest)
         else:
             ground.surface = "grass"
             was = f"no plane, but roads at z = {largest.top:.4g} m"
-            say(Change(Code.GROUND, largest.thing.where, "ground", was, "ground of grass", "a world has a base plane"))
+            add_change(
+                Change(Code.GROUND, largest.obj.where, "ground", was, "ground of grass", "a world needs a base plane")
+            )
     elif world.roads and np.ptp(heights := np.concatenate([road.points[:, 2] for road in world.roads])) < _UNEVEN:
         ground.height = _height(float(np.median(heights)))
         was = f"none; roads at z = {np.median(heights):.4g} m"
-        say(
+        add_change(
             Change(
                 Code.GROUND,
                 world.roads[0].where,
                 "ground",
                 was,
                 f"ground of {ground.surface}",
-                "a world has a base plane",
+                "a world needs a base plane",
             )
         )
     else:
         where = str(world.files[0]) + ":1"
-        say(Change(Code.GROUND, where, "ground", "none", f"{ground.surface} at z = 0", "a world has one"))
+        add_change(
+            Change(Code.GROUND, where, "ground", "none", f"{ground.surface} at z = 0", "a world needs a base plane")
+        )
 
     # Slabs and sheets, what is only seen, and roads; then what stands on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
     roads = _lay_down(
-        world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], say
+        world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], add_change
     )
-    _take_out(world, ground, accepted, say)
-    roads += _lay_down(world, ground, _take_seen(world, ground, say), say)
+    _take_out(world, ground, accepted, add_change)
+    roads += _lay_down(world, ground, _take_seen(world, ground, add_change), add_change)
     for road in world.roads:
-        _lay_road(ground, road, say)
-    _add_routes(world, ground, roads, say)
-    _lower_things(world, ground, accepted, say)
+        _lay_road(ground, road, add_change)
+    _add_routes(world, ground, roads, add_change)
+    _lower_things(world, ground, accepted, add_change)
     if abs(ground.height) > 1e-4:
         where = level[0].where if level else f"{world.files[0]}:1"
         became = f"z = 0, everything {abs(ground.height):.4g} m {'lower' if ground.height > 0.0 else 'higher'}"
-        say(
+        add_change(
             Change(
                 Code.GROUND,
                 where,
@@ -141,13 +144,13 @@ def make_ground(world: SourceWorld, say: Callable[[Change], None]) -> GroundText
     return ground
 
 
-def _level_planes(world: SourceWorld, say: Callable[[Change], None]) -> list[Plane]:
+def _level_planes(world: SourceWorld, add_change: Callable[[Change], None]) -> list[Plane]:
     level = []
     for plane in world.planes:
         tilt = math.acos(float(np.clip(plane.X_WP.rotation().matrix()[2, 2], -1.0, 1.0)))
         if tilt > _LEVEL:
-            why = "the ground is level; a slope of the whole world is ground.slope"
-            say(
+            why = "the ground is level; ground.slope sets a slope of the whole world"
+            add_change(
                 Change(
                     Code.GROUND,
                     plane.where,
@@ -162,41 +165,43 @@ def _level_planes(world: SourceWorld, say: Callable[[Change], None]) -> list[Pla
     return level
 
 
-def _may_be_ground(thing: Thing) -> bool:
-    """Whether a thing may be a part of the ground: nothing moves it, and all of it could be read."""
-    return not thing.broken and not thing.wheels and not thing.absent and (thing.static or not thing.loose)
+def _may_be_ground(obj: SourceObject) -> bool:
+    """Return whether an object may be part of the ground: it does not move and was read completely."""
+    return not obj.broken and not obj.wheels and not obj.absent and (obj.static or not obj.loose)
 
 
 def _height(height: float) -> float:
-    """The height of a base plane [m]; one that is hardly off zero is left where it is."""
+    """Return the height of a base plane [m]; heights near zero become zero."""
     return 0.0 if abs(height) <= FLAT / 2.0 else height
 
 
 def _is_base(floor: Surface, surfaces: list[Surface], roads: list[Road]) -> bool:
-    """Whether a floor is the ground of a whole world and not one of its roads."""
+    """Return whether a floor is the ground of a whole world and not a road."""
     corners = [point for surface in surfaces for polygon in surface.polygons for point in polygon.exterior.coords]
     corners += [tuple(point[:2]) for road in roads for point in road.points]
     return floor.area > 0.5 * shapely.MultiPoint(corners).convex_hull.area
 
 
-def _take_floor(ground: GroundText, floor: Surface, say: Callable[[Change], None]) -> None:
-    """The largest floor as the base plane of a world without one; a patch if it is not a level rectangle."""
-    thing = floor.thing
+def _take_floor(ground: GroundText, floor: Surface, add_change: Callable[[Change], None]) -> None:
+    """Use the largest floor as base plane of a world without one, and as a patch if it is not a level rectangle."""
+    obj = floor.obj
     ground.surface = _surface_of(floor) or "concrete"
     was = f"no plane, but a floor of {floor.area:.4g} m² at z = {floor.top:.4g} m"
     rect = _rect_of(floor)
     reach = np.abs(np.concatenate([np.array(polygon.exterior.coords) for polygon in floor.polygons])).max(axis=0)
     ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
     if rect and "yaw" not in rect:
-        ground.mu = _mu(thing)
+        ground.mu = _mu(obj)
         became = f"ground of {ground.surface}, {ground.size[0]:g} m x {ground.size[1]:g} m"
-        say(Change(Code.GROUND, thing.where, f"model '{thing.name}'", was, became, "a world has a base plane"))
+        add_change(Change(Code.GROUND, obj.where, f"model '{obj.name}'", was, became, "a world needs a base plane"))
         return
-    say(Change(Code.GROUND, thing.where, "ground", was, f"ground of {ground.surface}", "a world has a base plane"))
-    _patches_of(ground, [floor], thing.name, ground.surface, _mu(thing))
+    add_change(
+        Change(Code.GROUND, obj.where, "ground", was, f"ground of {ground.surface}", "a world needs a base plane")
+    )
+    _patches_of(ground, [floor], obj.name, ground.surface, _mu(obj))
 
 
-def _take_base(ground: GroundText, plane: Plane, say: Callable[[Change], None]) -> None:
+def _take_base(ground: GroundText, plane: Plane, add_change: Callable[[Change], None]) -> None:
     ground.surface = _surface(plane.words) or "concrete"
     became = f"ground of {ground.surface}"
     x, y, _ = plane.X_WP.translation().tolist()
@@ -210,25 +215,25 @@ def _take_base(ground: GroundText, plane: Plane, say: Callable[[Change], None]) 
         became += f", mu {plane.mu:g}"
         why = "the base plane"
     elif plane.mu is not None:
-        why = f"the base plane; a mu of {plane.mu:g} stands for no slip, that of the surface is taken"
+        why = f"the base plane; mu {plane.mu:g} means no slip, so that of the surface is used"
     else:
         why = "the base plane; mu is that of the surface"
-    say(Change(Code.GROUND, plane.where, f"plane '{plane.name}'", was, became, why))
+    add_change(Change(Code.GROUND, plane.where, f"plane '{plane.name}'", was, became, why))
 
 
 def _rectangle(plane: Plane) -> Array:
-    """Corners of a plane seen from above (4, 2) [m]."""
+    """Return the corners of a plane in the plan view (4, 2) [m]."""
     a, b = plane.size or (1.0, 1.0)
     corners = 0.5 * np.array([[a, b, 0.0], [-a, b, 0.0], [-a, -b, 0.0], [a, -b, 0.0]])
     seen: Array = (corners @ plane.X_WP.rotation().matrix().T + plane.X_WP.translation())[:, :2]
     return seen
 
 
-def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, say: Callable[[Change], None]) -> None:
+def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, add_change: Callable[[Change], None]) -> None:
     height = float(plane.X_WP.translation()[2]) - ground.height
     what, was = f"plane '{plane.name}'", f"plane {height:.4g} m over the ground"
     if plane.size is None or abs(height) > FLAT:
-        say(Change(Code.GROUND, plane.where, what, was, None, f"'{base.name}' is the ground already"))
+        add_change(Change(Code.GROUND, plane.where, what, was, None, f"'{base.name}' is the ground already"))
         return
     surface = _surface(plane.words) or ground.surface
     mu = plane.mu if plane.mu is not None and 0.0 < plane.mu <= 2.0 else None
@@ -237,47 +242,49 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, say: Callable
     R = plane.X_WP.rotation().matrix()
     rect = _rect((x, y), plane.size, math.atan2(R[1, 0], R[0, 0]))
     ground.patches.append(_patch(name, rect, surface, mu))
-    say(Change(Code.GROUND, plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground"))
+    add_change(
+        Change(Code.GROUND, plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground")
+    )
 
 
 # --- slabs, sheets and what is only seen ----------------------------------------------------------------------------
 
 
 def _lay_down(
-    world: SourceWorld, ground: GroundText, surfaces: list[Surface], say: Callable[[Change], None]
+    world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
 ) -> list[shapely.Polygon]:
-    """Patches of surfaces, those that touch and are alike together, the lowest first; the areas of roads [m]."""
+    """Add patches for surfaces, adjacent similar ones together; return the areas of roads."""
     alike: dict[tuple[str, float | None], list[Surface]] = {}
     for surface in sorted(surfaces, key=lambda one: one.top):
         if surface.top < ground.height - FLAT and world.planes:
-            what, was = f"model '{surface.thing.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
-            say(Change(Code.GROUND, surface.thing.where, what, was, None, "it is below the ground plane"))
+            what, was = f"model '{surface.obj.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
+            add_change(Change(Code.GROUND, surface.obj.where, what, was, None, "it is below the ground plane"))
             continue
-        mu = _mu(surface.thing) if surface.thing.collisions else ground.mu
+        mu = _mu(surface.obj) if surface.obj.collisions else ground.mu
         alike.setdefault((_surface_of(surface) or ground.surface, mu), []).append(surface)
     roads: list[shapely.Polygon] = []
     for (look, mu), group in alike.items():
         for together in _touching(group):
-            first = together[0].thing
+            first = together[0].obj
             count = _patches_of(ground, together, first.name, look, mu)
             above = max(surface.top for surface in together) - ground.height
             rise = max(surface.rise for surface in together)
             what = f"model '{first.name}'" + (f" and {len(together) - 1} that touch it" if len(together) > 1 else "")
             was = f"level, {together[0].thickness:.3g} m thick, {sum(one.area for one in together):.4g} m²"
             became = f"{count} patch{'es' if count != 1 else ''} of {look}"
-            why = "what a car can drive on is ground"
+            why = "drivable surfaces are ground"
             if rise > FLAT:
-                was, became = f"{was}, rising by {rise:.3g} m", f"{became}, laid flat"
+                was, became = f"{was}, rising by {rise:.3g} m", f"{became}, flattened"
             elif above > FLAT:
                 was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
-            say(Change(Code.GROUND, first.where, what, was, became, why))
+            add_change(Change(Code.GROUND, first.where, what, was, became, why))
             if look in {"asphalt", "concrete"} or any(one.width < 0.25 * math.sqrt(one.area) for one in together):
                 roads += [polygon for surface in together for polygon in surface.polygons]
     return roads
 
 
 def _touching(surfaces: list[Surface]) -> list[list[Surface]]:
-    """Surfaces in groups that touch each other."""
+    """Return surfaces in groups that touch each other."""
     areas = [shapely.union_all(surface.polygons).buffer(FLAT) for surface in surfaces]
     group = list(range(len(surfaces)))
     first, second = shapely.STRtree(areas).query(areas, predicate="intersects")
@@ -296,31 +303,33 @@ def _root(group: list[int], index: int) -> int:
     return index
 
 
-def _take_out(world: SourceWorld, ground: GroundText, surfaces: list[Surface], say: Callable[[Change], None]) -> None:
-    """Surfaces out of the things that they belong to; what is left of a thing is an obstacle, or is only drawn."""
+def _take_out(
+    world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
+) -> None:
+    """Remove surfaces from their objects; the rest is an obstacle or visual only."""
     of: dict[int, list[Surface]] = {}
     for surface in surfaces:
-        of.setdefault(id(surface.thing), []).append(surface)
-    things = []
-    for thing in world.things:
-        rest = without(thing, of.get(id(thing), []))
-        if rest.collisions or id(thing) not in of:
-            things.append(rest if id(thing) in of else thing)
+        of.setdefault(id(surface.obj), []).append(surface)
+    objects = []
+    for obj in world.objects:
+        rest = without(obj, of.get(id(obj), []))
+        if rest.collisions or id(obj) not in of:
+            objects.append(rest if id(obj) in of else obj)
             continue
-        for change in thing.missing:
-            say(change)
-        own = of[id(thing)]
-        if any(not _looks_like(shape, thing, own) for shape in thing.visuals):
+        for change in obj.missing:
+            add_change(change)
+        own = of[id(obj)]
+        if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
             ground.drawn.append(_lifted(rest, max(surface.top for surface in own) - ground.height))
-    world.things = things
+    world.objects = objects
 
 
-def _looks_like(shape: Shape, thing: Thing, surfaces: list[Surface]) -> bool:
-    """Whether a visual is a plain slab that looks like the surfaces of its thing."""
+def _looks_like(shape: Shape, obj: SourceObject, surfaces: list[Surface]) -> bool:
+    """Return whether a visual is a plain slab that looks like the surfaces of its object."""
     if shape.kind not in {"box", "plane", "cylinder"} or shape.texture is not None:
         return False
     try:
-        corners = corners_in_world(shape, thing)
+        corners = corners_in_world(shape, obj)
     except MeshError:
         return True
     area = shapely.MultiPoint(corners.reshape(-1, 3)[:, :2]).convex_hull
@@ -334,65 +343,65 @@ def _looks_like(shape: Shape, thing: Thing, surfaces: list[Surface]) -> bool:
     )
 
 
-def _lifted(thing: Thing, above: float) -> Thing:
-    """A thing that is only drawn, just above the ground; what it lay on was so far above the ground [m]."""
-    X = RigidTransform(thing.X_WM.rotation(), thing.X_WM.translation() - np.array([0.0, 0.0, above - _LIFT]))
-    return replace(thing, X_WM=X, collisions=[])
+def _lifted(obj: SourceObject, above: float) -> SourceObject:
+    """Return a visual-only object moved down by a height [m] to just above the ground."""
+    X = RigidTransform(obj.X_WM.rotation(), obj.X_WM.translation() - np.array([0.0, 0.0, above - _LIFT]))
+    return replace(obj, X_WM=X, collisions=[])
 
 
-def _take_seen(world: SourceWorld, ground: GroundText, say: Callable[[Change], None]) -> list[Surface]:
-    """Things that have only visuals: those that lie on the ground are returned, and all of them are drawn."""
+def _take_seen(world: SourceWorld, ground: GroundText, add_change: Callable[[Change], None]) -> list[Surface]:
+    """Move objects with visuals only to the scenery; return those of their surfaces that are ground."""
     found: list[Surface] = []
-    things = []
-    for thing in world.things:
-        if thing.collisions or not thing.visuals or thing.absent or thing.broken or thing.wheels:
-            things.append(thing)
+    objects = []
+    for obj in world.objects:
+        if obj.collisions or not obj.visuals or obj.absent or obj.broken or obj.wheels:
+            objects.append(obj)
             continue
-        own = [surface for surface in surfaces_of(thing, seen=True) if is_ground(surface, ground.height)]
+        own = [surface for surface in surfaces_of(obj, seen=True) if is_ground(surface, ground.height)]
         own = [
             surface for surface in own if surface.whole and surface.top > ground.height - FLAT and surface.width > 1.0
         ]
         found += own
         above = max((surface.top for surface in own), default=ground.height) - ground.height
-        if any(not _looks_like(shape, thing, own) for shape in thing.visuals):
-            ground.drawn.append(_lifted(thing, above))
-        for change in thing.missing:
-            say(change)
+        if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
+            ground.drawn.append(_lifted(obj, above))
+        for change in obj.missing:
+            add_change(change)
         if not own:
-            why = "nothing of it collides in the source"
-            say(Change(Code.GROUND, thing.where, f"model '{thing.name}'", "only visuals", "only drawn", why))
-    world.things = things
+            why = "it has no collision geometry in the source"
+            add_change(Change(Code.GROUND, obj.where, f"model '{obj.name}'", "only visuals", "visual only", why))
+    world.objects = objects
     return found
 
 
 def _lower_things(
-    world: SourceWorld, ground: GroundText, surfaces: list[Surface], say: Callable[[Change], None]
+    world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
 ) -> None:
-    """What stands on surfaces that were laid down, lower by as much."""
-    things = [*world.things, *ground.drawn]
-    if not things or not surfaces:
+    """Lower the objects on surfaces that were lowered."""
+    objects = [*world.objects, *ground.drawn]
+    if not objects or not surfaces:
         return
-    points = np.array([_foot(thing) for thing in things])
+    points = np.array([_foot(obj) for obj in objects])
     lower = heights_below(surfaces, points, ground.height)
-    moved = [(thing, drop) for thing, drop in zip(things, lower.tolist(), strict=True) if abs(drop) > 1e-4]
-    for thing, drop in moved:
-        thing.X_WM = RigidTransform(thing.X_WM.rotation(), thing.X_WM.translation() - np.array([0.0, 0.0, drop]))
+    moved = [(obj, drop) for obj, drop in zip(objects, lower.tolist(), strict=True) if abs(drop) > 1e-4]
+    for obj, drop in moved:
+        obj.X_WM = RigidTransform(obj.X_WM.rotation(), obj.X_WM.translation() - np.array([0.0, 0.0, drop]))
     if moved:
         was = f"{len(moved)} on a surface up to {max(drop for _, drop in moved):.3g} m above the ground"
-        why = "the surfaces below them were laid down"
-        say(Change(Code.GROUND, f"{world.files[0]}:1", "things on raised ground", was, "lower by as much", why))
+        why = "the surfaces below them were lowered"
+        add_change(Change(Code.GROUND, f"{world.files[0]}:1", "objects on raised ground", was, "lowered with it", why))
 
 
-def _foot(thing: Thing) -> Array:
-    """The lowest point of a thing below its middle, in W [m]; where it is, if its shapes cannot be read."""
+def _foot(obj: SourceObject) -> Array:
+    """Return the lowest point of an object below its centre, in W [m]; its position if no shape can be read."""
     clouds = []
-    for shape in thing.collisions or thing.visuals:
+    for shape in obj.collisions or obj.visuals:
         try:
-            clouds.append(corners_in_world(shape, thing).reshape(-1, 3))
+            clouds.append(corners_in_world(shape, obj).reshape(-1, 3))
         except MeshError:
             continue
     if not clouds:
-        return np.asarray(thing.X_WM.translation())
+        return np.asarray(obj.X_WM.translation())
     points = np.concatenate(clouds)
     low, high = points.min(axis=0), points.max(axis=0)
     return np.array([*(0.5 * (low + high))[:2], low[2] + FLAT])
@@ -401,8 +410,8 @@ def _foot(thing: Thing) -> Array:
 # --- roads and their centre lines -----------------------------------------------------------------------------------
 
 
-def _lay_road(ground: GroundText, road: Road, say: Callable[[Change], None]) -> None:
-    """A road of the source as a track; as patches if no track goes along its points."""
+def _lay_road(ground: GroundText, road: Road, add_change: Callable[[Change], None]) -> None:
+    """Add a road of the source as a track, else as patches."""
     heights = road.points[:, 2] - ground.height
     lifted = f", up to {np.abs(heights).max():.3g} m off the ground" if np.abs(heights).max() > FLAT else ""
     was = f"{len(road.points)} points, {road.width:g} m wide{lifted}"
@@ -411,7 +420,7 @@ def _lay_road(ground: GroundText, road: Road, say: Callable[[Change], None]) -> 
     if route is not None and route.is_road:
         name = _new_track(ground, road.name, route, f", surface: {surface}")
         became = f"track '{name}' of {surface}, {route.track.length:.4g} m long"
-        say(Change(Code.ROAD, road.where, f"road '{road.name}'", was, became, "its corners are arcs"))
+        add_change(Change(Code.ROAD, road.where, f"road '{road.name}'", was, became, "corners were rounded to arcs"))
         return
     line = shapely.LineString(road.points[:, :2])
     areas = outline([line.buffer(road.width / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)])
@@ -419,17 +428,17 @@ def _lay_road(ground: GroundText, road: Road, say: Callable[[Change], None]) -> 
     became = f"{len(areas)} patch{'es' if len(areas) != 1 else ''} of {surface}"
     if route is not None:
         became += f", and track '{_new_track(ground, road.name, route, '')}' along its middle"
-    say(
+    add_change(
         Change(
-            Code.ROAD, road.where, f"road '{road.name}'", was, became, "it crosses itself, or is too wide for its bends"
+            Code.ROAD, road.where, f"road '{road.name}'", was, became, "it crosses itself or is too wide for its bends"
         )
     )
 
 
 def _add_routes(
-    world: SourceWorld, ground: GroundText, roads: list[shapely.Polygon], say: Callable[[Change], None]
+    world: SourceWorld, ground: GroundText, roads: list[shapely.Polygon], add_change: Callable[[Change], None]
 ) -> None:
-    """The way along the roads that hang together most, where no track is long enough; the longest track comes first."""
+    """Add a track along the largest connected roads unless a track is long enough; the longest comes first."""
     longest = max((route.track.length for route in ground.routes.values()), default=0.0)
     areas = [*roads, *(route.track.area for route in ground.routes.values())]
     if areas and longest < _LONG_ROUTE:
@@ -443,11 +452,16 @@ def _add_routes(
             if route is None or route.track.length < 1.3 * longest:
                 continue
             name = _new_track(ground, "road", route, ", road: false" if route.is_road else "")
-            was = f"{part.area:.4g} m² of roads that hang together"
+            was = f"{part.area:.4g} m² of connected roads"
             became = f"track '{name}' along their middle, {route.track.length:.4g} m long"
-            say(
+            add_change(
                 Change(
-                    Code.ROAD, f"{world.files[0]}:1", "centre line of the roads", was, became, "drivers follow a line"
+                    Code.ROAD,
+                    f"{world.files[0]}:1",
+                    "centre line of the roads",
+                    was,
+                    became,
+                    "drivers follow a centre line",
                 )
             )
             longest = route.track.length
@@ -469,7 +483,7 @@ def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:
 
 
 def _patches_of(ground: GroundText, surfaces: list[Surface], wanted: str, look: str, mu: float | None) -> int:
-    """Patches of surfaces that touch; how many."""
+    """Add patches for touching surfaces; return their number."""
     rect = _rect_of(surfaces[0]) if len(surfaces) == 1 else ""
     if rect:
         ground.patches.append(_patch(_patch_name(ground, wanted), rect, look, mu))
@@ -479,25 +493,25 @@ def _patches_of(ground: GroundText, surfaces: list[Surface], wanted: str, look: 
 
 
 def _rect_of(surface: Surface) -> str:
-    """A surface that is a single box, as a rectangle."""
+    """Return a surface of a single box as a rectangle; "" for others."""
     if surface.box is None:
         return ""
-    X = surface.thing.X_WM @ surface.box.X_LG
+    X = surface.obj.X_WM @ surface.box.X_LG
     R = X.rotation().matrix()
     x, y, _ = X.translation().tolist()
     return _rect((x, y), (surface.box.size[0], surface.box.size[1]), math.atan2(R[1, 0], R[0, 0]))
 
 
-def _mu(thing: Thing) -> float | None:
-    return thing.mu if thing.mu is not None and 0.0 < thing.mu <= 2.0 else None
+def _mu(obj: SourceObject) -> float | None:
+    return obj.mu if obj.mu is not None and 0.0 < obj.mu <= 2.0 else None
 
 
 def _surface_of(surface: Surface) -> str | None:
-    """What a surface looks like: by the names of its model and materials, else by its colour."""
+    """Return the kind of surface by the names of model and materials, else by colour."""
     named = _surface(surface.words)
     if named is not None:
         return named
-    rgba = next((shape.rgba for shape in surface.thing.visuals if shape.rgba is not None), None)
+    rgba = next((shape.rgba for shape in surface.obj.visuals if shape.rgba is not None), None)
     if rgba is None:
         return None
     red, green, blue = rgba[:3]
@@ -549,11 +563,11 @@ def _plain_name(wanted: str, taken: set[str]) -> str:
 
 
 def _surface(words: str) -> str | None:
-    """The surface that names of models and materials speak of."""
+    """Return the kind of surface that a name means."""
     low = words.lower()
     return next((surface for surface, hints in _WORDS if any(hint in low for hint in hints)), None)
 
 
 def lowered(X: RigidTransform, height: float) -> RigidTransform:
-    """A pose in the new world, whose ground is at the height [m] that is given."""
+    """Return a pose in the new world, whose ground is at a height [m] of the source."""
     return RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, height]))

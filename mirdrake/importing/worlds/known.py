@@ -1,7 +1,7 @@
-"""Models of Gazebo's model database that worlds include and nobody has at hand, and the props that stand for them.
+"""Well-known models of Gazebo's model database, and the props that replace them if their files are missing.
 
-Sizes are those of the models, measured on their meshes and collision shapes; where these were not at hand, usual sizes
-of such things (`sure` is False then). A model whose prop is not here becomes a box of its size.
+Sizes are those of the models, measured on their meshes and collision shapes; or else
+typical sizes of such objects (`sure` is False). A model without a prop becomes a box of its size.
 """
 
 import re
@@ -17,10 +17,10 @@ Size = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Known:
-    """A model that is known by name.
+    """A well-known model.
 
     Attributes:
-        props: names of props that may stand for it, best one first.
+        props: names of props that may replace it, best one first.
         size: of the model along x, y, z of the prop [m].
         yaw: heading of the prop's x in the model [rad].
         middle: of its box in the model [m].
@@ -100,7 +100,7 @@ _OTHERS = {"speed_limit": "speed_limit_sign", "cone": "construction_cone", "barr
 
 
 def find_known(name: str) -> Known | None:
-    """The known model of a name in any spelling: ``Construction Cone_clone_0``, ``hatchback_blue``; None if unknown."""
+    """Return the known model of a name in any spelling such as ``Construction Cone_clone_0``; None if unknown."""
     plain = plain_name(name)
     if plain in _TABLE:
         return _TABLE[plain]
@@ -113,13 +113,13 @@ def find_known(name: str) -> Known | None:
 
 
 def colour_in(name: str) -> tuple[float, float, float] | None:
-    """The colour that a name ends with, as that of ``hatchback_blue``; None if with none."""
+    """Return the colour at the end of a name such as ``hatchback_blue``; None without one."""
     rgba = colour_of(plain_name(name).rpartition("_")[2].capitalize())
     return None if rgba is None else (rgba[0], rgba[1], rgba[2])
 
 
 def plain_name(name: str) -> str:
-    """A name in lower case without the endings that Gazebo gives to copies."""
+    """Return a name in lower case without the suffixes that Gazebo adds to copies."""
     plain = re.sub(r"[^a-z0-9]+", "_", name.rpartition("::")[2].lower()).strip("_")
     shorter = re.sub(r"(_clone|_copy)(_\d+|_clone|_copy)*$", "", plain)
     return shorter or plain
@@ -131,7 +131,7 @@ class StandIn:
 
     Attributes:
         name: of the prop.
-        asked: the size to ask for [m]; None if it has one size only.
+        asked: the requested size [m]; None if it has one size only.
         scale: times as large.
         size: that it has then [m].
     """
@@ -143,7 +143,7 @@ class StandIn:
 
 
 def stand_in(known: Known) -> StandIn | None:
-    """The prop that stands for a model: the first one that can have its size, roughly.
+    """Return the first prop that can have about the size of a model.
 
     A prop of one size is scaled by the model's longest side, and must then be within a third of each of the others.
     Where the size of the model is not known for certain, the first prop is taken as it is.

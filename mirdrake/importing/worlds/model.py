@@ -1,4 +1,4 @@
-"""What a Gazebo world says, in one form for all its dialects, before anything of it becomes a world of mirdrake."""
+"""Content of a Gazebo world as read, in one form for all versions of SDF."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,24 +14,24 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class Thing:
-    """A model that stands in the world; W is the frame of the world, M that of the model, both as in the source.
+class SourceObject:
+    """A model of the world; W is the frame of the world, M that of the model, both as in the source.
 
     Attributes:
         name: in the source, nested ones joined with ``::``.
         kind: name of the model that was included, or of the model itself.
         X_WM: pose.
-        static: it never moves.
-        visuals: shapes that are seen; their poses count from M.
-        collisions: shapes that collide; their poses count from M.
+        static: whether it never moves.
+        visuals: visual shapes; poses in M.
+        collisions: collision shapes; poses in M.
         mass: of all links [kg]; None if none is given.
         mu: smallest friction coefficient that its collisions name; None if they name none.
         wheels: joints that turn without end, or that a wheel or steering might have.
         loose: joints that move.
-        sources: names of the models whose files it needs and that are not at hand.
-        absent: it was included, but there is no such model; it has no shapes then.
-        missing: changes that tell of meshes that are not at hand.
-        broken: ``file:line: fault`` of what made it, or a part of it, unreadable.
+        sources: names of the models whose files are missing.
+        absent: whether the included model was not found; it has no shapes then.
+        missing: changes of missing meshes.
+        broken: ``file:line: fault`` of each fault that made it or a part unreadable.
         where: ``file:line``.
     """
 
@@ -54,11 +54,11 @@ class Thing:
 
 @dataclass
 class Crowd:
-    """A population: copies of one thing in one layout.
+    """A population: copies of one object in one layout.
 
     Attributes:
         name: of the population.
-        thing: one of them; its pose is that of the population.
+        obj: one of the copies; its pose is that of the population.
         layout: random, uniform, grid, linear-x, linear-y or linear-z.
         count: how many; of a grid columns times rows.
         box: edges of the region [m]; None for a cylinder or a grid.
@@ -69,7 +69,7 @@ class Crowd:
     """
 
     name: str
-    thing: Thing
+    obj: SourceObject
     layout: str
     count: int
     box: tuple[float, float, float] | None = None
@@ -86,9 +86,9 @@ class Plane:
     Attributes:
         name: of its model.
         X_WP: pose; z is its normal.
-        size: what is seen of it along its x and y [m]; None if nothing says it.
+        size: size of its visual along x and y [m]; None if it is not stated.
         mu: friction coefficient; None if none is given.
-        words: names of model and materials, from which the surface is guessed.
+        words: names of model and materials, that indicate the kind of surface.
         where: ``file:line``.
     """
 
@@ -127,13 +127,13 @@ class SourceWorld:
     Attributes:
         name: of the world.
         suns: directional lights, in order.
-        actors: name, model, pose in W and place of what walks or drives along a way.
-        changes: what was left out or changed while reading.
+        actors: name, model, pose in W and place of each moving actor.
+        changes: changes of the readers.
         files: that took part, main file first.
     """
 
     name: str
-    things: list[Thing] = field(default_factory=list)
+    objects: list[SourceObject] = field(default_factory=list)
     crowds: list[Crowd] = field(default_factory=list)
     planes: list[Plane] = field(default_factory=list)
     roads: list[Road] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The new world's things as mirdrake places them: how far they reach, and which overlap."""
+"""Placed props of the new world: their extent and their overlaps."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ _TOUCH = 1e-3  # [m] that footprints must run into each other to overlap
 
 
 def place(entries: list[Entry], folder: Path) -> list[PlacedProp]:
-    """The props of entries with one place, in order; files are looked for below `folder`.
+    """Return the props of single entries in order; files are relative to `folder`.
 
     Raises:
         ConfigError: one of them cannot be loaded.
@@ -42,12 +42,12 @@ def _prop(entry: Entry, folder: Path) -> Prop:
 
 
 def reach(props: list[PlacedProp]) -> float:
-    """How far props are from the origin along x or y at most [m]."""
+    """Return the largest distance of props from the origin along x or y [m]."""
     return max((float(np.abs(prop.footprint.bounds).max()) for prop in props), default=0.0)
 
 
 def find_overlaps(props: list[PlacedProp]) -> list[tuple[str, str]]:
-    """Names of props that overlap, seen from above and in height, in order."""
+    """Return the names of props that overlap in the plan view and in height, in order."""
     if not props:
         return []
     prints = [prop.footprint.buffer(-_TOUCH / 2.0) for prop in props]

@@ -1,4 +1,4 @@
-"""Things of several shapes or with meshes as folders with a prop.yaml, a glTF file to see and parts to touch."""
+"""Objects with several shapes or meshes as folders with a prop.yaml, a glTF visual and convex collision parts."""
 
 import re
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from mirdrake.importing.meshes.read import (
 from mirdrake.importing.meshes.write import write_gltf, write_obj
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.entry import degrees, number
-from mirdrake.importing.worlds.model import Array, Thing
+from mirdrake.importing.worlds.model import Array, SourceObject
 from mirdrake.worlds.props import DENSITY
 
 MOST_SOLIDS = 200
@@ -35,18 +35,18 @@ MOST_SOLIDS = 200
 
 
 class EmptyPropError(Exception):
-    """Nothing that collides is left of a thing; the message says why."""
+    """An object has no collision geometry left; the message states the reason."""
 
 
 def write_prop(
-    thing: Thing, folder: Path, *, say: Callable[[Change], None]
+    obj: SourceObject, folder: Path, *, add_change: Callable[[Change], None]
 ) -> tuple[RigidTransform, tuple[float, float, float]]:
-    """Write a thing as a prop.
+    """Write an object as a prop.
 
     Args:
-        thing: with collision shapes, none of them a plane; those of kind convex lie in the folder already.
+        obj: with collision shapes, none of them a plane; those of kind convex lie in the folder already.
         folder: of the prop; it is made.
-        say: called with every change.
+        add_change: called with every change.
 
     Returns:
         pose X_MP of the prop's frame P in the model (on the ground below the middle of its box, to the millimetre), and
@@ -57,40 +57,40 @@ def write_prop(
     """
     folder.mkdir(parents=True, exist_ok=True)
     solids: list[tuple[Shape, Array]] = []
-    for index, shape in enumerate(thing.collisions):
+    for index, shape in enumerate(obj.collisions):
         if shape.kind == "convex":
             solids.append((shape, _points(shape)))
             continue
         try:
             parts, found = convert_collision(shape, folder, name=f"solid_{index}")
         except MeshError as error:
-            say(error.left_out(shape.where, f"model '{thing.name}': collision"))
-            thing.broken.append(f"{shape.where}: {error}")
+            add_change(error.left_out(shape.where, f"model '{obj.name}': collision"))
+            obj.broken.append(f"{shape.where}: {error}")
             continue
         for change in found:
-            say(change)
+            add_change(change)
         solids += [(part, _points(part)) for part in parts]
     if not solids:
-        raise EmptyPropError("none of its collision shapes can be used")
+        raise EmptyPropError("none of its collision shapes can be read")
     if len(solids) > MOST_SOLIDS:
         solids.sort(key=lambda solid: -float(np.prod(np.ptp(solid[1], axis=0))))
         why = f"a prop has at most {MOST_SOLIDS} shapes"
-        what = f"model '{thing.name}': collisions"
-        say(Change(Code.MESH, thing.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
+        what = f"model '{obj.name}': collisions"
+        add_change(Change(Code.MESH, obj.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
         solids = solids[:MOST_SOLIDS]
     cloud = np.concatenate([points for _, points in solids])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     origin = np.array([*np.round(0.5 * (low + high)[:2], 3), low[2]])
     X_PM = RigidTransform(-origin)
     size = np.maximum(high - low, 1e-3)
-    visual = write_visual(thing, X_PM, folder, say)
+    visual = write_visual(obj, X_PM, folder, add_change)
     lines = [
-        f"description: {_quoted(f'{thing.kind}, imported from Gazebo')}",
+        f"description: {_quoted(f'{obj.kind}, imported from Gazebo')}",
         f"size: [{', '.join(number(side) for side in size)}]",
-        f"mass: {_mass(thing, cloud):.6g}",
+        f"mass: {_mass(obj, cloud):.6g}",
     ]
-    if thing.mu is not None and 0.0 < thing.mu <= 2.0:
-        lines.append(f"mu: {thing.mu:.4g}")
+    if obj.mu is not None and 0.0 < obj.mu <= 2.0:
+        lines.append(f"mu: {obj.mu:.4g}")
     if visual:
         lines.append("visual: visual.gltf")
     lines.append("solids:")
@@ -100,14 +100,14 @@ def write_prop(
     return X_PM.inverse(), (float(size[0]), float(size[1]), float(size[2]))
 
 
-def _mass(thing: Thing, cloud: Array) -> float:
-    if thing.mass is not None and 1e-6 < thing.mass < 1e9:
-        return thing.mass
+def _mass(obj: SourceObject, cloud: Array) -> float:
+    if obj.mass is not None and 1e-6 < obj.mass < 1e9:
+        return obj.mass
     return max(DENSITY * 0.3 * float(np.prod(np.maximum(np.ptp(cloud, axis=0), 1e-2))), 1e-3)
 
 
 def _tidy(folder: Path) -> None:
-    """Parts lie beside prop.yaml."""
+    """Move mesh parts beside prop.yaml."""
     if (folder / "meshes").is_dir():
         for path in sorted((folder / "meshes").iterdir()):
             path.rename(folder / path.name)
@@ -135,7 +135,7 @@ def _solid_text(shape: Shape, points: Array, X_PM: RigidTransform, folder: Path,
 
 
 def _points(shape: Shape) -> Array:
-    """Points of a shape in M [m] whose box is that of the shape; of round ones as fine as they are drawn."""
+    """Return points of a shape in M [m] with the same bounding box."""
     if shape.mesh is not None:
         points: Array = np.array(
             [line.split()[1:4] for line in shape.mesh.read_text().splitlines() if line.startswith("v ")], dtype=float
@@ -150,7 +150,7 @@ def _points(shape: Shape) -> Array:
 
 
 def as_mesh(shape: Shape) -> Trimesh:
-    """A box, cylinder, sphere, capsule, ellipsoid or outline as triangles, about its own origin."""
+    """Return a primitive or outline as triangles about its origin."""
     make = trimesh.creation
     if shape.kind == "polyline":
         return _pulled_up(shapely.from_wkt(shape.submesh), shape.size[0])
@@ -170,7 +170,7 @@ def as_mesh(shape: Shape) -> Trimesh:
 
 
 def _sheet(shape: Shape) -> Trimesh:
-    """A plane with a size as two triangles; its normal is in `scale`.
+    """Return a plane of finite size as two triangles; its normal is in `scale`.
 
     Raises:
         MeshError: it has no size.
@@ -186,7 +186,7 @@ def _sheet(shape: Shape) -> Trimesh:
 
 
 def _pulled_up(area: shapely.Geometry, height: float) -> Trimesh:
-    """Polygons between z = 0 and a height [m]."""
+    """Return polygons extruded from z = 0 to a height [m]."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
     flat = np.array([shapely.orient_polygons(part).exterior.coords[:3] for part in triangles])
     low, high = (np.insert(flat, 2, z, axis=2) for z in (0.0, height))
@@ -200,7 +200,7 @@ def _pulled_up(area: shapely.Geometry, height: float) -> Trimesh:
 
 
 def convex_outlines(shape: Shape) -> list[Shape]:
-    """A shape of kind polyline as some whose areas are convex: its triangles, put together as far as that goes."""
+    """Return a polyline shape as convex ones: its triangles, merged while they stay convex."""
     waiting: list[shapely.Geometry] = []
     for part in shapely.get_parts(shapely.from_wkt(shape.submesh)):
         waiting += [part] if _bulges(part) else list(shapely.get_parts(shapely.constrained_delaunay_triangles(part)))
@@ -219,7 +219,7 @@ def convex_outlines(shape: Shape) -> list[Shape]:
 
 
 def _bulges(area: shapely.Geometry) -> bool:
-    """Whether an area is convex, but for what rounding makes of it."""
+    """Return whether an area is convex up to rounding."""
     size = float(shapely.area(area))
     whole = int(shapely.get_num_geometries(area)) == 1 and int(shapely.get_dimensions(area)) == 2
     return whole and float(shapely.area(shapely.convex_hull(area))) <= (1.0 + 1e-6) * size
@@ -228,32 +228,32 @@ def _bulges(area: shapely.Geometry) -> bool:
 # --- what is seen -------------------------------------------------------------------------------------------------
 
 
-def write_visual(thing: Thing, X_PM: RigidTransform, folder: Path, say: Callable[[Change], None]) -> bool:
-    """One glTF file of all that is seen; whether there is anything."""
+def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, add_change: Callable[[Change], None]) -> bool:
+    """Write all visuals as one glTF file; return whether there are any."""
     pieces: list[Piece] = []
     notes: list[tuple[str, str, Note]] = []
-    for shape in thing.visuals:
-        what = f"model '{thing.name}': visual"
-        if shape.kind == "plane" and thing.collisions:
+    for shape in obj.visuals:
+        what = f"model '{obj.name}': visual"
+        if shape.kind == "plane" and obj.collisions:
             continue
         try:
             found, remarks = pieces_of(shape)
         except MeshError as error:
-            say(error.left_out(shape.where, what))
+            add_change(error.left_out(shape.where, what))
             continue
         notes += [(shape.where, f"{what} {shape.address}".strip(), note) for note in remarks]
         matrix = (X_PM @ shape.X_LG).GetAsMatrix4()
         pieces += [piece.moved(matrix) for piece in found]
     if pieces:
         written = write_gltf(pieces, folder / "visual.gltf")
-        notes += [(thing.where, f"model '{thing.name}': visuals", note) for note in written]
+        notes += [(obj.where, f"model '{obj.name}': visuals", note) for note in written]
     for where, what, note in dict.fromkeys(notes):
-        say(Change(Code.MESH, where, what, note.old, note.new, note.reason))
+        add_change(Change(Code.MESH, where, what, note.old, note.new, note.reason))
     return bool(pieces)
 
 
 def pieces_of(shape: Shape) -> tuple[list[Piece], list[Note]]:
-    """Triangles [m] of a shape about its own origin, coloured, and what there is to say about them.
+    """Return the coloured triangles of a shape about its origin [m], and notes for the report.
 
     Raises:
         MeshError: the mesh cannot be read.
@@ -289,16 +289,16 @@ def _coloured(piece: Piece, rgba: tuple[float, float, float, float]) -> Piece:
 
 
 def _quoted(text: str) -> str:
-    """A text that YAML takes as one line of plain words."""
+    """Return a text as a YAML scalar of one line."""
     return "'" + re.sub(r"[\x00-\x1f]", " ", text).replace("'", "''")[:200] + "'"
 
 
-def key_of(thing: Thing) -> tuple[Any, ...]:
-    """Equal for things that are the same prop: shapes to a tenth of a millimetre, masses, friction."""
+def key_of(obj: SourceObject) -> tuple[Any, ...]:
+    """Return a key that is equal for objects that are the same prop."""
 
     def part(shape: Shape) -> tuple[Any, ...]:
         X = np.round(shape.X_LG.GetAsMatrix34(), 4) + 0.0
         return (shape.kind, shape.size, tuple(X.ravel().tolist()), shape.mesh, shape.scale, shape.submesh, shape.center,
                 shape.rgba, shape.texture)  # fmt: skip
 
-    return (*map(part, thing.visuals), "|", *map(part, thing.collisions), thing.mass, thing.mu)
+    return (*map(part, obj.visuals), "|", *map(part, obj.collisions), obj.mass, obj.mu)

@@ -1,4 +1,4 @@
-"""Populations of Gazebo: many copies of a model in a region; in the form of SDF 1.4 and in that of later ones."""
+"""Populations of Gazebo: copies of a model in a region, in the forms of SDF 1.4 and of later versions."""
 
 from xml.etree import ElementTree
 
@@ -9,19 +9,19 @@ from mirdrake.core.errors import ModelError
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.elements import FARTHEST, read_pose, text_of
 from mirdrake.importing.values import read_number, read_numbers
-from mirdrake.importing.worlds.model import Crowd, Thing
+from mirdrake.importing.worlds.model import Crowd, SourceObject
 
 Element = ElementTree.Element
 
 
 def read_crowd(
-    element: Element, thing: Thing, name: str, where: str, tree: XmlFiles, version: tuple[int, ...]
+    element: Element, obj: SourceObject, name: str, where: str, tree: XmlFiles, version: tuple[int, ...]
 ) -> Crowd:
-    """A ``<population>``.
+    """Return a ``<population>``.
 
     Args:
         element: it.
-        thing: one of it; it gets the pose of the population.
+        obj: one of it; it gets the pose of the population.
         name: of the population.
         where: ``file:line``.
         tree: knows the lines.
@@ -41,9 +41,9 @@ def read_crowd(
         text = element.findtext(path)
         return read_numbers(text, count=count, default=default, where=where, what=f"<{path}>").tolist()  # type: ignore[no-any-return]
 
-    thing.X_WM, _ = read_pose(element.find("pose"), tree, version)
+    obj.X_WM, _ = read_pose(element.find("pose"), tree, version)
     kind = text_of(element, "distribution/type") or text_of(element, "distribution") or "random"
-    crowd = Crowd(name, thing, kind, int(number("model_count", 1)), where=where)
+    crowd = Crowd(name, obj, kind, int(number("model_count", 1)), where=where)
     old = element.find("region") is not None  # as SDF 1.4 had it: corners of a box instead of pose and size
     low = numbers("region/cuboid/min", 3, [0.0] * 3)
     if kind == "grid":
@@ -53,13 +53,13 @@ def read_crowd(
         crowd.step, crowd.count = (x, y), crowd.grid[0] * crowd.grid[1]
         if old:  # it begins in the corner
             move = np.array([x * (crowd.grid[0] - 1), y * (crowd.grid[1] - 1), 0.0]) / 2.0
-            thing.X_WM = RigidTransform(low + move)
+            obj.X_WM = RigidTransform(low + move)
     elif old and element.find("region/cylinder") is not None:
-        thing.X_WM = RigidTransform(np.array(numbers("region/cylinder/center", 3, [0.0] * 3)))
+        obj.X_WM = RigidTransform(np.array(numbers("region/cylinder/center", 3, [0.0] * 3)))
         crowd.radius = number("region/cylinder/radius", 1.0)
     elif old:
         edges = np.array(numbers("region/cuboid/max", 3, [1.0] * 3)) - low
-        thing.X_WM = RigidTransform(low + np.array([*edges[:2], 0.0]) / 2.0)
+        obj.X_WM = RigidTransform(low + np.array([*edges[:2], 0.0]) / 2.0)
         crowd.box = (float(edges[0]), float(edges[1]), float(edges[2]))
     elif element.find("cylinder") is not None:
         crowd.radius = number("cylinder/radius", 1.0)

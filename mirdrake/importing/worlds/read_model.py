@@ -1,8 +1,7 @@
-"""A model of SDF with all that it includes: frames, links and shapes, gathered first and placed later.
+"""SDF models with everything that they include: all frames, links and shapes are read first and placed later.
 
-Poses follow the SDF specification: those of links, frames and nested models count from the model they stand in, those
-of shapes from their link, unless ``relative_to`` names another frame. Static models nested in static ones become
-things of their own; everything in a model that can move stays together.
+Poses follow the rules of :mod:`mirdrake.importing.sdf.frames`. Static models nested in static ones become separate
+objects; the parts of a model that can move stay together.
 """
 
 from collections.abc import Callable
@@ -31,7 +30,7 @@ from mirdrake.importing.sdf.frames import Frame, Frames, Scope
 from mirdrake.importing.sdf.search import Models, model_name
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import read_number
-from mirdrake.importing.worlds.model import Thing
+from mirdrake.importing.worlds.model import SourceObject
 
 Element = ElementTree.Element
 
@@ -56,9 +55,9 @@ class _Placed:
 
 @dataclass
 class Draft:
-    """A thing whose frames are known by name only."""
+    """An object whose frames are known by name only."""
 
-    thing: Thing
+    obj: SourceObject
     frame: str
     links: list[str] = field(default_factory=list)
     visuals: list[_Placed] = field(default_factory=list)
@@ -66,20 +65,20 @@ class Draft:
 
 
 class ModelReader:
-    """Gathers models.
+    """Reads models.
 
     Args:
         models: find what is included.
-        tree: knows the lines.
-        frames: takes in all frames.
-        say: called with every change.
-        files: takes in all files that are read.
+        tree: give the places.
+        frames: collect all frames.
+        add_change: called with every change.
+        files: collect all files that are read.
     """
 
     def __init__(
-        self, models: Models, tree: XmlFiles, frames: Frames, say: Callable[[Change], None], files: list[Path]
+        self, models: Models, tree: XmlFiles, frames: Frames, add_change: Callable[[Change], None], files: list[Path]
     ) -> None:
-        self._models, self._tree, self._frames, self._say, self._files = models, tree, frames, say, files
+        self._models, self._tree, self._frames, self._add_change, self._files = models, tree, frames, add_change, files
         self._parsed: dict[Path, Element] = {}
         self._count = 0
         self.drafts: list[Draft] = []
@@ -97,14 +96,14 @@ class ModelReader:
         placed: Element | None = None,
         draft: Draft | None = None,
     ) -> None:
-        """A model.
+        """Read a ``<model>``.
 
         Args:
             element: its ``<model>``.
             scope: in which it stands.
             name: instead of its own.
             placed: an ``<include>`` whose pose and ``static`` win.
-            draft: the moving thing that it is part of; None for one of its own.
+            draft: the moving object that it is part of; None for one of its own.
         """
         where = self._tree.where(placed if placed is not None else element)
         self._one_more(where)
@@ -114,19 +113,19 @@ class ModelReader:
         still = element.find("static") if placed is None or placed.find("static") is None else placed.find("static")
         static = is_true(still.text or "") if still is not None else False
         if draft is None:
-            draft = Draft(Thing(full, kind, RigidTransform(), static, where=where), full)
+            draft = Draft(SourceObject(full, kind, RigidTransform(), static, where=where), full)
             self.drafts.append(draft)
         inner = Scope(f"{full}::", full, scope.version, scope.folder, scope.files)
         try:
             self._inside(element, inner, draft)
         except ModelError as error:
-            draft.thing.broken.append(str(error))
+            draft.obj.broken.append(str(error))
             place, _, fault = str(error).partition(": ")
-            became = "left out, with all that follows in it"
-            self._say(Change(Code.MODEL, place, f"model '{draft.thing.name}': a part of it", "…", became, fault))
+            became = "left out with all its following elements"
+            self._add_change(Change(Code.MODEL, place, f"model '{draft.obj.name}': a part of it", "…", became, fault))
 
     def include(self, element: Element, scope: Scope, *, draft: Draft | None = None) -> None:
-        """An ``<include>``; see :meth:`model`."""
+        """Read an ``<include>``; see :meth:`model`."""
         where, address = self._tree.where(element), text_of(element, "uri")
         kind = model_name(address)
         name = text_of(element, "name")
@@ -156,19 +155,19 @@ class ModelReader:
         before = len(self.drafts)
         self.model(model, inside, name=name, placed=element, draft=draft)
         if draft is None:
-            self.drafts[before].thing.kind = kind or self.drafts[before].thing.kind
+            self.drafts[before].obj.kind = kind or self.drafts[before].obj.kind
 
     def _absent(self, element: Element, scope: Scope, name: str, kind: str, where: str, remark: str) -> None:
         self._one_more(where)
         full = self._new_name(scope.full(name), where)
         self._frames.add(full, read_placement(element, element, full, scope, self._tree))
         static = element.find("static")
-        thing = Thing(
+        obj = SourceObject(
             full, kind, RigidTransform(), is_true(static.text or "") if static is not None else True, where=where
         )
-        thing.absent, thing.sources = True, [kind] if kind else []
-        thing.broken = [f"{where}: include '{text_of(element, 'uri')}': {remark}"]
-        self.drafts.append(Draft(thing, full))
+        obj.absent, obj.sources = True, [kind] if kind else []
+        obj.broken = [f"{where}: include '{text_of(element, 'uri')}': {remark}"]
+        self.drafts.append(Draft(obj, full))
 
     def _parse(self, path: Path) -> Element:
         if path not in self._parsed:
@@ -177,13 +176,13 @@ class ModelReader:
         return self._parsed[path]
 
     def _new_name(self, wanted: str, where: str) -> str:
-        """A name that no frame has; a second model of a name gets a number, as Gazebo does it."""
+        """Return a name that is not used; a repeated model name gets a number, as in Gazebo."""
         name, number = wanted, 0
         while name in self._frames:
             name, number = f"{wanted}_{number}", number + 1
         if name != wanted:
-            why = "another one has that name"
-            self._say(Change(Code.MODEL, where, "name of a model", wanted, name, why))
+            why = "the name is used already"
+            self._add_change(Change(Code.MODEL, where, "name of a model", wanted, name, why))
         return name
 
     def _one_more(self, where: str) -> None:
@@ -205,84 +204,88 @@ class ModelReader:
             elif child.tag in {"model", "include"}:
                 if len(scope.prefix.split("::")) > DEEPEST:
                     raise ModelError(f"{where}: models are nested more than {DEEPEST} deep")
-                apart = None if draft.thing.static else draft
+                apart = None if draft.obj.static else draft
                 first = len(self.drafts)
                 (self.model if child.tag == "model" else self.include)(child, scope, draft=apart)
                 for inner in self.drafts[first:]:
-                    inner.thing.static = True
+                    inner.obj.static = True
             elif child.tag == "joint":
                 self._joint(child, scope, draft)
             elif child.tag == "plugin":
-                what = f"model '{draft.thing.name}': <plugin>"
-                self._say(Change(Code.SHAPE, where, what, child.get("filename", ""), None, "plugins do not run here"))
+                what = f"model '{draft.obj.name}': <plugin>"
+                self._add_change(
+                    Change(Code.SHAPE, where, what, child.get("filename", ""), None, "Gazebo plugins are not executed")
+                )
             elif child.tag not in _SILENT:
-                what = f"model '{draft.thing.name}': <{child.tag}>"
-                self._say(Change(Code.SHAPE, where, what, "…", None, "nothing here corresponds to it"))
+                what = f"model '{draft.obj.name}': <{child.tag}>"
+                self._add_change(Change(Code.SHAPE, where, what, "…", None, "it has no counterpart in mirdrake"))
 
     def _joint(self, element: Element, scope: Scope, draft: Draft) -> None:
         kind = element.get("type", "").strip().lower()
         name, child, parent = element.get("name", ""), text_of(element, "child"), text_of(element, "parent")
         if kind != "fixed":
-            draft.thing.loose += 1
-            draft.thing.wheels += kind in _TURNING
-        elif parent == "world" and not draft.thing.static:
-            draft.thing.static = True
+            draft.obj.loose += 1
+            draft.obj.wheels += kind in _TURNING
+        elif parent == "world" and not draft.obj.static:
+            draft.obj.static = True
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
         base = scope.full(relative or child)
         if name and scope.full(name) not in self._frames:
             self._frames.add(scope.full(name), Frame(X, base, self._tree.where(element)))
 
     def _link(self, element: Element, scope: Scope, draft: Draft) -> None:
-        where, thing = self._tree.where(element), draft.thing
+        where, obj = self._tree.where(element), draft.obj
         self._one_more(where)
         full = scope.full(element.get("name", "link"))
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
         self._frames.add(full, Frame(X, scope.base(relative), where))
         draft.links.append(full)
-        if not thing.static and text_of(element, "kinematic") in {"1", "true"}:
-            thing.static = True
-            self._say(
-                Change(Code.MODEL, where, f"model '{thing.name}'", "kinematic", "static", "nothing moves it here")
+        if not obj.static and text_of(element, "kinematic") in {"1", "true"}:
+            obj.static = True
+            self._add_change(
+                Change(Code.MODEL, where, f"model '{obj.name}'", "kinematic", "static", "it cannot move in mirdrake")
             )
         mass = read_number(element.findtext("inertial/mass"), where=where, what="<mass>")
         if mass is not None:
-            thing.mass = (thing.mass or 0.0) + mass
+            obj.mass = (obj.mass or 0.0) + mass
         for child in element:
             if child.tag in {"visual", "collision"}:
                 try:
                     self._shape(child, scope, full, draft)
                 except ModelError as error:
                     if child.tag == "collision":
-                        thing.broken.append(str(error))
+                        obj.broken.append(str(error))
                     place, _, fault = str(error).partition(": ")
-                    what = f"model '{thing.name}': {child.tag}"
-                    self._say(Change(Code.SHAPE, place, what, child.get("name", ""), None, fault))
+                    what = f"model '{obj.name}': {child.tag}"
+                    self._add_change(Change(Code.SHAPE, place, what, child.get("name", ""), None, fault))
             elif child.tag == "light":
-                what, why = f"model '{thing.name}': <light>", "only the sun is supported"
-                self._say(Change(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why))
+                what, why = f"model '{obj.name}': <light>", "only the sun is supported"
+                self._add_change(Change(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why))
             elif child.tag == "sensor":
-                what, why = f"model '{thing.name}': <sensor>", "a prop has no sensors"
-                self._say(Change(Code.SENSOR, self._tree.where(child), what, child.get("name", ""), None, why))
+                what, why = f"model '{obj.name}': <sensor>", "a prop has no sensors"
+                self._add_change(Change(Code.SENSOR, self._tree.where(child), what, child.get("name", ""), None, why))
             elif child.tag not in _SILENT:
-                what = f"model '{thing.name}': <{child.tag}>"
-                self._say(
-                    Change(Code.SHAPE, self._tree.where(child), what, "…", None, "nothing here corresponds to it")
+                what = f"model '{obj.name}': <{child.tag}>"
+                self._add_change(
+                    Change(Code.SHAPE, self._tree.where(child), what, "…", None, "it has no counterpart in mirdrake")
                 )
 
     def _shape(self, element: Element, scope: Scope, link: str, draft: Draft) -> None:
-        where, thing = self._tree.where(element), draft.thing
-        what = f"model '{thing.name}': {element.tag}"
+        where, obj = self._tree.where(element), draft.obj
+        what = f"model '{obj.name}': {element.tag}"
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
         for plugin in element.findall("plugin"):
             where_plugin, file = self._tree.where(plugin), plugin.get("filename", "")
-            self._say(Change(Code.PLUGIN, where_plugin, f"{what}: <plugin>", file, None, "plugins do not run here"))
+            self._add_change(
+                Change(Code.PLUGIN, where_plugin, f"{what}: <plugin>", file, None, "Gazebo plugins are not executed")
+            )
         read = read_shape(element, self._tree, self._models, scope.folder, check_sizes=True)
         shape, remark = read.shape, read.remark
         if shape is None:
             if remark:
-                self._say(Change(Code.SHAPE, where, what, element.get("name", ""), None, remark))
+                self._add_change(Change(Code.SHAPE, where, what, element.get("name", ""), None, remark))
             if remark and element.tag == "collision":
-                thing.broken.append(f"{where}: {what}: {remark}")
+                obj.broken.append(f"{where}: {what}: {remark}")
             return
         shape.where = where
         if element.tag == "visual":
@@ -295,15 +298,15 @@ class ModelReader:
         else:
             mu = read_mu(element, self._tree)
             if mu is not None:
-                thing.mu = mu if thing.mu is None else min(thing.mu, mu)
+                obj.mu = mu if obj.mu is None else min(obj.mu, mu)
         if shape.kind == "mesh" and shape.mesh is None:
-            thing.sources.append(model_name(shape.address))
+            obj.sources.append(model_name(shape.address))
             if element.tag == "collision":
-                thing.broken.append(f"{where}: {what}: mesh '{shape.address}': {remark}")
-            thing.missing.append(Change(Code.MESH, where, f"{what} mesh", shape.address, None, remark))
+                obj.broken.append(f"{where}: {what}: mesh '{shape.address}': {remark}")
+            obj.missing.append(Change(Code.MESH, where, f"{what} mesh", shape.address, None, remark))
             return
         if remark:
             found = shape.mesh.name if shape.mesh is not None else shape.kind
-            self._say(Change(Code.MODEL, where, what, shape.address or element.get("name", ""), found, remark))
+            self._add_change(Change(Code.MODEL, where, what, shape.address or element.get("name", ""), found, remark))
         placed = _Placed(shape, X, scope.full(relative) if relative else link, link)
         (draft.visuals if element.tag == "visual" else draft.collisions).append(placed)

@@ -1,7 +1,7 @@
 """World files of Gazebo classic and Gazebo into a :class:`SourceWorld`.
 
-A world that was saved while it ran has a ``<state>``: the poses there win. Everything that has no place in mirdrake
-becomes a Change; a model that is broken is kept with its faults, so that the caller can name all of them.
+A saved world has a ``<state>``, whose poses take precedence. Elements without counterpart become changes. A model with
+faults is kept with its faults, so that the caller can report all of them.
 """
 
 from dataclasses import replace
@@ -21,7 +21,7 @@ from mirdrake.importing.sdf.search import Models, model_name
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import read_number, read_numbers
 from mirdrake.importing.worlds.known import plain_name
-from mirdrake.importing.worlds.model import Array, Plane, Road, SourceWorld, Sun, Thing
+from mirdrake.importing.worlds.model import Array, Plane, Road, SourceObject, SourceWorld, Sun
 from mirdrake.importing.worlds.read_crowd import read_crowd
 from mirdrake.importing.worlds.read_model import Draft, ModelReader
 
@@ -32,17 +32,18 @@ SUN = np.array([-0.5, 0.1, -0.9])
 
 _SILENT = {"physics", "gui", "scene", "spherical_coordinates", "magnetic_field", "atmosphere", "audio", "wind"}
 _WHY = {
-    "physics": "mirdrake has its own solver and steps", "gui": "the viewer is mirdrake's",
-    "scene": "sky and ambient light are mirdrake's", "spherical_coordinates": "the world has no place on the earth",
-    "magnetic_field": "nothing measures it", "atmosphere": "the air is that of mirdrake",
-    "audio": "there is no sound", "wind": "the air is still", "plugin": "plugins do not run here",
-    "joint": "things in a world are not joined",
+    "physics": "mirdrake has its own solver and time step", "gui": "mirdrake has its own viewer",
+    "scene": "mirdrake has its own sky and ambient light",
+    "spherical_coordinates": "worlds have no geographic position",
+    "magnetic_field": "mirdrake has no magnetic sensor", "atmosphere": "mirdrake has its own air density",
+    "audio": "sound is not supported", "wind": "worlds have no wind", "plugin": "Gazebo plugins are not executed",
+    "joint": "objects of a world have no joints",
 }  # fmt: skip
 _PLANES = {"ground_plane", "asphalt_plane", "grass_plane", "mud_plane", "plane"}
 
 
 def read_world(path: Path, *, models: Models) -> SourceWorld:
-    """A world file.
+    """Read a world file.
 
     Raises:
         ModelError: it cannot be read, is no XML, or holds no world.
@@ -52,10 +53,10 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     worlds = root.findall("world") if root.tag in {"sdf", "gazebo"} else [root] if root.tag == "world" else []
     if not worlds:
         models_in = root.findall("model")
-        hint = "it holds a single model: mirdrake import vehicle takes vehicles" if models_in else (
+        hint = "it contains a model; use mirdrake import vehicle for vehicles" if models_in else (
             "<world> inside <sdf> is expected"
         )  # fmt: skip
-        raise ModelError(f"{tree.where(root)}: <{root.tag}> holds no world; {hint}")
+        raise ModelError(f"{tree.where(root)}: <{root.tag}> contains no world; {hint}")
     version = version_of(root)
     if version < (1, 2):
         raise ModelError(f"{tree.where(root)}: SDF {root.get('version')} is too old; convert it with gz sdf -c")
@@ -67,7 +68,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     name = worlds[0].get("name", "")
     world = SourceWorld(path.stem if name in {"", "default", "world", "default_world"} else name, files=[path])
     for extra in worlds[1:]:
-        why = "a file becomes one world"
+        why = "only the first world of a file is read"
         world.changes.append(
             Change(Code.ELEMENT, tree.where(extra), f"world '{extra.get('name', '')}'", "a second world", None, why)
         )
@@ -100,22 +101,27 @@ class _Reader:
             self._state(state)
         for light, frame in [*self._lights, *self._models.lights]:
             self._light(light, frame)
-        things = [self._finish(draft) for draft in self._models.drafts]
+        objects = [self._finish(draft) for draft in self._models.drafts]
         own = {index for _, indices in self._crowds for index in indices}
         for crowd, indices in self._crowds:  # a model may hold nothing but an include
-            copied = [things[index] for index in indices]
-            self._crowd(crowd, next((thing for thing in copied if thing.collisions or thing.absent), copied[0]))
-        for index, thing in enumerate(things):
+            copied = [objects[index] for index in indices]
+            self._crowd(crowd, next((obj for obj in copied if obj.collisions or obj.absent), copied[0]))
+        for index, obj in enumerate(objects):
             if index in own:
                 continue
-            if thing.name in self._gone:
-                self._say(
-                    Code.MODEL, thing.where, f"model '{thing.name}'", "deleted in <state>", None, "it is gone there"
+            if obj.name in self._gone:
+                self._add_change(
+                    Code.MODEL,
+                    obj.where,
+                    f"model '{obj.name}'",
+                    "deleted in <state>",
+                    None,
+                    "the saved state deletes it",
                 )
-            elif not self._planes(thing):
-                self._world.things.append(thing)
+            elif not self._planes(obj):
+                self._world.objects.append(obj)
 
-    def _say(self, code: Code, place: str, part: str, old: str, new: str | None, reason: str) -> None:
+    def _add_change(self, code: Code, place: str, part: str, old: str, new: str | None, reason: str) -> None:
         self._world.changes.append(Change(code, place, part, old, new, reason))
 
     def _children(self, element: Element) -> None:
@@ -130,13 +136,13 @@ class _Reader:
             place, _, fault = str(error).partition(": ")
             if child.tag in {"model", "include", "population"}:
                 name = child.get("name", "") or text_of(child, "name") or model_name(text_of(child, "uri"))
-                self._world.things.append(
-                    Thing(
+                self._world.objects.append(
+                    SourceObject(
                         name or child.tag, name or child.tag, RigidTransform(), True, broken=[str(error)], where=where
                     )
                 )
             else:
-                self._say(Code.ELEMENT, place, f"<{child.tag}>", child.get("name", ""), None, fault)
+                self._add_change(Code.ELEMENT, place, f"<{child.tag}>", child.get("name", ""), None, fault)
 
     def _known_child(self, child: Element, where: str) -> None:
         tag, name = child.tag, child.get("name", "")
@@ -147,7 +153,7 @@ class _Reader:
             before, lights = len(self._models.drafts), len(self._models.lights)
             self._models.include(child, self._scope)
             added = self._models.drafts[before:]
-            if kind == "sun" and added and added[0].thing.absent:
+            if kind == "sun" and added and added[0].obj.absent:
                 self._models.drafts.pop()
                 X = self._frames.pose(added[0].frame)
                 self._world.suns.append(Sun("sun", X.rotation().multiply(SUN), where))
@@ -176,23 +182,25 @@ class _Reader:
         elif tag == "gravity" or (tag == "physics" and child.find("gravity") is not None):
             self._gravity(child if tag == "gravity" else child.find("gravity"), where)
             if tag == "physics":
-                self._say(Code.ELEMENT, where, "<physics>", name, None, _WHY["physics"])
+                self._add_change(Code.ELEMENT, where, "<physics>", name, None, _WHY["physics"])
         else:
             was = child.get("filename", "") or name or child.get("type", "")
-            self._say(Code.ELEMENT, where, f"<{tag}>", was, None, _WHY.get(tag, "nothing here corresponds to it"))
+            self._add_change(
+                Code.ELEMENT, where, f"<{tag}>", was, None, _WHY.get(tag, "it has no counterpart in mirdrake")
+            )
 
     def _gravity(self, element: Element | None, where: str) -> None:
         text = element.text if element is not None else None
         value = read_numbers(text, count=3, default=[0, 0, -9.81], where=where, what="<gravity>")
         if not np.allclose(value, [0.0, 0.0, -9.81], atol=0.03):
             was = " ".join(f"{part:g}" for part in value)
-            self._say(
+            self._add_change(
                 Code.ELEMENT,
                 where,
                 "<gravity>",
                 f"{was} m/s²",
                 "9.81 m/s² downwards",
-                "worlds of mirdrake are on the earth",
+                "gravity is fixed in mirdrake",
             )
 
     def _actor(self, child: Element, where: str) -> None:
@@ -225,9 +233,9 @@ class _Reader:
                 moved += self._state_of(child, "")
             except ModelError as error:
                 place, _, fault = str(error).partition(": ")
-                self._say(Code.MODEL, place, "<state> of a model", child.get("name", ""), None, fault)
-        why = "poses of a saved world win"
-        self._say(
+                self._add_change(Code.MODEL, place, "<state> of a model", child.get("name", ""), None, fault)
+        why = "the poses of the saved state are used"
+        self._add_change(
             Code.ELEMENT,
             self._tree.where(state),
             "<state>",
@@ -237,7 +245,7 @@ class _Reader:
         )
 
     def _state_of(self, element: Element, prefix: str, depth: int = 0) -> int:
-        """Poses of one model, those nested in it and their links; how many models moved."""
+        """Read the poses of a model, its nested models and links; return the number of models that moved."""
         name = f"{prefix}{element.get('name', '')}"
         if name not in self._frames or name == WORLD or depth > 20:
             return 0
@@ -254,13 +262,13 @@ class _Reader:
                 raise ModelError(f"{where}: <scale> {a:g} {b:g} {c:g} leaves nothing of the model")
             if (a, b, c) != (1.0, 1.0, 1.0):
                 self._scales[name] = (a, b, c)
-                self._say(
+                self._add_change(
                     Code.MODEL,
                     where,
                     f"model '{name}': scale",
                     f"{a:g} {b:g} {c:g}",
                     "applied to its shapes",
-                    "it is in <state>",
+                    "scale of the saved state",
                 )
         for child in element:
             inner = f"{name}::{child.get('name', '')}"
@@ -274,76 +282,76 @@ class _Reader:
 
     # --- finishing ---
 
-    def _finish(self, draft: Draft) -> Thing:
-        """A thing with its pose and that of its shapes."""
-        thing = draft.thing
+    def _finish(self, draft: Draft) -> SourceObject:
+        """Return an object with its pose and those of its shapes."""
+        obj = draft.obj
         try:
-            thing.X_WM = self._frames.pose(draft.frame)
-            X_MW = thing.X_WM.inverse()
+            obj.X_WM = self._frames.pose(draft.frame)
+            X_MW = obj.X_WM.inverse()
             scale = self._scales.get(draft.frame, (1.0, 1.0, 1.0))
-            for placed, shapes in ((draft.visuals, thing.visuals), (draft.collisions, thing.collisions)):
+            for placed, shapes in ((draft.visuals, obj.visuals), (draft.collisions, obj.collisions)):
                 for part in placed:
                     X_MG = X_MW @ self._frames.pose(part.base, where=part.shape.where) @ part.X
                     shapes.append(_scaled(replace(part.shape, X_LG=X_MG), scale, X_MW, self._frames.pose(part.link)))
         except ModelError as error:
-            thing.broken.append(str(error))
-            thing.visuals, thing.collisions = [], []
-        return thing
+            obj.broken.append(str(error))
+            obj.visuals, obj.collisions = [], []
+        return obj
 
-    def _planes(self, thing: Thing) -> bool:
-        """Take the planes out of a thing; whether it was nothing else."""
-        if thing.absent and plain_name(thing.kind) in _PLANES:
-            size = (20.0, 20.0) if plain_name(thing.kind) == "asphalt_plane" else (100.0, 100.0)
-            self._world.planes.append(Plane(thing.name, thing.X_WM, size, None, thing.kind, thing.where))
+    def _planes(self, obj: SourceObject) -> bool:
+        """Take the planes out of an object; whether it was nothing else."""
+        if obj.absent and plain_name(obj.kind) in _PLANES:
+            size = (20.0, 20.0) if plain_name(obj.kind) == "asphalt_plane" else (100.0, 100.0)
+            self._world.planes.append(Plane(obj.name, obj.X_WM, size, None, obj.kind, obj.where))
             return True
-        found = [shape for shape in thing.collisions if shape.kind == "plane"]
-        seen = [shape for shape in thing.visuals if shape.kind == "plane"]
+        found = [shape for shape in obj.collisions if shape.kind == "plane"]
+        seen = [shape for shape in obj.visuals if shape.kind == "plane"]
         if not found:
             return False
-        words = " ".join([thing.name, thing.kind, *(shape.address for shape in seen)])
+        words = " ".join([obj.name, obj.kind, *(shape.address for shape in seen)])
         for shape in found:
             sizes = [other.size for other in (*seen, shape) if len(other.size) == 2 and min(other.size) > 0.0]
             edges = (sizes[0][0], sizes[0][1]) if sizes else None
-            X_WP = thing.X_WM @ shape.X_LG @ RigidTransform(_onto(np.array(shape.scale)), np.zeros(3))
-            self._world.planes.append(Plane(thing.name, X_WP, edges, thing.mu, words, shape.where))
-        thing.collisions = [shape for shape in thing.collisions if shape.kind != "plane"]
-        thing.visuals = [shape for shape in thing.visuals if shape.kind != "plane"]
-        return not thing.collisions
+            X_WP = obj.X_WM @ shape.X_LG @ RigidTransform(_onto(np.array(shape.scale)), np.zeros(3))
+            self._world.planes.append(Plane(obj.name, X_WP, edges, obj.mu, words, shape.where))
+        obj.collisions = [shape for shape in obj.collisions if shape.kind != "plane"]
+        obj.visuals = [shape for shape in obj.visuals if shape.kind != "plane"]
+        return not obj.collisions
 
     def _light(self, element: Element, frame: str) -> None:
         where, name = self._tree.where(element), element.get("name", "")
         kind = element.get("type", "directional" if element.find("direction") is not None else "point")
         try:
             if kind != "directional":
-                raise ModelError(f"{where}: only the sun shines here")
+                raise ModelError(f"{where}: only the sun is supported")
             text = element.findtext("direction")
             direction = read_numbers(text, count=3, default=[0, 0, -1], where=where, what="<direction>")
             X = self._frames.pose(frame)
         except ModelError as error:
             place, _, fault = str(error).partition(": ")
-            self._say(Code.LIGHT, place, f"{kind} light '{name}'", "…", None, fault)
+            self._add_change(Code.LIGHT, place, f"{kind} light '{name}'", "…", None, fault)
             return
         self._world.suns.append(Sun(name, X.rotation().multiply(direction), where))
 
-    def _crowd(self, element: Element, thing: Thing) -> None:
-        where, name = self._tree.where(element), element.get("name", "") or thing.name
+    def _crowd(self, element: Element, obj: SourceObject) -> None:
+        where, name = self._tree.where(element), element.get("name", "") or obj.name
         try:
-            crowd = read_crowd(element, thing, name, where, self._tree, self._scope.version)
+            crowd = read_crowd(element, obj, name, where, self._tree, self._scope.version)
         except ModelError as error:
-            thing.broken.append(str(error))
-            thing.visuals, thing.collisions = [], []
-            self._world.things.append(thing)
+            obj.broken.append(str(error))
+            obj.visuals, obj.collisions = [], []
+            self._world.objects.append(obj)
             return
         self._world.crowds.append(crowd)
 
 
 def _differ(X: RigidTransform, Y: RigidTransform) -> bool:
-    """Whether two poses are more than 0.1 mm or 1e-4 apart; files give six digits."""
+    """Return whether two poses differ by more than 0.1 mm or 1e-4 rad."""
     return not X.IsNearlyEqualTo(Y, 1e-4)
 
 
 def _onto(normal: Array) -> RotationMatrix:
-    """A rotation that takes z onto a direction, by the shortest way."""
+    """Return the smallest rotation of the z axis onto a direction."""
     n = normal / np.linalg.norm(normal)
     if n[2] < -1.0 + 1e-12:
         return RotationMatrix(np.diag([1.0, -1.0, -1.0]))
@@ -353,7 +361,7 @@ def _onto(normal: Array) -> RotationMatrix:
 
 
 def _scaled(shape: Shape, scale: tuple[float, float, float], X_MW: RigidTransform, X_WL: RigidTransform) -> Shape:
-    """A shape stretched along the axes of its link, as Gazebo's scale tool does it; round ones by their own axes."""
+    """Return a shape scaled along the axes of its link as by Gazebo; round shapes along their own axes."""
     if scale == (1.0, 1.0, 1.0):
         return shape
     X_ML = X_MW @ X_WL

@@ -42,7 +42,7 @@ class Route:
     """A track of the new world.
 
     Attributes:
-        track: as it is laid out.
+        track: laid out.
         text: its keys in the world file, without its name, surface and friction.
         is_road: its area is that of the road; else it is a line to follow on patches.
     """
@@ -53,7 +53,7 @@ class Route:
 
 
 def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route | None:
-    """The track along points (n, 2) [m] with a width [m]; None if no track goes through them."""
+    """Return the track along points (n, 2) [m] with a width [m]; None if there is none."""
     closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-3 + 0.05 * width
     laid = _rounded(points, closed=closed, width=width)
     if laid is None:
@@ -87,7 +87,7 @@ def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route
 
 
 def route_in_area(area: shapely.Polygon) -> Route | None:
-    """The track along the middle of an area [m]; None if it is not a road: too wide, or too short."""
+    """Return the track along the middle of an area [m]; None if it is too wide or too short for a road."""
     width = 2.0 * area.area / area.length
     if width > WIDEST or width < 0.05:
         return None
@@ -126,7 +126,7 @@ def route_in_area(area: shapely.Polygon) -> Route | None:
 
 
 def _trimmed(line: Array, length: float) -> Array:
-    """A line without a length at both ends [m]."""
+    """Return a line shortened by a length at both ends [m]."""
     whole = shapely.LineString(line)
     if whole.length < 4.0 * length:
         return line
@@ -135,7 +135,7 @@ def _trimmed(line: Array, length: float) -> Array:
 
 
 def _smoothed(line: Array, wide: float, smoothness: float, *, closed: bool) -> Array:
-    """A line with few points, smoothed over a multiple of the width of its road [m]."""
+    """Return a line with few points, smoothed over a multiple of the road width [m]."""
     if smoothness:
         whole = shapely.LineString(line)
         count = max(8, math.ceil(whole.length / (0.25 * wide)))
@@ -151,7 +151,7 @@ def _smoothed(line: Array, wide: float, smoothness: float, *, closed: bool) -> A
 def _rounded(
     points: Array, *, closed: bool, width: float
 ) -> tuple[tuple[float, float, float], list[tuple[float, float]]] | None:
-    """A line of points with arcs in its corners.
+    """Return a line of points with arcs in its corners.
 
     Returns:
         the pose where it starts, and its segments: length [m] and 0, or radius [m] and turn [rad]; None if it goes back
@@ -203,7 +203,7 @@ def _rounded(
 
 
 def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
-    """The longest line along the middle of an area, and its distance from the boundary at each point.
+    """Return the longest line along the middle of an area, and its distance from the boundary at each point.
 
     Returns:
         points (n, 2) [m], of which the last is the first if the line is closed, and distances (n) [m]; empty if there
@@ -245,7 +245,7 @@ def _length(line: Array) -> float:
 
 
 def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArray[np.int64]:
-    """Edges without the branches that end after less than a length [m]."""
+    """Return edges without branches shorter than a length [m]."""
     lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T)
     alive = np.ones(len(edges), dtype=bool)
     beside: dict[int, list[int]] = {}
@@ -271,7 +271,7 @@ def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArr
 
 
 def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:
-    """The outermost closed line of edges; None if no line closes."""
+    """Return the outermost closed line of edges; None if there is none."""
     faces = shapely.get_parts(shapely.polygonize([shapely.LineString(vertices[edge]) for edge in edges]))
     if not len(faces):
         return None
@@ -281,7 +281,7 @@ def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:
 
 
 def _longest_path(edges: NDArray[np.int64], vertices: Array) -> Array:
-    """The longest of the shortest ways from one point of the edges to another, in the part that hangs together most."""
+    """Return the longest shortest path between two points of the largest connected part."""
     used, index = np.unique(edges, return_inverse=True)
     index = index.reshape(-1, 2)
     lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T) + 1e-12

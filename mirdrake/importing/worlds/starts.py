@@ -1,4 +1,4 @@
-"""A place to start from that is free for a car, on the road where there is one."""
+"""Free start poses for a car, on a road if there is one."""
 
 import math
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0, 45.0, 135.0, 225.0, 315.0])
 
 
 class FreePlaces:
-    """Where a standard car has room in a world.
+    """Free poses of a standard car in a world.
 
     Args:
         world: laid out.
@@ -36,7 +36,7 @@ class FreePlaces:
         self._tree = shapely.STRtree([prop.footprint for prop in solids if not prop.prop.driven_over])
 
     def is_free(self, x: float, y: float, yaw: float, *, ahead: float = 0.0) -> bool:
-        """Whether the car has room at a pose, and so far ahead of it [m]."""
+        """Return whether the car has room at a pose and over a distance ahead of it [m]."""
         car = self._car
         c, s = math.cos(yaw), math.sin(yaw)
         corners = [(car.rear, -car.half_width), (car.front + ahead, -car.half_width),
@@ -48,11 +48,11 @@ class FreePlaces:
         return not len(self._tree.query(shapely.Polygon(places), predicate="intersects"))
 
     def is_start(self, start: Start) -> bool:
-        """Whether the car has room at a start."""
+        """Return whether the car has room at a start."""
         return self.is_free(start.x, start.y, start.yaw)
 
     def find_on_tracks(self) -> tuple[str, float] | None:
-        """The track and place s [m] with the most room ahead along the line; None if there is no room."""
+        """Return the track and station s [m] with the most room ahead; None if there is no room."""
         for ahead in _AHEAD:
             for name in self._world.tracks:
                 s = self._find_on_track(name, ahead)
@@ -61,7 +61,7 @@ class FreePlaces:
         return None
 
     def _find_on_track(self, name: str, ahead: float) -> float | None:
-        """The first place along a track from which the car can follow the line so far [m]; None if there is none."""
+        """Return the first station of a track with a free distance ahead [m]; None if there is none."""
         track = self._world.tracks[name]
         behind = 0.0 if track.closed else min(max(0.0, -self._car.rear) + 0.5, 0.25 * track.length)
         last = track.length if track.closed else min(0.6 * track.length, track.length - ahead - self._car.front)
@@ -77,7 +77,7 @@ class FreePlaces:
         return None
 
     def find_near(self, x: float, y: float) -> tuple[float, float, float] | None:
-        """The pose with room, also ahead, that is nearest to a place [m], [rad]; None if there is none."""
+        """Return the nearest pose to a point with room, also ahead [m, rad]; None if there is none."""
         for ahead in _AHEAD:
             for dx, dy in _spiral():
                 for yaw in _HEADINGS:
@@ -87,7 +87,7 @@ class FreePlaces:
 
 
 def _spiral() -> Iterator[tuple[float, float]]:
-    """Places around the origin, the nearest first [m]."""
+    """Yield positions around the origin, nearest first [m]."""
     count, ring = 0, 0
     while count < _MOST_PLACES / len(_HEADINGS):
         number = max(1, 6 * ring)

@@ -1,4 +1,4 @@
-"""Meshes too large for convex parts: walls cut along a grid, roads as outlines, terrain refused."""
+"""Meshes that are too large for convex decomposition: walls are cut along a grid, terrain is rejected."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from mirdrake.importing.worlds.model import Array
 from mirdrake.importing.worlds.prop_folder import pieces_of
 
 LARGE = 15.0
-"""Side of a mesh seen from above [m] from which on it may be terrain."""
+"""Side of a mesh in the plan view [m] above which it may be terrain."""
 
 FLAT = 0.05
 """Thickness up to which a surface is a part of the ground [m]."""
@@ -31,7 +31,7 @@ _MOST_CORNERS = 400
 
 
 def corners_of(shape: Shape) -> Array:
-    """Triangles of a shape in its model (n, 3, 3) [m].
+    """Return the triangles of a shape in its model (n, 3, 3) [m].
 
     Raises:
         MeshError: the mesh cannot be read.
@@ -43,7 +43,7 @@ def corners_of(shape: Shape) -> Array:
 
 
 def kind_of(corners: Array) -> str:
-    """What triangles [m], z up, are: solid, walls or terrain.
+    """Return the kind of a mesh [m], z up: solid, walls or terrain.
 
     Walls stand around a place that is open from above. Terrain is wide and low, and no hull of it will do. Anything
     else is solid, and convex parts stand for it.
@@ -66,7 +66,7 @@ def kind_of(corners: Array) -> str:
 
 
 def _is_level(corners: Array, area: Array) -> bool:
-    """Whether triangles are a floor, but for a fifth of their area."""
+    """Return whether at least 80 % of the area of triangles is at one height."""
     order = np.argsort(corners.mean(axis=1)[:, 2])
     height = corners.mean(axis=1)[order, 2]
     if not len(order):
@@ -76,7 +76,7 @@ def _is_level(corners: Array, area: Array) -> bool:
 
 
 def _gaps(corners: Array) -> Array:
-    """Below the top of the hull of triangles, how deep they are open from above, over their height.
+    """Return the depth below the convex hull over its height, in the plan view.
 
     At up to 900 places of a grid within the hull seen from above; 1 where there is no triangle.
     """
@@ -91,7 +91,7 @@ def _gaps(corners: Array) -> Array:
 
 
 def tops_at(corners: Array, places: Array) -> Array:
-    """Height of the highest triangle at places (n, 2) [m]; -inf where there is none."""
+    """Return the height of the highest triangle at points (n, 2) [m]; -inf without one."""
     flat = corners[:, :, :2]
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     double = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -113,7 +113,7 @@ def tops_at(corners: Array, places: Array) -> Array:
 
 
 def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[Shape]:
-    """Walls as many small shapes of kind convex.
+    """Return walls as many small convex shapes.
 
     Each body of the mesh that is convex is one. Of the others, floors do not count, and each shape is what hangs
     together within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
@@ -156,7 +156,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
 
 
 def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Which triangles hang together, as rows of `faces`: by edges that two of them share, not three or more."""
+    """Return the connected parts of a mesh as rows of `faces`; edges of two triangles connect."""
     edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
     face = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(edges.T)
@@ -170,7 +170,7 @@ def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
-    """Whether a body is convex to 2 mm, and closed on top."""
+    """Return whether a body is convex to 2 mm and closed on top."""
     hull = make_hull(points[np.unique(faces)])
     a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -183,7 +183,7 @@ def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
 
 
 def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array] | None:
-    """Corners of what hangs together within the squares of a grid; None if the triangles become too many."""
+    """Return the corners of the connected parts within grid cells; None if there are too many triangles."""
     areas = np.linalg.norm(np.ptp(points[faces], axis=1), axis=1)
     if (np.maximum(1.0, areas / width) ** 2).sum() > _MOST_TRIANGLES:
         return None
@@ -202,7 +202,7 @@ def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array]
 
 
 def outline(polygons: Sequence[shapely.Geometry]) -> list[shapely.Polygon]:
-    """Simple polygons [m] that together cover the given ones, to 2 cm; holes are cut open."""
+    """Return simple polygons [m] that together cover the given ones to 2 cm; holes are cut open."""
     whole = shapely.union_all([shapely.make_valid(polygon) for polygon in polygons], grid_size=1e-3)
     whole = shapely.simplify(whole.buffer(1e-3), 0.02)
     done: list[shapely.Polygon] = []
@@ -227,7 +227,7 @@ def outline(polygons: Sequence[shapely.Geometry]) -> list[shapely.Polygon]:
 
 
 def seen_from_above(corners: Array) -> list[shapely.Polygon]:
-    """The triangles [m] seen from above, without those that stand upright."""
+    """Return the triangles [m] in the plan view, without upright ones."""
     flat = corners[:, :, :2]
     edge1, edge2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = np.abs(edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0])

@@ -1,4 +1,4 @@
-"""The new world as YAML text, and its import report."""
+"""YAML text and import report of the new world."""
 
 import math
 import re
@@ -26,21 +26,21 @@ def world_text(
     overlaps: Sequence[tuple[str, str]],
     heights: Mapping[str, float],
 ) -> str:
-    """The YAML text of a world.
+    """Return the YAML text of a world.
 
     Args:
         name: of the world.
-        source: what the first line says it comes from.
+        source: origin, for the first line.
         ground: base plane and patches.
         suns: the first one shines.
         starts: name -> its keys; the first one is that of a run which names none.
         entries: what stands in it.
-        scenery: keys of meshes that are only drawn.
+        scenery: keys of meshes that are visual only.
         overlaps: pairs of props that overlap in the source.
         heights: name of a prop -> how far it is off the ground in the source [m].
     """
     lines = [
-        f"# Imported from {_plain(source)}; {name}.md says what was changed or left out.",
+        f"# Imported from {_plain(source)}; {name}.md lists what was changed or left out.",
         "mirdrake: world/1",
         f"name: {name}",
         "",
@@ -68,7 +68,7 @@ def world_text(
     if scenery:
         lines += ["", "scenery:", *(f"  - {{{keys}}}" for keys in scenery)]
     if overlaps or heights:
-        lines += ["", "rules:  # what overlaps, hangs or is buried in the source may do so here"]
+        lines += ["", "rules:  # objects that overlap, float or are buried in the source"]
         lines += [
             f"  - {{on_ground: {{props: {_pattern(a)}, tolerance: {number(gap)}}}}}" for a, gap in heights.items()
         ]
@@ -89,7 +89,7 @@ def report_text(
     places: Places,
     checks: Sequence[str],
 ) -> str:
-    """The import report.
+    """Return the import report.
 
     Args:
         name: of the world.
@@ -99,14 +99,19 @@ def report_text(
         places: how files are named.
         checks: sentences on what a person should look at.
     """
-    lines = [f"# Import of {name}", "", "Read were " + ", ".join(f"`{places.file(path)}`" for path in files) + ".", ""]
+    lines = [
+        f"# Import of {name}",
+        "",
+        "Source files: " + ", ".join(f"`{places.file(path)}`" for path in files) + ".",
+        "",
+    ]
     if checks:
         lines += ["## Please check", "", *(f"- {table_cell(check)}" for check in checks), ""]
     if entries:
         lines += [
-            "## What stands in the world",
+            "## Objects",
             "",
-            "| in the source | line | here | as |",
+            "| in the source | line | in the world | as |",
             "| --- | --- | --- | --- |",
         ]
         for entry in entries:
@@ -114,13 +119,13 @@ def report_text(
             what = (
                 f"{key} {value}" if isinstance(value, str) else f"{key} {' x '.join(number(side) for side in value)} m"
             )
-            names = [entry.thing.name, *entry.others]
+            names = [entry.obj.name, *entry.others]
             source = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]} ({len(names)})"
             here = entry.name + ("[]" if entry.layout else "")
-            row = (source, places.short(entry.thing.where), here, what)
+            row = (source, places.short(entry.obj.where), here, what)
             lines.append("| " + " | ".join(map(table_cell, row)) + " |")
         lines.append("")
-    lines += ["## What was changed or left out", ""]
+    lines += ["## Changes", ""]
     if not changes:
         lines += ["Nothing.", ""]
     for file, rows in rows_by_file(changes, merge=True):
