@@ -197,7 +197,7 @@ def test_rooms_within_walls_stay_free_and_terrain_is_reported(tmp_path):
     for corner in ([-2.0, -2.0, 0.0], [2.0, 2.0, 0.0], [1.95, 0.0, 0.0]):
         assert props["room"].footprint.distance(shapely.Point((X @ np.array(corner))[:2])) < MILLIMETRE
     assert changes_of(result, "model 'hills'")
-    assert any("could be touched" in check for check in result.checks)
+    assert any("left out collision geometry" in check for check in result.checks)
     assert {patch.name for patch in world.patches} == {"asphalt_road"}
     with pytest.raises(ModelError, match="terrain"):
         import_world(tmp_path / "trap.world", folder=tmp_path / "strict", strict=True)
