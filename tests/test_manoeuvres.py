@@ -205,7 +205,7 @@ def test_the_list_shows_what_was_set(capsys):
     ("arguments", "message"),
     [
         (["brakin", "bolt"], "error: no manoeuvre 'brakin'; did you mean 'braking'?"),
-        (["braking"], "error: say which manoeuvre and which vehicle"),
+        (["braking"], "error: give a manoeuvre and a vehicle"),
         (["braking", "bolt", "--set", "braking.brak=1"], "braking.brak: unknown field; did you mean 'brake'?"),
         (["braking", "bolt", "--set", "braking.brake=2"], "braking.brake: 2 is not allowed"),
         (["step_steer", "bolt", "--set", "step_steer.speed=3 kg"], "unit 'kg' does not fit"),

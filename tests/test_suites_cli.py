@@ -201,7 +201,7 @@ def test_only_what_did_not_pass_is_kept_and_recorded(done: Path) -> None:
 
 def test_the_table_has_the_worst_first_with_signed_margins(printed: list[str]) -> None:
     rows = [re.split("  +", line, maxsplit=4) for line in printed[:9]]
-    assert rows[0] == ["verdict", "case", "values", "margin", "of the requirement, or why not"]
+    assert rows[0] == ["verdict", "case", "values", "margin", "requirement that decides, or reason"]
     assert [row[1] for row in rows[1:4]] == ["own#2", "own#3", "crowded#2"]
     assert rows[2] == ["error", "own#3", "what=2", "-", "the process ended with exit code 4"]
     assert rows[4][:3] == ["fail", "cruise#2", "speed=6"]
@@ -227,7 +227,7 @@ def test_one_case_is_replayed_with_other_values_and_a_recording_even_if_it_passe
     ("arguments", "tells"),
     [
         (["--case", "cruse"], "there is no case 'cruse'; did you mean 'cruise'"),
-        (["--resume"], "--resume: say with --out"),
+        (["--resume"], "--resume: give the folder to continue with --out"),
         (["-p", "sped=3"], "unknown parameter 'sped'"),
         (["-p", "blocks=many"], "lot.yaml:8: props.0.scatter.count: 'many' is not a number"),
     ],
@@ -287,7 +287,7 @@ def test_ctrl_c_leaves_a_readable_folder_and_no_traceback(lot: Path, tmp_path: P
         said, told = process.communicate(timeout=300)
     assert process.returncode == 130
     assert "Traceback" not in told
-    assert re.search(r"interrupted: \d of 8 cases were not run; --out .*out --resume goes on", told)
+    assert re.search(r"interrupted: \d of 8 cases were not run; continue with --out .*out --resume", told)
     suite = load_suite(out)
     assert 1 <= len(suite.results) < 8
     assert f"{len(suite.results)} case" in said
